@@ -20,6 +20,8 @@ Labels = NDArray[np.int64]
 
 # Share of the largest entry that makes a singular matrix regular.
 _RIDGE = 1e-12
+# Integers are counted by a table where it is not so many times longer than they are.
+_SPAN = 16
 # From which size on NumPy asks for large pages.
 _LARGE_BYTES = 1 << 22
 # Else memory is shared with processes that are forked; systems without such flags share nothing.
@@ -64,6 +66,30 @@ def identities(count: int) -> Floats:
 def thinned(indices: Ints, count: int) -> Ints:
     """At most `count` of the indices, intp [n], evenly drawn."""
     return indices[:: max(-(-len(indices) // count), 1)]
+
+
+def distinct(values: NDArray[np.signedinteger[Any]]) -> tuple[Labels, Ints]:
+    """The distinct ones of integers [n], int64 ascending, and which of them each is, intp [n].
+
+    As np.unique gives them; by a table instead of sorting where they lie close together, as ids do.
+    """
+    least, most = (int(values.min()), int(values.max())) if len(values) else (0, 0)
+    span = most - least + 1
+    if span > _SPAN * (len(values) + _SPAN):
+        names, rows = np.unique(values, return_inverse=True)
+        return names.astype(np.int64), rows
+    there = np.zeros(span, np.bool_)
+    there[values - least] = True
+    return np.flatnonzero(there) + least, (np.cumsum(there) - 1)[values - least]
+
+
+def ranks(groups: Labels, by: NDArray[Any]) -> Ints:
+    """Place of each among those of its group [n], from the least `by` [n]: intp [n] from 0, ties in order."""
+    order = np.lexsort((by, groups))
+    begins = np.flatnonzero(np.diff(groups[order], prepend=groups[order][:1] - 1))
+    found = np.empty(len(order), np.intp)
+    found[order] = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    return found
 
 
 def last_true(found: Bools) -> Ints:

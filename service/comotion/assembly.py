@@ -8,6 +8,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, Joint, SourceRef
 
+from .arrays import distinct
 from .space import SpaceUpdate
 
 
@@ -46,7 +47,7 @@ def assemble(
         Between their hypotheses.
     """
     owners = np.concatenate([np.zeros(0, np.intp), *(one.sessions for one in updates)])
-    used, track_source = np.unique(owners, return_inverse=True)
+    used, track_source = distinct(owners)
     labels = np.concatenate([np.zeros(0, np.int64), *(one.labels for one in updates)])
     confidence = np.concatenate([np.zeros(0), *(one.confidence for one in updates)])
     positions = np.concatenate([np.zeros((0, 3)), *(one.positions for one in updates)])

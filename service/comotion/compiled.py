@@ -1,13 +1,27 @@
-"""Compilation of the loops that NumPy cannot fuse."""
+"""Compilation of the loops that NumPy cannot fuse, and the folder that keeps its results.
 
-from collections.abc import Callable
+Numba keys the compiled code of a function by the file that defines it: a changed callee in another file
+would be served as it was. Here all kernels are kept in one folder, whose name is a digest over all modules
+that hold kernels. Numba fills and reads it.
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import llvmlite.binding as llvm
 import numba
+import numpy as np
 
-from .kernel_cache import KernelCache
-
+_PACKAGE = Path(__file__).parent
+_MARK = b"@compiled"
+# Modules without kernels whose constants go into them, as tests/unit/test_kernel_cache.py finds.
+_USED_BY_KERNELS = {"compiled.py", "partition.py"}
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 # Some ten microseconds; a second thread is at work after three.
@@ -39,10 +53,15 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
         options["parallel"] = _OWN_LOOPS
 
     def compile_(function: Kernel) -> Kernel:
-        kernel = numba.njit(error_model="numpy", **options)(function)
-        # Without a folder to write to, every process compiles.
-        with suppress(RuntimeError):
-            kernel._cache = KernelCache(function)  # type: ignore[no-untyped-call]
+        # Without a folder to write to, every process compiles. Numba looks where to keep a kernel when it is
+        # defined: other people's kernels in this process are kept where they would be without us.
+        config: Any = numba.config
+        kept, before = folder(), config.CACHE_DIR
+        config.CACHE_DIR = str(kept or "")
+        try:
+            kernel = numba.njit(error_model="numpy", cache=kept is not None, **options)(function)
+        finally:
+            config.CACHE_DIR = before
         return cast("Kernel", kernel)
 
     return compile_
@@ -51,3 +70,58 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
 def worth_waking(operations: int) -> bool:
     """Whether so many operations take longer than waking the other threads."""
     return operations > _WORTH_WAKING
+
+
+def kernel_sources() -> Iterator[Path]:
+    """All modules of the package that hold kernels, or constants of kernels."""
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        if path.name in _USED_BY_KERNELS or _MARK in path.read_bytes():
+            yield path
+
+
+@cache
+def folder() -> Path | None:
+    """The folder for compiled kernels, made if need be; None where nothing can be written.
+
+    It is where ``NUMBA_CACHE_DIR`` says, or beside the package, or among the user's caches. When it is made,
+    what other versions of the sources have left is removed.
+    """
+    digest = hashlib.sha256(f"{numba.__version__} {np.__version__}".encode())
+    for path in kernel_sources():
+        digest.update(path.read_bytes())
+    # Several machines, and several copies of the package, may share a folder of caches.
+    machine = f"{_PACKAGE} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+    kind = f"comotion-{hashlib.sha256(machine.encode()).hexdigest()[:8]}-"
+    for parent in _parents():
+        with suppress(OSError):
+            return _made(parent / f"{kind}{digest.hexdigest()[:16]}", kind)
+    return None
+
+
+def _parents() -> list[Path]:
+    config: Any = numba.config
+    if config.CACHE_DIR:
+        return [Path(config.CACHE_DIR)]
+    parents = [_PACKAGE / "__pycache__"]
+    # A user without an entry in the list of users has no home.
+    with suppress(RuntimeError):
+        parents.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"))
+    return parents
+
+
+def _made(folder: Path, kind: str) -> Path:
+    """The folder, in place of those of other digests.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written to.
+    """
+    if not folder.is_dir():
+        folder.mkdir(parents=True)
+        for other in folder.parent.glob(f"{kind}*"):
+            if other != folder:
+                shutil.rmtree(other, ignore_errors=True)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(folder)
+    return folder

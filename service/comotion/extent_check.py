@@ -85,13 +85,14 @@ class ExtentCheck:
         if session not in self._known:
             self._known[session] = self._seen_by_others(session)
         centre, reach = self._known[session]
-        distance = np.linalg.norm(positions - centre, axis=1)
-        farthest = float(distance.max(initial=0.0))
+        away = positions - centre
+        squares = np.einsum("nd,nd->n", away, away)
+        farthest = float(np.sqrt(squares.max(initial=0.0)))
         if farthest <= self.most * reach:
             self.refused.pop(session, None)
             return None
         self.refused[session] = farthest / reach
-        return np.asarray(distance <= self.most * reach)
+        return np.asarray(squares <= (self.most * reach) ** 2)
 
     def _seen_by_others(self, session: int) -> tuple[Floats, float]:
         """Where the scene is and how far it reaches, as others than a session see it, if there are any."""

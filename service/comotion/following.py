@@ -5,9 +5,8 @@ find bodies. So the standby compares its own updates with the published ones: hy
 trajectories are the same body. When it takes over, it publishes under the ids that clients know.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +14,11 @@ from numpy.typing import NDArray
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
 from comotion_schemas.rigid import rotation, three, turn_of
 
-from .arrays import Ints, Labels
+from .arrays import Ints, Labels, find
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .matching import largest_total, shared_counts
-from .saving import NOT_KEPT, plain, restored
+from .saving import NOT_KEPT
 
 # ns; so long after its last update the bodies of another service are recognised by their trajectories.
 _TAKEOVER_NS = 10_000_000_000
@@ -36,11 +35,17 @@ class _Origin:
 
 @dataclass
 class PublishedIds:
-    """The ids and births under which the hypotheses of this service are published."""
+    """The ids and births under which the hypotheses of this service are published.
+
+    Attributes
+    ----------
+    ids
+        Gives out those that nothing has been published under.
+    """
 
     _names: dict[int, int] = field(default_factory=dict)
     _origins: dict[int, _Origin] = field(default_factory=dict)
-    _ids: IdAllocator = field(default_factory=IdAllocator)
+    ids: IdAllocator = field(default_factory=IdAllocator)
     _leader: HypothesisUpdate | None = field(default=None, metadata=NOT_KEPT)
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
@@ -55,7 +60,7 @@ class PublishedIds:
         """
         highest = max((h.id for h in leader.hypotheses), default=0)
         # The leader may have given out ids in updates that were lost with it.
-        self._ids.following = max(self._ids.following, highest + ID_GAP)
+        self.ids.following = max(self.ids.following, highest + ID_GAP)
         self._leader = leader
         present, given = {h.id for h in own.hypotheses if not h.absent}, {h.id for h in leader.hypotheses}
         self._names = {
@@ -83,25 +88,9 @@ class PublishedIds:
             events=[e for e in events if e.stamp_ns >= oldest_ns] + [_event(e, names) for e in recent],
         )
 
-    @property
-    def following(self) -> int:
-        """The next id that nothing has been published under."""
-        return self._ids.following
-
     def own(self, published: int) -> int | None:
         """The id inside this service of a published one."""
         return next((one for one, name in self._names.items() if name == published), None)
-
-    def state(self) -> dict[str, Any]:
-        """As plain values."""
-        return cast("dict[str, Any]", plain(self))
-
-    @classmethod
-    def load(cls, state: Mapping[str, Any]) -> Self:
-        """From :meth:`state`."""
-        made: Self = restored(cls, state)
-        made._ids.following += ID_GAP
-        return made
 
     def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate, unnamed: set[int]) -> None:
         """Name some hypotheses as a published update does, as far as it knows them."""
@@ -123,7 +112,7 @@ class PublishedIds:
     def name(self, one: int) -> int:
         """The published id of a hypothesis; a fresh one if it has none."""
         if one not in self._names:
-            self._names[one] = self._ids.next()
+            self._names[one] = self.ids.next()
         return self._names[one]
 
     def _hypothesis(self, found: Hypothesis, names: Mapping[int, int]) -> Hypothesis:
@@ -141,7 +130,8 @@ def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, in
     """
     before, now = _labels_of_shared(own, leader)
     theirs = sorted(leader.hypotheses, key=lambda h: h.id)
-    known, shared = shared_counts(before, _positions(now, [h.id for h in theirs]), len(theirs))
+    columns = find(now, np.array([h.id for h in theirs], np.int64))
+    known, shared = shared_counts(before, columns, len(theirs))
     space = {h.id: h.space for h in own.hypotheses}
     other = np.array([h.space for h in theirs], object)
     for row, one in enumerate(known.tolist()):
@@ -166,14 +156,6 @@ def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
     labels: Labels = update.track_hypothesis[rows].astype(np.int64)
     labels[labels == UNDETERMINED] = -1
     return labels
-
-
-def _positions(labels: Labels, ids: Sequence[int]) -> Ints:
-    """Where each label is in ascending ids, intp [N], -1 where it is not."""
-    known = np.array(ids, np.int64)
-    found = np.searchsorted(known, labels)
-    # A label beyond the last id is compared with one that it cannot be equal to.
-    return np.where(np.append(known, -2)[found] == labels, found, -1)
 
 
 def _origin(mine: Hypothesis, theirs: Hypothesis) -> _Origin:

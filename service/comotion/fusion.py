@@ -28,6 +28,7 @@ from .event_time.faults import Fault, Faults
 from .event_time.instants import SessionEnded
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
+from .event_time.troubles import CLOCKS
 from .following import PublishedIds
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
@@ -35,7 +36,7 @@ from .joints.joints import Joints
 from .linking.linker import Linker
 from .methods import make_method
 from .partition import Method, SpaceSpec
-from .saving import plain, restored
+from .saving import plain, refill, restored
 from .shedding import FULL, Effort
 from .space import MAX_COORDINATE, SpaceUpdate
 from .spaces import Spaces
@@ -165,7 +166,7 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        wrong = timeline.steps.troubles(at_ns)
+        wrong = timeline.troubles.sources(*CLOCKS)
         self._spaces.mistrust(frozenset(n for n, (name, _) in timeline.sessions.items() if name in wrong))
         updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
         in_use = self._spaces.sessions_in_use()
@@ -282,22 +283,11 @@ class Fusion:
         Returns
         -------
         dict
-            By kind, and by name of the source, what shows it: for clocks a :class:`.steps.ClockTrouble`, for
-            ids and scale the number of :meth:`.source_checks.SourceChecks.troubles`, for `contradicts-space`
-            what it contradicts, in words; None for the others.
+            By kind, and by name of the source, what shows it: for clocks a :class:`.troubles.ClockTrouble`,
+            for ids and scale the number of :class:`.source_checks.SourceChecks`, for `limit` and
+            `contradicts-space` words; None for the others.
         """
-        timeline, at_ns = self.timeline, self.timeline.at_ns
-        sessions = timeline.sessions
-        found = timeline.troubles.lately()
-        drifting = {sessions[one][0] for one in self._spaces.drifting() if one in sessions}
-        found["drifts"] = dict.fromkeys(sorted(drifting))
-        found["contradicts-space"] = self._spaces.contradictions() | found.get("contradicts-space", {})
-        for name, one in timeline.steps.troubles(at_ns).items():
-            found.setdefault(one.kind, {})[name] = one
-        for number, kinds in self._spaces.checks.troubles(at_ns).items():
-            for kind, value in kinds.items() if number in sessions else ():
-                found.setdefault(kind, {})[sessions[number][0]] = value
-        return {kind: sources for kind, sources in found.items() if sources}
+        return self.timeline.troubles.lately()
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.
@@ -318,7 +308,7 @@ class Fusion:
         state = self._state(clean)
         following = state["next_id"]
         if self._published is not None:
-            following = max(following, self._published.following + ID_GAP)
+            following = max(following, self._published.ids.following + ID_GAP)
         return partial(snapshot.pieces, state, following)
 
     def _state(self, clean: bool) -> dict[str, Any]:
@@ -330,9 +320,9 @@ class Fusion:
             "next_id": self._ids.following + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
             "events": plain(self._events),
-            "links": self._linker.state(),
-            "joints": self._joints.state(),
-            "published": None if self._published is None else self._published.state(),
+            "links": plain(self._linker.links),
+            "joints": plain(self._joints),
+            "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
 
@@ -353,11 +343,12 @@ class Fusion:
         fusion._ids.following = int(state["next_id"])
         fusion.timeline.load(state["timeline"])
         fusion._events = restored(deque[Event], state["events"])
-        fusion._linker.load(state["links"])
+        fusion._linker.links = restored(dict[int, int], state["links"])
         if state["published"] is not None:
-            fusion._published = PublishedIds.load(state["published"])
+            fusion._published = restored(PublishedIds, state["published"])
+            fusion._published.ids.following += ID_GAP
         if state["method"] == config.method:
-            fusion._joints.load(state["joints"])
+            refill(fusion._joints, state["joints"])
         for part in state["spaces"]:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.

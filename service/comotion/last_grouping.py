@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
+from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find, ranks
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
 from .trajectories.interpolation import recent_steps
@@ -101,13 +101,8 @@ def representatives(window: Window, current: Slots, labels: Labels, share: float
     count = max(round(share * len(current)), _LEAST_GROUPED)
     if count >= len(current):
         return current
-    labels = labels[current]
     spread = window.key[current] * _SPREAD % 2**32
-    order = np.lexsort((spread, labels))
-    begins = np.flatnonzero(np.diff(labels[order], prepend=labels[order[0]] - 1))
-    turn = np.empty(len(current), np.intp)
-    turn[order] = np.arange(len(current)) - np.repeat(begins, np.diff(begins, append=len(current)))
-    return current[np.sort(np.lexsort((spread, turn))[:count])]
+    return current[np.sort(np.lexsort((spread, ranks(labels[current], spread)))[:count])]
 
 
 def _by_hypothesis(wanted: Labels, before: Labels, groups: Ints) -> Ints:
@@ -116,8 +111,7 @@ def _by_hypothesis(wanted: Labels, before: Labels, groups: Ints) -> Ints:
     if not shared.size:
         return np.full(len(wanted), NO_HYPOTHESIS)
     heir = np.where(shared.any(axis=1), shared.argmax(axis=1), NO_HYPOTHESIS)
-    at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    return np.where(known[at] == wanted, heir[at], NO_HYPOTHESIS)
+    return np.append(heir, NO_HYPOTHESIS)[find(wanted, known)]
 
 
 def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from .arrays import Floats, Ints, Labels
+from .arrays import Floats, Ints, Labels, distinct
 
 Pairs = list[tuple[int, int]]
 
@@ -35,10 +35,11 @@ def shared_counts(
     shared
         int64 [H, count]; with weights float64.
     """
-    known = np.unique(before[before >= 0])
-    both = (groups >= 0) & (before >= 0)
-    cells = np.searchsorted(known, before[both]) * count + groups[both]
-    some = None if weights is None else weights[both]
+    old = before >= 0
+    known, row = distinct(before[old])
+    both = groups[old] >= 0
+    cells = row[both] * count + groups[old][both]
+    some = None if weights is None else weights[old][both]
     return known, np.bincount(cells, some, len(known) * count).reshape(len(known), count)
 
 

@@ -10,24 +10,26 @@ import os
 import selectors
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from numba.core import types
 from numba.core.dispatcher import Dispatcher
 
-from .kernel_cache import KernelCache, source_digest
+from .compiled import folder
 
 LIST = Path(__file__).with_name("kernel_list.json")
 # More compile the library code of Numba once more each, and take memory.
 _MOST_PROCESSES = 4
 # Fewer are compiled here sooner than another process starts.
 _WORTH_PROCESSES = 8
+# File of what has been compiled, beside it.
+_TRIED = "ahead.jsonl"
 
 
 class Task(NamedTuple):
@@ -51,6 +53,18 @@ class Task(NamedTuple):
             return bool(self.dispatcher and read_types(self.arguments))
         return False
 
+    def compile(self) -> None:
+        """Compile it, or load it from the disk. What fails here fails where it is called, and says why."""
+        with suppress(Exception):
+            self.dispatcher.compile(read_types(self.arguments))
+
+
+def kernels() -> dict[str, Dispatcher]:
+    """Every kernel of the core that this process has imported, by ``module:name``."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
+    found = (one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher))
+    return {f"{one.py_func.__module__}:{one.py_func.__qualname__}": one for one in found}
+
 
 def kinds_of_scene(method: str, unit: str, dim: int, sources: int) -> list[str]:
     """Keys of the list; several sources need what one needs, and more."""
@@ -58,9 +72,14 @@ def kinds_of_scene(method: str, unit: str, dim: int, sources: int) -> list[str]:
     return [one, f"{one} several"] if sources > 1 else [one]
 
 
+def within(kinds: list[str]) -> list[str]:
+    """Keys of what is called within the kernels of some kinds of scenes alone."""
+    return [f"{kind} within" for kind in kinds]
+
+
 @cache
 def entries() -> list[tuple[str, str, list[str]]]:
-    """Kernels, spelled types and kinds of scenes, as listed; nothing where the list cannot be read."""
+    """Kernels, spelled types and keys, callees before callers; nothing where the list cannot be read."""
     with suppress(OSError, ValueError):
         return [(kernel, types_, kinds) for kernel, types_, kinds in json.loads(LIST.read_text())]
     return []
@@ -68,7 +87,8 @@ def entries() -> list[tuple[str, str, list[str]]]:
 
 def kinds_of_method(method: str) -> list[str]:
     """All keys of a method."""
-    return sorted({kind for *_, kinds in entries() for kind in kinds if kind.startswith(f"{method} ")})
+    found = {kind for *_, kinds in entries() for kind in kinds if kind.startswith(f"{method} ")}
+    return sorted(kind for kind in found if not kind.endswith(" within"))
 
 
 def compile_ahead(kinds: list[str]) -> Iterator[tuple[int, int]]:
@@ -77,23 +97,36 @@ def compile_ahead(kinds: list[str]) -> Iterator[tuple[int, int]]:
     Yields
     ------
     tuple
-        Kernels done and to do, one time before the first. Nothing where nothing is missing, or nothing can
-        be kept on disk.
+        Kernels done and to do, one time before the first. Nothing where nothing is missing.
     """
+    tried = _tried()
+    missing = [task for task in _listed([*kinds, *within(kinds)]) if task not in tried]
+    if missing:
+        yield 0, len(missing)
+    apart = len(missing) >= _WORTH_PROCESSES and folder() is not None
+    done = set[Task]()
+    for task in chain(_share_out(missing) if apart else (), _compiled_here(missing, done)):
+        done.add(task)
+        _note(task)
+        yield len(done), len(missing)
+
+
+def _compiled_here(tasks: list[Task], done: set[Task]) -> Iterator[Task]:
+    """Compile what is not `done` when its turn comes."""
+    for task in tasks:
+        if task not in done:
+            task.compile()
+            yield task
+
+
+def load(kinds: list[str]) -> bool:
+    """Load all that some kinds of scenes need, if it has been compiled; returns whether it has."""
     tasks = _listed(kinds)
-    mark = _mark(tasks, kinds)
-    if mark is None or mark.exists():
-        return
-    missing = [task for task in tasks if not _is_kept(task)]
-    done = 0
-    if len(missing) >= _WORTH_PROCESSES:
-        yield done, len(missing)
-        for done in _share_out(missing):
-            yield done, len(missing)
-    # What was tried is not tried again, even where the list is of other sources.
-    if len(missing) < _WORTH_PROCESSES or done == len(missing):
-        with suppress(OSError):
-            mark.touch()
+    if not tasks or not _tried().issuperset(tasks):
+        return False
+    for task in tasks:
+        task.compile()
+    return True
 
 
 def spelled(arguments: tuple[Any, ...]) -> str | None:
@@ -135,27 +168,25 @@ def _listed(kinds: list[str]) -> list[Task]:
     return [task for task in tasks if task.is_here()]
 
 
-def _mark(tasks: list[Task], kinds: list[str]) -> Path | None:
-    """File that says that all is on the disk; None where nothing can be."""
-    kept = getattr(tasks[0].dispatcher, "_cache", None) if tasks else None
-    if not isinstance(kept, KernelCache):
-        return None
-    name = "-".join(kinds).replace(" ", "_")
-    return Path(kept.cache_path) / f"{name}-{source_digest()}.ahead"
+def _tried() -> set[Task]:
+    """What has been compiled and is on the disk; what could not be is not tried again either."""
+    kept = folder()
+    with suppress(OSError, ValueError, TypeError):
+        lines = [] if kept is None else (kept / _TRIED).read_text().splitlines()
+        return {Task(*json.loads(line)) for line in lines}
+    return set()
 
 
-def _is_kept(task: Task) -> bool:
-    kernel = task.dispatcher
-    wanted = read_types(task.arguments)
-    if not isinstance(getattr(kernel, "_cache", None), KernelCache):
-        return False
-    return any(found == wanted for found in kernel._cache.signatures(kernel.targetctx))
+def _note(task: Task) -> None:
+    if (kept := folder()) is not None:
+        with suppress(OSError), (kept / _TRIED).open("a") as file:
+            file.write(f"{json.dumps(task)}\n")
 
 
-def _share_out(tasks: list[Task]) -> Iterator[int]:
-    """Give tasks to processes, callees first; yields how many are done."""
+def _share_out(tasks: list[Task]) -> Iterator[Task]:
+    """Give tasks to processes; yields those that are done."""
+    waiting, busy = iter(tasks), dict[int, Task]()
     processes: list[subprocess.Popen[bytes]] = []
-    queue = _Queue(tasks)
     try:
         with suppress(OSError):  # where no process can be started, this one compiles
             while len(processes) < min(_MOST_PROCESSES, len(os.sched_getaffinity(0))):
@@ -163,14 +194,20 @@ def _share_out(tasks: list[Task]) -> Iterator[int]:
         with selectors.DefaultSelector() as selector:
             for process in processes:
                 selector.register(process.stdout, selectors.EVENT_READ, process)  # type: ignore[arg-type]
-            while selector.get_map() and not queue.is_done:
+            while selector.get_map():
                 for key, _ in selector.select():
                     # Every line of a process asks for work: the first too.
-                    lives = bool(key.data.stdout.readline())
-                    if not lives:
+                    process, lives = key.data, bool(key.data.stdout.readline())
+                    done = busy.pop(process.pid, None)
+                    task = next(waiting, None) if lives else None
+                    if task is None:
                         selector.unregister(key.fileobj)
-                    queue.ask(key.data, lives=lives)
-                yield queue.done
+                    else:
+                        busy[process.pid] = task
+                        with suppress(OSError):  # it has ended: select will tell
+                            process.stdin.write(f"{json.dumps(task)}\n".encode())
+                    if lives and done is not None:
+                        yield done
     finally:
         for process in processes:
             process.kill()
@@ -195,63 +232,4 @@ def _work() -> None:
         line = sys.stdin.readline()
         if not line:
             return
-        task = Task(*json.loads(line))
-        # What fails here fails where it is called, and says why.
-        with suppress(Exception):
-            task.dispatcher.compile(read_types(task.arguments))
-
-
-class _Queue:
-    """Tasks in an order in which callees come first, and what most others wait for before the rest."""
-
-    def __init__(self, tasks: list[Task]) -> None:
-        self.done = 0
-        self._busy: dict[int, Task] = {}
-        self._idle: list[subprocess.Popen[bytes]] = []
-        names = {task.kernel for task in tasks}
-        self._callees = {name: (callees_of(name) & names) - {name} for name in names}
-        waited_for = Counter(one for below in self._callees.values() for one in below)
-        self._waiting = sorted(tasks, key=lambda task: -waited_for[task.kernel])
-
-    @property
-    def is_done(self) -> bool:
-        return not self._waiting and not self._busy
-
-    def ask(self, process: "subprocess.Popen[bytes]", *, lives: bool = True) -> None:
-        """A process is ready, or has ended; give out what can be begun."""
-        self.done += self._busy.pop(process.pid, None) is not None
-        if lives:
-            self._idle.append(process)
-        while self._idle and (task := self._next()) is not None:
-            process = self._idle.pop()
-            self._waiting.remove(task)
-            self._busy[process.pid] = task
-            with suppress(OSError):  # it has ended: select will tell
-                process.stdin.write(f"{json.dumps(task)}\n".encode())  # type: ignore[union-attr]
-
-    def _next(self) -> Task | None:
-        open_ = {task.kernel for task in (*self._waiting, *self._busy.values())}
-        ready = (task for task in self._waiting if not self._callees[task.kernel] & open_)
-        # Kernels that call each other would wait for ever.
-        return next(ready, None if self._busy or not self._waiting else self._waiting[0])
-
-
-def callees_of(name: str) -> set[str]:
-    """All kernels that a kernel needs to be compiled: it calls them, or what it calls does."""
-    found: set[str] = set()
-    waiting = set(_callees(name))
-    while waiting:
-        one = waiting.pop()
-        if one not in found:
-            found.add(one)
-            waiting |= _callees(one)
-    return found
-
-
-@cache
-def _callees(name: str) -> frozenset[str]:
-    """Kernels that a kernel calls by their names."""
-    function = Task(name, "").dispatcher.py_func
-    called = (function.__globals__.get(one) for one in function.__code__.co_names)
-    kernels = (one.py_func for one in called if isinstance(one, Dispatcher))
-    return frozenset(f"{one.__module__}:{one.__qualname__}" for one in kernels)
+        Task(*json.loads(line)).compile()

@@ -7,8 +7,8 @@ Three mistakes make data useless though each batch is well formed:
 - `scale`: positions are hundreds of times farther out than those of others (:mod:`.extent_check`).
 """
 
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from comotion_schemas.doubts import trading
 
 from .arrays import Floats
+from .event_time.troubles import Troubles
 
 Ids = NDArray[np.uint64]
 Where = tuple[int, str]
 """Session number and space."""
-TroubleKind = Literal["ids-reused", "ids-short-lived", "scale"]
 
 # Counts fade by this share with every instant, and say something after so many instants.
 _FADE = 0.02
@@ -36,8 +36,6 @@ _COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
 _LEAST_SHARED = 5
 # Features that were where others had been, as a share of all: one exchange of many, or some of fewer.
 _TRADED = 0.5
-# What was seen is reported for so long.
-_LASTS_NS = 3_000_000_000
 
 
 class Stored(NamedTuple):
@@ -64,87 +62,65 @@ class _Record:
     jumped: float = 0.0
     compared_ns: int = -(2**62)
     last: tuple[int, Ids, Floats] | None = None
-    found: dict[TroubleKind, tuple[float, int]] = field(default_factory=dict)
 
 
 class SourceChecks:
-    """Follows the data of every session number, in each space that it publishes in."""
+    """Follows the data of every session number, in each space that it publishes in.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    troubles
+        What is wrong is noted there, with a number that says how much: the instants that an id lasts, the
+        share of features that jump (0: ended ids come back), how many times as far out as others see
+        positions are.
+    """
+
+    def __init__(self, troubles: Troubles) -> None:
+        self._troubles = troubles
         self._records: dict[Where, _Record] = {}
 
-    def note(self, where: Where, stored: Stored, at_ns: int) -> None:
-        """Take note of what became of an instant, at a time on the clock of arrivals."""
+    def note(self, where: Where, source: str, stored: Stored) -> None:
+        """Take note of what became of an instant of a source."""
         record = self._records.setdefault(where, _Record())
         if stored.factor:
-            record.found["scale"] = stored.factor, at_ns
+            self._troubles.note("scale", source, stored.factor)
         if stored.ended:
             record.returns += 1
             if record.returns >= _LEAST_RETURNS:
-                record.found["ids-reused"] = 0.0, at_ns
+                self._troubles.note("ids-reused", source, 0.0)
 
-    def look(self, where: Where, ids: Ids, positions: Floats, fresh: float, clocks: tuple[int, int]) -> None:
+    def look(
+        self, where: Where, source: str, ids: Ids, positions: Floats, fresh: float, stamp_ns: int
+    ) -> None:
         """Look at the ids of an instant.
 
         Parameters
         ----------
+        where, source
+            Whose it is.
         ids, positions
             uint64 [n] and [n, dim], of some rows.
         fresh
             Share of the ids that are new.
-        clocks
-            Its stamp, and the clock of arrivals; ns.
+        stamp_ns
+            Its stamp.
         """
         if not len(ids):
             return
-        stamp_ns, at_ns = clocks
         record = self._records.setdefault(where, _Record())
         record.instants += 1
         record.rows = (1 - _FADE) * record.rows + len(ids)
         record.fresh = (1 - _FADE) * record.fresh + fresh * len(ids)
         if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
-            record.found["ids-short-lived"] = record.rows / record.fresh, at_ns
+            self._troubles.note("ids-short-lived", source, record.rows / record.fresh)
         last, record.last = record.last, (stamp_ns, ids, positions)
         if last is None:
             return
         due = stamp_ns - record.compared_ns >= _COMPARE_NS
         if due or (np.array_equal(ids, last[1]) and _leaps(positions, last[2])):
-            self._compare(record, last, (ids, positions), (stamp_ns, at_ns))
-
-    def _compare(
-        self,
-        record: _Record,
-        last: tuple[int, Ids, Floats],
-        new: tuple[Ids, Floats],
-        clocks: tuple[int, int],
-    ) -> None:
-        (before_ns, known, places), (ids, positions), (stamp_ns, at_ns) = last, new, clocks
-        _, mine, theirs = np.intersect1d(ids, known, return_indices=True)
-        if len(mine) < _LEAST_SHARED or not 0 < stamp_ns - before_ns <= _APART_NS:
-            return
-        record.compared_ns = stamp_ns
-        record.compared = 0.9 * record.compared + 1
-        share = trading(places[theirs], positions[mine])
-        record.jumped = 0.9 * record.jumped + share
-        if share and record.jumped > _TRADED:
-            record.found["ids-reused"] = record.jumped / record.compared, at_ns
-
-    def troubles(self, at_ns: int) -> dict[int, dict[TroubleKind, float]]:
-        """What is wrong, by session number, and a number that says how much.
-
-        These are the instants that an id lasts, the share of features that jump (0: ended ids come back), and
-        how many times as far out as others see positions are.
-        """
-        found: dict[int, dict[TroubleKind, float]] = {}
-        for (number, _), record in self._records.items():
-            for kind, (value, seen_ns) in record.found.items():
-                if at_ns - seen_ns <= _LASTS_NS:
-                    found.setdefault(number, {})[kind] = value
-        return found
-
-    def doubted(self, at_ns: int) -> list[int]:
-        """Session numbers whose ids do not stay with their features."""
-        return [number for number, kinds in self.troubles(at_ns).items() if kinds.keys() - {"scale"}]
+            share = _traded(record, last, record.last)
+            if share:
+                self._troubles.note("ids-reused", source, share)
 
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but some."""
@@ -154,3 +130,16 @@ class SourceChecks:
 def _leaps(now: Floats, before: Floats) -> bool:
     """Whether any feature moves by a quarter of what all span; a cheap look at every instant."""
     return float(np.abs(now - before).max()) > 0.25 * float(np.ptp(now, axis=0).max())
+
+
+def _traded(record: _Record, last: tuple[int, Ids, Floats], new: tuple[int, Ids, Floats]) -> float:
+    """Compare two instants; the share of features that trade places of late, 0 while it says nothing."""
+    (before_ns, known, places), (stamp_ns, ids, positions) = last, new
+    _, mine, theirs = np.intersect1d(ids, known, return_indices=True)
+    if len(mine) < _LEAST_SHARED or not 0 < stamp_ns - before_ns <= _APART_NS:
+        return 0.0
+    record.compared_ns = stamp_ns
+    record.compared = 0.9 * record.compared + 1
+    share = trading(places[theirs], positions[mine])
+    record.jumped = 0.9 * record.jumped + share
+    return record.jumped / record.compared if share and record.jumped > _TRADED else 0.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import Event, Hypothesis, Pose
 
-from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
+from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps, distinct
 from .config import FusionConfig, to_ns
 from .event_time.instants import Instants
 from .event_time.stats import Stats
@@ -138,7 +138,7 @@ class Space:
 
     def _follow_sources(self) -> None:
         """Take the frame for one that moves where the configuration, or all current sources, say so."""
-        present = np.unique(self._window.source[self._current]).tolist()
+        present = distinct(self._window.source[self._current])[0].tolist()
         said = [self._said[number] for number in present if number in self._said]
         if self._moving is None and said:
             self._carry(moving=all(moving for _, moving in said))
@@ -245,8 +245,8 @@ class Space:
 
     def held(self) -> dict[int, int]:
         """Trajectories that count against the share of each session number."""
-        numbers, counts = np.unique(self._window.source[self._window.live], return_counts=True)
-        return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
+        numbers, rows = distinct(self._window.source[self._window.live])
+        return dict(zip(numbers.tolist(), np.bincount(rows).tolist(), strict=True))
 
     def displace(self, session: int, count: int) -> int:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""

@@ -49,8 +49,6 @@ class Spaces:
         What spaces may cost, by source.
     troubles
         What sources do wrong.
-    checks
-        What is wrong with the ids and units of sources.
     """
 
     config: FusionConfig
@@ -61,8 +59,10 @@ class Spaces:
     budget: Budget
     troubles: Troubles
     at_ns: int = 0
-    checks: SourceChecks = field(default_factory=SourceChecks)
     _spaces: dict[str, Space] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._checks = SourceChecks(self.troubles)
 
     def __iter__(self) -> Iterator[Space]:
         return iter(self._spaces.values())
@@ -105,18 +105,6 @@ class Spaces:
         if space is None or self._is_released(space):
             return declared.unit, declared.dim
         return declared.unit or space.spec.unit, declared.dim or space.spec.dim
-
-    def contradictions(self) -> dict[str, str]:
-        """Sources that say of a space that it is carried, where others do not."""
-        return {
-            source: f"that {space.spec.name} is carried, which others do not say"
-            for space in self
-            for source in space.contradicting
-        }
-
-    def drifting(self) -> set[int]:
-        """Numbers of the sessions that drift away from the others of a space."""
-        return {number for space in self for number in space.drift.drifting}
 
     def store(self, instant: Instants) -> RejectionReason | None:
         """Put instants into their space; returns why they are refused, if so. Raises nothing."""
@@ -185,8 +173,20 @@ class Spaces:
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}
-        doubted = self.checks.doubted(self.at_ns)
-        return [_doubted(updates[name], doubted) for name in sorted(updates)]
+        self._note_troubles(sessions)
+        doubted = self.troubles.sources("ids-reused", "ids-short-lived")
+        numbers = [number for number, (source, _) in sessions.items() if source in doubted]
+        return [_doubted(updates[name], numbers) for name in sorted(updates)]
+
+    def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
+        """Take note of who drifts away from the others of a space, or alone says that it is carried."""
+        for space in self:
+            for source in space.contradicting:
+                text = f"that {space.spec.name} is carried, which others do not say"
+                self.troubles.note("contradicts-space", source, text)
+            for number in space.drift.drifting:
+                if number in sessions:
+                    self.troubles.note("drifts", sessions[number][0])
 
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
@@ -222,7 +222,7 @@ class Spaces:
         for name, space in list(self._spaces.items()):
             if not space.sessions_in_use() and self.at_ns - space.fed_ns > expiry_ns:
                 del self._spaces[name]
-        self.checks.keep(in_use)
+        self._checks.keep(in_use)
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
@@ -281,25 +281,26 @@ class Spaces:
     def _cut(self, instant: Instants) -> Instants:
         """The first rows, where there are many more than trajectories for each of its stamps."""
         most = _ROWS_FOR_A_TRACK * self.config.max_tracks
-        if len(instant.rows) > most:
-            most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
-            self.stats.refused_rows += max(len(instant.rows) - most, 0)
+        if len(instant.rows) <= most:
+            return instant
+        most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
+        self.stats.refused_rows += max(len(instant.rows) - most, 0)
         return replace(instant, stamps=instant.stamps[:most], rows=instant.rows[:most])
 
     def _store(self, space: Space, instant: Instants) -> bool:
         """Returns False if all its rows are too far out."""
-        number = instant.session
+        number, source = instant.session, instant.batch.source
         before, instant = self.stats.refused_rows, self._cut(instant)
         elsewhere = self._elsewhere(instant, space)
         stored = space.store(instant, lambda wanted: self._allowance(number, wanted), elsewhere)
         if not stored.factor and self.stats.refused_rows - before > stored.ended:
-            self.troubles.note("limit", instant.batch.source, _REFUSED)
+            self.troubles.note("limit", source, _REFUSED)
         where = number, space.spec.name
-        self.checks.note(where, stored, self.at_ns)
+        self._checks.note(where, source, stored)
         some = instant.rows[:MOST_ROWS]
         ids, positions = instant.batch.ids[some], instant.batch.positions[some].astype(np.float64)
         share = stored.fresh / max(len(instant.rows), 1)
-        self.checks.look(where, ids, positions, share, (instant.stamp_ns, self.at_ns))
+        self._checks.look(where, source, ids, positions, share, instant.stamp_ns)
         return stored.fits
 
     def _end(self, instant: Instants) -> None:

@@ -247,6 +247,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("scenes", nargs="*", default=SCENES)
     chosen = parser.parse_args()
+    if "workcell" in chosen.scenes and "workcell" not in SCENES:
+        parser.error("workcell needs the extra sim3d")
     show(chosen.scenes, chosen.cores, chosen.seconds)
 
 

@@ -8,9 +8,8 @@ import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
-from comotion.runtime import rings
 from comotion.runtime.intake import Intake
-from comotion.runtime.rings import IDLE_NS
+from comotion.runtime.queues import IDLE_NS, OTHERS
 from comotion.runtime.tokens import Tokens
 from comotion_schemas import Keys, encode
 from comotion_schemas.transport import stream_publisher
@@ -64,7 +63,6 @@ def test_every_batch_comes_once_from_the_first_on(router, session) -> None:
         name: session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking)
         for name in names
     }
-    # Reading goes on while rings are opened: nothing may fall between discovery and ring.
     for seq in range(200):
         for name in names:
             publishers[name].put(payload(name, seq))
@@ -132,15 +130,13 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
     reader.until(lambda: len(reader.got) == 2)
 
     def awaited(name: str, newest: bytes, count: int) -> None:
-        pending, deadline = reader.intake.rings.of[name].pending, time.monotonic() + DEADLINE
-        while not pending or pending[-1].sample.payload.to_bytes() != newest or len(pending) != count:
-            assert time.monotonic() < deadline, len(pending)
+        waiting, deadline = reader.intake.queues.of[name].waiting, time.monotonic() + DEADLINE
+        while not waiting or waiting[-1].content != newest or len(waiting) != count:
+            assert time.monotonic() < deadline, len(waiting)
 
-    # More than the ring in Zenoh holds, and no loss.
     for seq in range(1, 301):
         fast.put(payload("fast", seq))
-        if seq % 100 == 0:
-            awaited("fast", payload("fast", seq), seq)
+    awaited("fast", payload("fast", 300), 300)
     for k in range(12):
         large.put(bytes([k]) * 5_000_000)
     awaited("large", bytes([11]) * 5_000_000, 6)
@@ -160,23 +156,28 @@ def test_each_source_has_a_batch_read_however_little_time_there_is(router, sessi
         for name, publisher in zip(names, publishers, strict=True):
             publisher.put(payload(name, seq))
         reader.until(lambda: len(reader.got) >= 2 or seq > 0)  # noqa: B023
-    rings = reader.intake.rings.of
     left = 2 * 6 - len(reader.got)
-    until(lambda: sum(len(ring.pending) for ring in rings.values()) == left, lambda: None)
+    until(lambda: waiting(reader) == left, lambda: None)
     before = len(reader.got)
     reader.got += [(batch.source, batch.seq) for batch in reader.intake.receive(0, budget_ns=0)]
     assert sorted(source for source, _ in reader.got[before:]) == ["a", "b"]
     reader.until(lambda: len(reader.got) == 12)
 
 
-def test_rings_of_the_gone_and_silent_are_closed_and_open_again(router, session) -> None:
+def waiting(reader: Reader) -> int:
+    """Payloads that have come and are not read."""
+    return sum(len(queue.waiting) for queue in list(reader.intake.queues.of.values()))
+
+
+def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, session) -> None:
     reader = Reader(router)
     publisher = stream_publisher(session, KEYS, "obs", "cam")
     publisher.put(payload("cam", 0))
     reader.until(lambda: reader.got == [("cam", 0)])
-    reader.intake.drop_idle(IDLE_NS)
+    heard_ns = reader.intake.queues.heard_ns()
+    reader.intake.drop_idle(heard_ns + IDLE_NS)
     assert reader.intake.received == {"cam": 1}
-    reader.intake.drop_idle(IDLE_NS + 1)
+    reader.intake.drop_idle(heard_ns + IDLE_NS + 1)
     assert reader.intake.received == {}
     publisher.put(payload("cam", 1))
     reader.until(lambda: reader.got == [("cam", 0), ("cam", 1)])
@@ -190,17 +191,25 @@ def test_one_source_too_many_is_refused(router, session) -> None:
     assert sorted(reader.got) == [("a", 0), ("b", 0)]
 
 
-def test_what_waits_too_long_for_its_ring_is_counted_and_forgotten(router, session, monkeypatch) -> None:
+def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session) -> None:
     reader = Reader(router)
-    for name in ("a", "b", "c"):
-        session.put(KEYS.stream("obs", name), payload(name, 0))
-    # However long nobody looks, all that has come is there then.
-    until(lambda: len(reader.intake.rings._early) == 3, lambda: None)
-    # In each turn there is time to open one.
-    monkeypatch.setattr(rings, "_OPENING_NS", -1)
-    monkeypatch.setattr(rings, "_EARLY_NS", -1)
-    reader.until(lambda: reader.stats.overflow == 1)
-    assert reader.got == [("a", 0), ("b", 0)]
-    session.put(KEYS.stream("obs", "c"), payload("c", 1))
-    reader.until(lambda: reader.got[2:] == [("c", 1)])
-    assert reader.stats.lost == 0
+    for k in range(2000):
+        session.put(f"{KEYS.streams('obs')[:-1]}No-{k}", payload("a", 0))
+    session.put(KEYS.stream("obs", "a"), payload("a", 0))
+    reader.until(lambda: reader.got == [("a", 0)] and waiting(reader) == 0)
+    stats = reader.stats
+    assert stats.batches == stats.rejected["source-mismatch"] + stats.overflow > 900
+    assert list(reader.intake.queues.of) == [OTHERS, "a"]
+
+
+def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(router, session) -> None:
+    reader = Reader(router)
+    session.put(KEYS.stream("obs", "known"), payload("known", 0))
+    reader.until(lambda: len(reader.got) == 1)
+    for k in range(50):
+        session.put(KEYS.stream("obs", f"new-{k}"), payload(f"new-{k}", 0))
+    session.put(KEYS.stream("obs", "known"), payload("known", 1))
+    until(lambda: waiting(reader) == 51, lambda: None)
+    reader.poll()
+    assert reader.got[1:] == [("known", 1), *((f"new-{k}", 0) for k in range(16))]
+    reader.until(lambda: len(reader.got) == 52)

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from comotion import Fusion, FusionConfig
-from comotion.runtime.known_kernels import kernels
+from comotion.precompiling import kernels
 from comotion.runtime.warm_up import warm_up
 from comotion_schemas import encode
 

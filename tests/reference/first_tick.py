@@ -13,7 +13,7 @@ import numpy as np
 
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
-from comotion.runtime.known_kernels import kernels
+from comotion.precompiling import kernels
 from comotion.runtime.warm_up import prepare
 from comotion_schemas import ObservationBatch, encode
 

@@ -84,6 +84,16 @@ def turned(since: float, until: float = 1e9) -> Change:
     return change
 
 
+def late(rate: float) -> Change:
+    """Sees everything later and later, from the 5th second on."""
+
+    def change(rows: np.ndarray, t: float) -> np.ndarray:
+        shift = swings(t - rate * max(t - 5, 0)) - swings(t)
+        return rows + np.repeat(shift, len(rows) // BODIES, 0)
+
+    return change
+
+
 def test_the_ids_of_what_others_see_stay_and_the_source_is_named() -> None:
     scene = Scene()
     before = scene.run(5.0)[-1]
@@ -92,17 +102,17 @@ def test_the_ids_of_what_others_see_stay_and_the_source_is_named() -> None:
     during = scene.run(8.0, turned(5.0))
     assert scene.drifting == ["c"]
     assert all(one == before for one in during)
+    update = scene.fusion._latest
+    drifts = update.track_source == next(k for k, one in enumerate(update.sources) if one.name == "c")
+    assert update.track_confidence[drifts].max() <= np.float32(0.4)
+    assert np.median(update.track_confidence[~drifts]) > 0.9
 
 
 @pytest.mark.parametrize("rate", [0.02, 0.05])
 def test_the_ids_of_what_others_see_stay_where_its_delay_grows(rate) -> None:
-    def late(rows: np.ndarray, t: float) -> np.ndarray:
-        shift = swings(t - rate * max(t - 5, 0)) - swings(t)
-        return rows + np.repeat(shift, len(rows) // BODIES, 0)
-
     scene = Scene()
-    before = scene.run(5.0, late)[-1]
-    after = scene.run(6.0, late)
+    before = scene.run(5.0)[-1]
+    after = scene.run(6.0, late(rate))
     assert scene.drifting == ["c"]
     assert all(ids == before for ids in after)
 
@@ -112,7 +122,8 @@ def test_what_has_stopped_drifting_takes_part_again() -> None:
     scene.run(5.0)
     scene.run(3.0, turned(5.0, 8.0))
     assert scene.drifting == ["c"]
-    scene.run(7.0, turned(5.0, 8.0))
+    # What was seen last is told for 3 s.
+    scene.run(10.0, turned(5.0, 8.0))
     assert scene.drifting == []
 
 
@@ -122,8 +133,9 @@ def test_what_has_stopped_drifting_takes_part_again() -> None:
         lambda rows, t: turned(0.0)(rows, 0.5),
         lambda rows, t: rows + 0.01,
         lambda rows, t: rows + np.repeat([[0], [0], [max(t - 4, 0) * 0.05]], 10, 0),
+        late(0.01),
     ],
-    ids=["a lasting turn", "a lasting shift", "one body"],
+    ids=["a lasting turn", "a lasting shift", "one body", "a delay that hardly grows"],
 )
 def test_a_lasting_offset_or_one_body_is_no_drift(change) -> None:
     scene = Scene()
@@ -143,7 +155,17 @@ def test_of_two_sources_that_which_sees_the_background_rest_is_believed() -> Non
 def test_a_source_whose_clock_is_known_to_be_wrong_is_not_compared(monkeypatch) -> None:
     scene = Scene()
     scene.run(5.0)
-    monkeypatch.setattr(scene.fusion.timeline.steps, "troubles", lambda at_ns: {"c": at_ns})
+    known = {"clock-ahead": {"c"}}
+    asked = lambda *kinds: set().union(*(known.get(kind, set()) for kind in kinds))  # noqa: E731
+    monkeypatch.setattr(scene.fusion.timeline.troubles, "sources", asked)
     scene.run(4.0, turned(5.0))
     monkeypatch.undo()
+    assert scene.drifting == []
+
+
+def test_a_source_below_10_hz_is_not_judged(monkeypatch) -> None:
+    monkeypatch.setattr(f"{__name__}.RATE", 8)
+    scene = Scene()
+    scene.run(5.0)
+    scene.run(6.0, turned(5.0))
     assert scene.drifting == []

@@ -146,6 +146,23 @@ def test_sources_that_are_all_a_second_behind_are_fused_and_told():
     assert "slow" in fusion.troubles()["clock-behind"]
 
 
+def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_followed_late_ones():
+    fusion, honest = Fusion(), ("left", "right")
+    for k in range(240):
+        now = T0 + k * 33 * MS
+        for source in honest if not 60 <= k < 120 else ():
+            fusion.ingest(batch(source, k, now - 20 * MS, POINTS))
+        # Comes while the others pause, with what the clock has left behind by more than a second.
+        if k >= 91:
+            fusion.ingest(batch("late", k, now - 1_500 * MS, POINTS))
+        update = fusion.update(now)
+        assert not {"left", "right"} & fusion.troubles().get("clock-ahead", {}).keys()
+    accounts = fusion.timeline.ledger.accounts()
+    assert [accounts[name, SESSION].fused for name in honest] == [180, 180]
+    assert "late" in fusion.troubles()["clock-behind"]
+    assert now - update.stamp_ns < 100 * MS
+
+
 def test_a_scene_that_all_sources_have_left_does_not_look_alive():
     fusion = Fusion()
     update = run(fusion, 0, 60)

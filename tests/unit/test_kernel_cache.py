@@ -16,7 +16,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import comotion
-from comotion import compiled, kernel_cache
+from comotion import compiled
 
 INNER = """
 from ..compiled import compiled
@@ -48,8 +48,7 @@ class Package:
             (self.root / folder / "__init__.py").touch()
             (self.root / folder / "kernels.py").write_text(source)
         (self.root / "__init__.py").touch()
-        for module in (compiled, kernel_cache):
-            shutil.copy(str(module.__file__), self.root)
+        shutil.copy(str(compiled.__file__), self.root)
 
     def run(self) -> tuple[int, int, int]:
         """Result of the outer kernel in a process of its own; how often it was loaded, and compiled."""
@@ -96,8 +95,7 @@ def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_loaded(packag
 def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_process_compiles(
     package: Package,
 ) -> None:
-    for folder in ("first", "second"):
-        (package.root / folder / "__pycache__").touch()
+    (package.root / "__pycache__").touch()
     assert package.run() == (7, 0, 1)
     assert package.run() == (7, 1, 0)
     shutil.rmtree(package.home)
@@ -130,14 +128,14 @@ def imported(module: ModuleType) -> dict[str, str]:
 def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover() -> None:
     found = 0
     outside = set()
-    covered = {str(path) for path in kernel_cache.kernel_sources()}
+    covered = {str(path) for path in compiled.kernel_sources()}
     for module in modules():
         origins = imported(module)
         for kernel in vars(module).values():
             if not isinstance(kernel, Dispatcher) or kernel.py_func.__module__ != module.__name__:
                 continue
             found += 1
-            assert isinstance(kernel._cache, kernel_cache.KernelCache)
+            assert kernel._cache.cache_path.startswith(str(compiled.folder()))
             for name in names(kernel.py_func.__code__) & origins.keys():
                 file = find_spec(origins[name]).origin  # type: ignore[union-attr]
                 if file not in covered:

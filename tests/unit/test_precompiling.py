@@ -1,4 +1,4 @@
-"""Kernels compiled ahead: the list, its spelling, and the order in which processes get them."""
+"""Kernels compiled ahead: the list, its spelling, and the processes that compile them."""
 
 import subprocess
 import sys
@@ -11,16 +11,15 @@ from comotion.precompiling import (
     Task,
     compile_ahead,
     entries,
-    kinds_of_scene,
+    load,
     read_types,
     spelled,
 )
 
-# What a first call needs, less what was listed and what is compiled within others.
+# What a first call needs, less what was listed.
 LEFT = """
 import numpy as np, comotion
 from comotion import precompiling
-from comotion.runtime.known_kernels import kernels
 rng = np.random.default_rng(0)
 times = np.arange(60) / 30
 box, floor = rng.uniform(-.2, .2, (15, 3)), rng.uniform(-1, 1, (15, 3))
@@ -28,12 +27,12 @@ turned = np.array([[[np.cos(t), -np.sin(t), 0], [np.sin(t), np.cos(t), 0], [0, 0
 moved = np.concatenate([box @ turned, np.repeat(floor[None], 60, 0)], axis=1)
 precompiling.compile_ahead = lambda kinds: ()
 comotion.group(moved + rng.normal(0, .001, moved.shape), times)
-listed = {(kernel, types) for kernel, types, kinds in precompiling.entries() if "comotion m3" in kinds}
-for name, one in kernels().items():
-    module, _, function = name.rpartition(".")
+keys = {"comotion m3", "comotion m3 within"}
+listed = {(kernel, types) for kernel, types, kinds in precompiling.entries() if keys & {*kinds}}
+for name, one in precompiling.kernels().items():
     for signature in one.signatures:
         text = precompiling.spelled(tuple(signature))
-        if text and (f"{module}:{function}", text) not in listed:
+        if text and (name, text) not in listed:
             print(name, text)
 """
 
@@ -52,15 +51,35 @@ def test_a_first_group_needs_little_that_is_not_listed():
     assert len(done.stdout.splitlines()) < 6, done.stdout
 
 
+@pytest.fixture
+def two_tasks(monkeypatch, tmp_path):
+    """A list of two kernels, and an empty folder for what is compiled."""
+    chosen = [(kernel, text, ["few"]) for kernel, text, _ in entries() if kernel.endswith(":append")][:1]
+    chosen += [(kernel, text, ["few"]) for kernel, text, _ in entries() if kernel.endswith(":compact")][:1]
+    monkeypatch.setattr(precompiling, "entries", lambda: chosen)
+    monkeypatch.setattr(precompiling, "folder", lambda: tmp_path)
+    return chosen
+
+
 @pytest.mark.parametrize("python", ["/bin/false", "/missing"])
-def test_where_processes_die_or_do_not_start_nothing_hangs(monkeypatch, tmp_path, python):
-    monkeypatch.setattr(precompiling, "_is_kept", lambda task: False)
-    monkeypatch.setattr(precompiling, "_mark", lambda tasks, kinds: tmp_path / "mark")
+def test_where_processes_die_or_do_not_start_this_one_compiles(monkeypatch, two_tasks, python):
+    monkeypatch.setattr(precompiling, "_WORTH_PROCESSES", 1)
     monkeypatch.setattr(sys, "executable", python)
-    kinds = kinds_of_scene("comotion", "m", 3, 1)
-    done = list(compile_ahead(kinds))
-    assert done[0][0] == 0
-    assert not (tmp_path / "mark").exists()
+    assert list(compile_ahead(["few"])) == [(0, 2), (1, 2), (2, 2)]
+
+
+def test_processes_compile_what_is_missing_once(monkeypatch, two_tasks, tmp_path):
+    monkeypatch.setattr(precompiling, "_WORTH_PROCESSES", 1)
+    monkeypatch.setattr(Task, "compile", lambda task: pytest.fail("this process compiles"))
+    assert not load(["few"])
+    assert list(compile_ahead(["few"])) == [(0, 2), (1, 2), (2, 2)]
+    assert list(compile_ahead(["few"])) == []
+    monkeypatch.setattr(Task, "compile", lambda task: None)
+    assert load(["few"])
+    noted = (tmp_path / "ahead.jsonl").read_text()
+    for damage in (noted[:-9], "7", noted.replace("comotion.", "x.")):
+        (tmp_path / "ahead.jsonl").write_text(damage)
+        assert not load(["few"])
 
 
 def test_a_list_of_other_sources_is_no_error(monkeypatch):
@@ -71,10 +90,3 @@ def test_a_list_of_other_sources_is_no_error(monkeypatch):
     ]
     monkeypatch.setattr(precompiling, "entries", lambda: stale)
     assert list(compile_ahead(["comotion m3"])) == []
-
-
-def test_what_is_on_the_disk_is_not_compiled_again(monkeypatch, tmp_path):
-    monkeypatch.setattr(precompiling, "_is_kept", lambda task: True)
-    monkeypatch.setattr(precompiling, "_mark", lambda tasks, kinds: tmp_path / "mark")
-    assert list(compile_ahead(kinds_of_scene("comotion", "px", 2, 1))) == []
-    assert (tmp_path / "mark").exists()

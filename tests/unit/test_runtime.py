@@ -13,13 +13,12 @@ import pytest
 
 from comotion import Fusion, FusionConfig, SourceHealth, snapshot
 from comotion.event_time.stats import Stats
-from comotion.runtime import known_kernels
+from comotion.runtime import warm_up
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Health, Watchdog
-from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically
-from comotion.runtime.state_keeper import StateKeeper, StateSchedule, StateWriter
+from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
+from comotion.runtime.state_keeper import StateKeeper
 from comotion.runtime.ticker import Ticker
-from comotion.runtime.warm_up import STEPS, prepare, warm_up
 from comotion.snapshot import FORMAT, Header
 from comotion_schemas import ObservationBatch
 from comotion_schemas.component import StatusFields
@@ -70,6 +69,19 @@ class TestEventClock:
         monkeypatch.setattr(time, "time_ns", lambda: wall + 3_600 * SECOND)
         assert 0 <= clock.now_ns() - before < 60 * SECOND
         assert abs(clock.set_by_ns() - 3_600 * SECOND) < 60 * SECOND
+
+    def test_a_pause_of_the_process_between_two_looks_at_clocks_is_no_step(self, monkeypatch) -> None:
+        monotonic, pauses = [0], [5 * SECOND]
+
+        def read() -> int:
+            wall = 1_000 * SECOND + monotonic[0]
+            monotonic[0] += pauses.pop() if pauses else 0
+            return wall
+
+        monkeypatch.setattr(time, "monotonic_ns", lambda: monotonic[0])
+        monkeypatch.setattr(time, "time_ns", read)
+        clock = WallClock()
+        assert (clock.now_ns(), clock.set_by_ns()) == (1_005 * SECOND, 0)
 
 
 def batch(stamp_ns: int) -> ObservationBatch:
@@ -137,61 +149,24 @@ class TestWatchdog:
         assert watchdog.status().message == "no update for 4.0 s"
 
 
-class TestKnownKernels:
-    def test_what_a_warm_up_has_compiled_is_loaded_and_else_it_runs(
-        self, tmp_path: Path, monkeypatch
-    ) -> None:
-        for _ in warm_up(FusionConfig()):
-            pass
-        monkeypatch.setattr(known_kernels, "_file", lambda method, known: tmp_path / f"{method}.json")
-        assert not known_kernels.load("comotion")
-        known_kernels.note("comotion")
-        assert known_kernels.load("comotion")
-        assert sum(1 for _ in prepare(FusionConfig())) < STEPS
-        noted = (tmp_path / "comotion.json").read_text()
-        for damage in (
-            noted[:-9],
-            noted.replace("(", "(int7, ", 1),
-            "[]",
-            "7",
-            noted.replace("comotion.", "x."),
-        ):
-            (tmp_path / "comotion.json").write_text(damage)
-            assert not known_kernels.load("comotion")
-
-
 class TestPreparing:
     def test_the_other_process_ends_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
         script = tmp_path / "python"
         script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\necho\nexec sleep 600\n")
         script.chmod(0o755)
         monkeypatch.setattr(sys, "executable", str(script))
-        monkeypatch.setattr(known_kernels, "load", lambda method: False)
-        monkeypatch.setattr(known_kernels, "can_be_kept", lambda method: True)
-        steps = prepare(FusionConfig())
+        monkeypatch.setattr(warm_up, "load", lambda kinds: False)
+        monkeypatch.setattr(warm_up, "folder", lambda: tmp_path)
+        steps = warm_up.prepare(FusionConfig())
         next(steps)
         steps.close()  # type: ignore[attr-defined]
         with pytest.raises(ProcessLookupError):
             os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
-class TestStateSchedule:
-    def test_at_an_interval_and_when_the_hypotheses_change(self) -> None:
-        schedule = StateSchedule(100)
-        one, two = frozenset({1}), frozenset({1, 2})
-        assert schedule.is_due(0, one)
-        schedule.taken(0, 0, one)
-        assert not schedule.is_due(99, one)
-        assert schedule.is_due(100, one)
-        assert schedule.is_due(1, two)
-
-
 def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:
     """Write a state as the service does; returns the bytes."""
-    writer = StateWriter(path)
-    writer.put(fusion.capture(clean=clean))
-    writer.close()
-    assert writer.error == ""
+    write_state(path, fusion.capture(clean=clean)())
     return path.read_bytes()
 
 
@@ -311,6 +286,15 @@ class TestStateFile:
 
 
 class TestStateKeeper:
+    def test_it_is_due_at_an_interval_and_when_the_hypotheses_change(self, tmp_path: Path) -> None:
+        one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        with StateKeeper(tmp_path / "state", 100 * SECOND, Fusion()) as keeper:
+            assert keeper.is_due(one, now)
+            keeper.after(one, now)
+            assert not keeper.is_due(one, now + 99 * SECOND)
+            assert keeper.is_due(one, now + 100 * SECOND)
+            assert keeper.is_due(two, now + 90 * SECOND)
+
     def test_the_state_is_written_when_hypotheses_change_and_at_the_end(self, tmp_path: Path) -> None:
         path, fusion = tmp_path / "state", Fusion(FusionConfig())
         with StateKeeper(path, 10 * SECOND, fusion) as keeper:
@@ -331,24 +315,21 @@ class TestStateKeeper:
                 captured.append((fusion.capture(), fusion.snapshot()))
         assert all(b"".join(produce()) == data for produce, data in captured)
 
-
-class TestStateWriter:
-    def test_the_last_state_is_written_before_close_returns(self, tmp_path: Path) -> None:
-        writer = StateWriter(tmp_path / "state")
-        fusions = [Fusion(first_id=k) for k in range(1, 51)]
-        for fusion in fusions:
-            writer.put(fusion.capture())
-        writer.close()
-        assert (tmp_path / "state").read_bytes() == fusions[-1].snapshot()
+    def test_the_last_state_is_written_before_the_end(self, tmp_path: Path) -> None:
+        fusion = Fusion()
+        with StateKeeper(tmp_path / "state", 0, fusion) as keeper:
+            for k in range(50):
+                fusion.update(k * SECOND)
+                keeper.after(frozenset({k}), time.monotonic_ns())
+        assert (tmp_path / "state").read_bytes() == fusion.snapshot(clean=True)
         assert not any(thread.name == "state" for thread in threading.enumerate())
 
     def test_a_folder_that_cannot_be_written_is_told_once_and_survived(self, tmp_path: Path, caplog) -> None:
         blocked = tmp_path / "blocked"
         blocked.write_text("a file, not a folder")
-        writer = StateWriter(blocked / "state")
-        writer.put(Fusion().capture())
-        writer.close()
-        assert "state not written" in writer.error
+        with StateKeeper(blocked / "state", 0, Fusion()) as keeper:
+            keeper.after(frozenset(), time.monotonic_ns())
+        assert "state not written" in keeper.error
         assert caplog.text.count("cannot write the state") == 1
 
     def test_a_state_is_replaced_in_one_step(self, tmp_path: Path, monkeypatch) -> None:

@@ -1,10 +1,13 @@
 """Overload in, work that is left out: in a stated order, never an observation, and all again after it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import ThesisConfig
+from comotion.config import LimitsConfig, ThesisConfig
+from comotion.runtime import server
 from comotion.runtime.overload import Overload
 from comotion.shedding import MOST, Load
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
@@ -158,3 +161,14 @@ class TestOverload:
         assert load.notes() == []
         assert "nothing is left out" in caplog.messages[-1]
         assert len(caplog.messages) == 2
+
+    @pytest.mark.parametrize("shedding", [True, False])
+    def test_switched_off_it_leaves_out_nothing(self, shedding, monkeypatch) -> None:
+        fusion = Fusion(FusionConfig(limits=LimitsConfig(shedding=shedding)))
+        levels: list[int] = []
+        monkeypatch.setattr(fusion, "shed", levels.append)
+        loop = SimpleNamespace(
+            _fusion=fusion, _overload=Overload(PERIOD), _took_ns=10 * PERIOD, _spent_ns=PERIOD
+        )
+        server._Loop._judge(loop, 3)
+        assert (levels, fusion.stats.overruns) == ([8] if shedding else [], 3)

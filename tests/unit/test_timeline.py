@@ -29,11 +29,9 @@ class Clockwork:
             self.timeline.receive(b)
 
     def at(self, now_ns):
-        """(stamp - T0 in ms, source, in_order) of the instants that come out of an advance."""
+        """(stamp - T0 in ms, source) of the instants that come out of an advance."""
         return [
-            ((i.stamp_ns - T0) // MS, i.batch.source, i.in_order)
-            for i in self.advance(now_ns)
-            if isinstance(i, Instants)
+            ((i.stamp_ns - T0) // MS, i.batch.source) for i in self.advance(now_ns) if isinstance(i, Instants)
         ]
 
     def advance(self, now_ns):
@@ -68,10 +66,10 @@ def clock():
 
 def test_watermark_is_the_smallest_newest_stamp_of_live_sources_and_what_is_newer_waits(clock):
     clock.feed(batch("fast", 0, T0 + 400 * MS), batch("slow", 0, T0 + 300 * MS))
-    assert clock.at(410 * MS) == [(300, "slow", True)]
+    assert clock.at(410 * MS) == [(300, "slow")]
     assert clock.watermark == 300
     clock.feed(batch("slow", 1, T0 + 420 * MS))
-    assert clock.at(430 * MS) == [(400, "fast", True)]
+    assert clock.at(430 * MS) == [(400, "fast")]
 
 
 def test_watermark_lags_at_most_max_lag_behind_now(clock):
@@ -100,11 +98,11 @@ def test_a_stalled_source_is_left_out_and_comes_back(clock):
     assert clock.watermark == 2_000
     assert not clock.health("stalls", 2_000 * MS).live
     clock.feed(batch("stalls", 1, T0 + 2_100 * MS), batch("runs", 2, T0 + 2_200 * MS))
-    assert clock.at(2_200 * MS) == [(2_100, "stalls", True)]
+    assert clock.at(2_200 * MS) == [(2_100, "stalls")]
     assert clock.watermark == 2_100
 
 
-@pytest.mark.parametrize(("stamp", "out", "counted"), [(300, [(300, "b", False)], (1, 0)), (299, [], (0, 1))])
+@pytest.mark.parametrize(("stamp", "out", "counted"), [(300, [(300, "b")], (1, 0)), (299, [], (0, 1))])
 def test_late_data_is_reordered_or_beyond_the_allowed_lateness_dropped(clock, stamp, out, counted):
     clock.feed(batch("a", 0, T0 + 500 * MS))
     clock.at(500 * MS)
@@ -118,13 +116,13 @@ def test_lateness_is_judged_row_by_row(clock):
     clock.at(500 * MS)
     stamps = np.array([T0 + 100 * MS, T0 + 400 * MS, T0 + 600 * MS])
     clock.feed(batch("b", 0, T0 + 600 * MS, ids=(1, 1, 1), stamps_ns=stamps), batch("a", 1, T0 + 600 * MS))
-    assert clock.at(600 * MS) == [(400, "b", False), (600, "a", True), (600, "b", True)]
+    assert clock.at(600 * MS) == [(400, "b"), (600, "a"), (600, "b")]
     assert (clock.stats.reordered, clock.stats.partly_late, clock.stats.late) == (1, 1, 0)
 
 
 def test_a_wrong_clock_far_ahead_is_rejected_and_moves_nothing(clock):
     clock.feed(batch("right", 0, T0), batch("wrong", 0, T0 + 1_001 * MS))
-    assert clock.at(0) == [(0, "right", True)]
+    assert clock.at(0) == [(0, "right")]
     assert clock.stats.rejected == {"future": 1}
     assert clock.health("wrong", 0) is None
     clock.feed(batch("right", 1, T0 + 100 * MS))
@@ -134,7 +132,7 @@ def test_a_wrong_clock_far_ahead_is_rejected_and_moves_nothing(clock):
 
 def test_the_first_of_all_waits_when_its_clock_is_ahead_until_it_is_clear_who_is_wrong(clock):
     clock.feed(batch("wrong", 0, T0 + 1_001 * MS), batch("right", 0, T0))
-    assert clock.at(0) == [(0, "right", True)]
+    assert clock.at(0) == [(0, "right")]
     assert clock.stats.waiting == 1
     clock.feed(batch("right", 1, T0 + 250 * MS))
     clock.at(250 * MS)
@@ -254,7 +252,7 @@ def test_a_flood_of_sessions_is_refused_and_the_first_one_goes_on(clock):
         clock.feed(batch("a", 0, T0, session=f"{k:016x}"))
     assert clock.sessions_at(0) == [("a", "0", "released")]
     clock.feed(batch("a", 1, T0 + MS, session=f"{0:016x}"))
-    assert clock.at(MS) == [(1, "a", True)]
+    assert clock.at(MS) == [(1, "a")]
     clock.feed(batch("a", 2, T0 + 1_500 * MS, session=f"{0:016x}"))
     clock.at(1_500 * MS)
     assert clock.stats.rejected["duplicate-name"] + clock.stats.rejected["limit"] == 5_999
@@ -281,7 +279,7 @@ def test_a_batch_that_the_caller_refuses_counts_in_the_sequence_and_moves_nothin
     clock.timeline.receive(batch("a", 0, T0), "space-mismatch")
     clock.timeline.receive(batch("a", 0, T0), "space-mismatch")
     clock.feed(batch("a", 1, T0 + MS))
-    assert clock.at(MS) == [(1, "a", True)]
+    assert clock.at(MS) == [(1, "a")]
     stats = clock.stats
     assert (stats.batches, stats.lost, stats.duplicates, stats.rejected) == (3, 0, 1, {"space-mismatch": 1})
 
@@ -333,7 +331,7 @@ def test_more_than_a_source_may_let_wait_is_refused():
     assert clock.stats.rejected == {"limit": 1}
     assert len(clock.at(15 * MS)) == 2
     clock.feed(batch("a", 3, T0 + 30 * MS), batch("b", 1, T0 + 30 * MS))
-    assert clock.at(30 * MS) == [(11, "a", True), (30, "a", True), (30, "b", True)]
+    assert clock.at(30 * MS) == [(11, "a"), (30, "a"), (30, "b")]
 
 
 def test_large_batches_that_wait_are_bounded_by_their_bytes():

@@ -73,16 +73,16 @@ Examples:
             self._score_scene()
 
     def _score_files(self, files: list[str]) -> None:
-        from comotion.library.compiling import report_compiling
+        from comotion.library.compiling import compile_ahead
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
         from comotion_experiments.inputs import find_inputs, parse_seeds
         from comotion_sources.parts import parse_rates
 
         config = self.fusion_config()
-        report_compiling()
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
         inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
+        compile_ahead(config.method)
         results = evaluate_inputs(
             inputs,
             config,

@@ -1,6 +1,8 @@
 """A batch on its way through event time, and what comes out: instants, and the ends of sessions."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +10,12 @@ from numpy.typing import NDArray
 from comotion_schemas import ObservationBatch, RejectionReason
 
 from ..arrays import Stamps
-from .stats import Key
+from .stats import Fate, Key
 
 Indices = NDArray[np.intp]
+Rank = tuple[int, str, int]
+"""First stamp, source, and order of arrival."""
+_NO_STAMPS, _NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
 
@@ -33,8 +38,12 @@ class Entry:
         When it was first looked at, on the clock of arrivals.
     offset_ns
         Its stamp minus the time then.
-    out, exhausted
-        How many of its instants have come out and are not booked; whether no further ones will.
+    stamps, rows
+        What of it waits for the watermark, as of :class:`Instants`.
+    generation, order
+        Which session of its source sent it, and which of the batches that wait it is.
+    out
+        How many of its instants have come out and are not booked.
     kept, late, refused
         Whether some of its instants were fused, some were too late, and why some were refused.
     """
@@ -45,8 +54,11 @@ class Entry:
     judged: bool = False
     at_ns: int = 0
     offset_ns: int = 0
+    stamps: Stamps = field(default_factory=lambda: _NO_STAMPS)
+    rows: Indices = field(default_factory=lambda: _NO_ROWS)
+    generation: int = 0
+    order: int = 0
     out: int = 0
-    exhausted: bool = False
     kept: bool = False
     late: bool = False
     refused: RejectionReason | None = None
@@ -55,6 +67,38 @@ class Entry:
     def key(self) -> Key:
         """Source and session."""
         return self.batch.source, self.batch.session
+
+    @property
+    def rank(self) -> Rank:
+        """What decides when it comes out."""
+        return int(self.stamps[0]), self.batch.source, self.order
+
+    def __lt__(self, other: Self) -> bool:
+        return self.rank < other.rank
+
+    def take(self, watermark_ns: int, others: Iterable[Rank], session: int) -> "Instants":
+        """Take the rows up to the watermark and to the ranks of others, as of a session number."""
+        stop, mine = int(np.searchsorted(self.stamps, watermark_ns, side="right")), self.rank[1:]
+        for stamp_ns, *other in others:
+            side: Literal["left", "right"] = "right" if mine < tuple(other) else "left"
+            stop = min(stop, int(np.searchsorted(self.stamps, stamp_ns, side=side)))
+        taken = Instants(self.stamps[:stop], self.rows[:stop], session, self, last=stop == len(self.stamps))
+        self.stamps, self.rows = self.stamps[stop:], self.rows[stop:]
+        self.out += 1
+        return taken
+
+    def give_up(self) -> None:
+        """Let what still waits not come out."""
+        self.stamps, self.rows = _NO_STAMPS, _NO_ROWS
+
+    @property
+    def fate(self) -> Fate | None:
+        """What became of it; None while some of it waits, or has come out and is not booked."""
+        if self.out or len(self.stamps):
+            return None
+        if self.kept:
+            return "partly_late" if self.late else "fused"
+        return self.refused or "late"
 
 
 @dataclass(frozen=True)
@@ -65,27 +109,26 @@ class Instants:
     ----------
     stamps
         int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where there is none.
-    batch
-        The whole batch.
     rows
         intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts.
     session
         Number of the (source, session) that sent it.
-    in_order
-        False where the watermark had passed the first stamp when the batch came.
+    entry
+        The batch on its way.
     last
         Whether nothing of the batch is left.
-    entry
-        The batch; None where it is settled already.
     """
 
     stamps: Stamps
-    batch: ObservationBatch
     rows: Indices
     session: int
-    in_order: bool
+    entry: Entry
     last: bool
-    entry: Entry | None = None
+
+    @property
+    def batch(self) -> ObservationBatch:
+        """The whole batch."""
+        return self.entry.batch
 
     @property
     def stamp_ns(self) -> int:

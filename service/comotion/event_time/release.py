@@ -5,17 +5,12 @@ These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded 
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, Self
 
-import numpy as np
+from comotion_schemas import RejectionReason
 
-from comotion_schemas import ObservationBatch, RejectionReason
-
-from ..arrays import Stamps
 from ..config import LimitsConfig
 from .budget import Budget
-from .instants import Entry, Indices, Instants, SessionEnded
+from .instants import Entry, Instants, Rank, SessionEnded
 from .sources import Sources
 from .stats import Fate, Key
 from .troubles import Troubles
@@ -23,7 +18,6 @@ from .troubles import Troubles
 _MEGABYTE = 1_000_000
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
-_Key = tuple[int, str, int]
 Settle = Callable[[Entry, Fate], None]
 """Books what became of a batch."""
 
@@ -60,48 +54,6 @@ class Load:
         return source in self._held
 
 
-@dataclass(eq=False)
-class _Waiting:
-    """What is left of a batch from row `first` on; columns as of :class:`.instants.Instants`.
-
-    `order` counts the batches, `generation` the sessions of the source; rows before `in_order_ns` came behind
-    the watermark.
-    """
-
-    batch: ObservationBatch
-    entry: Entry | None
-    stamps: Stamps
-    rows: Indices
-    generation: int
-    in_order_ns: int
-    order: int = 0
-    first: int = 0
-
-    @property
-    def key(self) -> _Key:
-        """What decides when it comes out."""
-        return int(self.stamps[self.first]), self.batch.source, self.order
-
-    def __lt__(self, other: Self) -> bool:
-        return self.key < other.key
-
-    def take(self, watermark_ns: int, others: Iterable[_Key], session: int) -> Instants:
-        """Take the rows up to the watermark and to the keys of others."""
-        stop = int(np.searchsorted(self.stamps, watermark_ns, side="right"))
-        in_order = self.key[0] >= self.in_order_ns
-        if not in_order:
-            stop = min(stop, int(np.searchsorted(self.stamps, self.in_order_ns)))
-        for stamp_ns, *rank in others:
-            side: Any = "right" if self.key[1:] < tuple(rank) else "left"
-            stop = min(stop, int(np.searchsorted(self.stamps, stamp_ns, side=side)))
-        some, self.first = slice(self.first, stop), stop
-        last = stop == len(self.stamps)
-        if self.entry is not None:
-            self.entry.out += 1
-            self.entry.exhausted = last
-        return Instants(self.stamps[some], self.batch, self.rows[some], session, in_order, last, self.entry)
-
-
 class Release:
     """The batches that wait, and the numbers of the sessions whose instants have come out.
 
@@ -130,38 +82,18 @@ class Release:
         self._budget = budget
         self._troubles = troubles
         # By source, a heap of what waits.
-        self._waiting: dict[str, list[_Waiting]] = {}
+        self._waiting: dict[str, list[Entry]] = {}
         self._behind_ns: dict[str, int] = {}
         self._over: list[int] = []
         self._order = 0
         self.next_number = 0
         self.sessions: dict[int, Key] = {}
 
-    def add(self, entry: Entry, columns: tuple[Stamps, Indices], generation: int, in_order_ns: int) -> None:
-        """Let the rows of a batch wait.
-
-        Parameters
-        ----------
-        entry
-            The batch.
-        columns
-            Stamps int64 [n] on the time scale of the scene, ascending, and rows intp [n].
-        generation
-            Number of the session among those of its source.
-        in_order_ns
-            Rows with an older stamp have come behind the watermark.
-        """
-        self._push(_Waiting(entry.batch, entry, *columns, generation, in_order_ns))
-
-    def add_end(self, batch: ObservationBatch, stamp_ns: int, generation: int) -> None:
-        """Let what a batch says about ended trajectories wait; its rows are too late, and it is booked."""
-        nothing = np.array([stamp_ns]), np.zeros(0, np.intp)
-        self._push(_Waiting(batch, None, *nothing, generation, stamp_ns + 1))
-
-    def _push(self, one: _Waiting) -> None:
+    def add(self, entry: Entry) -> None:
+        """Let the rows of a batch wait."""
         self._order += 1
-        one.order = self._order
-        heapq.heappush(self._waiting.setdefault(one.batch.source, []), one)
+        entry.order = self._order
+        heapq.heappush(self._waiting.setdefault(entry.batch.source, []), entry)
 
     def end(self, number: int) -> None:
         """Let the end of a session come out with the next release."""
@@ -173,7 +105,7 @@ class Release:
         yield from (SessionEnded(number) for number in over if number >= 0)
         if watermark_ns is None:
             return
-        due = {name for name, heap in self._waiting.items() if heap[0].key[0] <= watermark_ns}
+        due = {name for name, heap in self._waiting.items() if heap[0].rank[0] <= watermark_ns}
         self._budget.begin(at_ns, due, self._sources.new())
         while due:
             yield from self._turn(due, watermark_ns)
@@ -183,55 +115,52 @@ class Release:
 
     def _turn(self, due: set[str], watermark_ns: int) -> Iterator[Instants | SessionEnded]:
         """Release what is due until its source has spent its share; `due` keeps who has some left."""
-        heads = [self._waiting[name][0].key for name in due if self._budget.allows(name)]
+        heads = [self._waiting[name][0].rank for name in due if self._budget.allows(name)]
         heapq.heapify(heads)
         while heads:
             _, name, _ = heapq.heappop(heads)
             if not self._budget.allows(name):
                 continue
             heap = self._waiting[name]
-            one = heapq.heappop(heap)
-            found = self._released(one, watermark_ns, [*heads[:1], *(other.key for other in heap[:1])])
-            if one.first < len(one.stamps):
-                heapq.heappush(heap, one)
+            entry = heapq.heappop(heap)
+            yielded = self._released(entry, watermark_ns, [*heads[:1], *(other.rank for other in heap[:1])])
+            if len(entry.stamps):
+                heapq.heappush(heap, entry)
             if not heap:
                 del self._waiting[name]
-            yield from found
-            if not heap or heap[0].key[0] > watermark_ns:
+            yield from yielded
+            if not heap or heap[0].rank[0] > watermark_ns:
                 due.discard(name)
             else:
-                heapq.heappush(heads, heap[0].key)
+                heapq.heappush(heads, heap[0].rank)
 
     def _released(
-        self, one: _Waiting, watermark_ns: int, others: Iterable[_Key]
+        self, entry: Entry, watermark_ns: int, others: Iterable[Rank]
     ) -> list[Instants | SessionEnded]:
         """The next instants of a batch, and the end of the session before; none of a session that is over."""
-        source = self._sources.get(one.batch.source)
-        if source is None or one.generation < source.released:
-            one.first = len(one.stamps)
-            if one.entry is not None:
-                one.entry.late = True
-                self._give_up(one.entry)
+        source = self._sources.get(entry.batch.source)
+        if source is None or entry.generation < source.released:
+            entry.late = True
+            self._give_up(entry)
             return []
         ended: list[Instants | SessionEnded] = []
-        if one.generation > source.released:
+        if entry.generation > source.released:
             if source.released >= 0:
                 ended.append(SessionEnded(source.number))
-            source.released, source.number = one.generation, self.next_number
-            self.sessions[self.next_number] = one.batch.source, one.batch.session
+            source.released, source.number = entry.generation, self.next_number
+            self.sessions[self.next_number] = entry.key
             self.next_number += 1
-        return [*ended, one.take(watermark_ns, others, source.number)]
+        return [*ended, entry.take(watermark_ns, others, source.number)]
 
     def _drop_costly(self, behind: set[str], watermark_ns: int, at_ns: int) -> None:
         """Drop what is due of the sources that have long been behind because of what they cost."""
         self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in behind}
         for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
             heap = self._waiting[name]
-            while heap and heap[0].key[0] <= watermark_ns:
-                entry = heapq.heappop(heap).entry
-                if entry is not None:
-                    entry.refused, entry.kept = "over-budget", False
-                    self._give_up(entry)
+            while heap and heap[0].rank[0] <= watermark_ns:
+                entry = heapq.heappop(heap)
+                entry.refused, entry.kept = "over-budget", False
+                self._give_up(entry)
             if not heap:
                 del self._waiting[name]
             del self._behind_ns[name]
@@ -240,27 +169,21 @@ class Release:
     def done(self, instants: Instants, refused: RejectionReason | None) -> None:
         """Book instants that came out: they were fused, or refused for a reason."""
         entry = instants.entry
-        if entry is None:
-            return
         entry.out -= 1
-        if refused is None:
-            entry.kept = True
-        else:
+        if refused is not None:
             entry.refused = refused
+        # Of a batch that is late as a whole what it says about ended trajectories has come out.
+        elif len(instants.rows) or not entry.late:
+            entry.kept = True
         self._finish(entry)
 
     def _give_up(self, entry: Entry) -> None:
         """What is left of a batch does not come out."""
-        entry.exhausted = True
+        entry.give_up()
         self._finish(entry)
 
     def _finish(self, entry: Entry) -> None:
         """Book a batch of which nothing waits any more, and all that came out is booked."""
-        if entry.out or not entry.exhausted:
-            return
-        if entry.kept:
-            self._settle(entry, "partly_late" if entry.late else "fused")
-        elif entry.refused is not None:
-            self._settle(entry, entry.refused)
-        else:
-            self._settle(entry, "late")
+        fate = entry.fate
+        if fate is not None:
+            self._settle(entry, fate)

@@ -9,6 +9,8 @@ them are wrong at once, and the scene follows them:
    by as much as the clock of the service was set. Any other is judged.
 4. When a source has agreed after the first that waits came, all that wait are judged. When none has for half
    a second, the time scale moves by their median offset, and they are on time.
+5. What the clock of the service has passed is not ahead. Where the scene has followed sources that were late,
+   the time scale goes back with the first one that is less late, as far as its stamp says.
 
 These are the rules for sources that stamp what happens now. Where they play recordings, with the stamps that
 these have, any batch off waits. Where it is behind, a recording is played again: the time scale moves so that
@@ -20,6 +22,7 @@ from statistics import median_low
 from typing import Literal
 
 from comotion_schemas import ObservationBatch
+from comotion_schemas.messages import ProblemKind
 
 from .instants import Entry
 from .stats import Key
@@ -29,6 +32,8 @@ FUTURE_NS = 1_000_000_000
 # Silence of all that agree after which the scene follows those that do not. Within `max_lag`, so that the
 # watermark has not passed by then what waits.
 _SILENCE_NS = 500_000_000
+# Nothing is acquired in the future: clocks that are synchronised agree better than this.
+AHEAD_NS = 250_000_000
 # A source that agrees so long after the first that waits is not on its way since before the step.
 _MARGIN_NS = 250_000_000
 # What a recording that is played again leaves to the end of the last one.
@@ -37,32 +42,11 @@ _GAP_NS = 100_000_000
 _SAME_STEP_NS = 1_000_000_000
 # Stamps before 2001 count from a start, or are no nanoseconds.
 _ZERO_NS = 10**18
-# Troubles are remembered so long after the last batch that shows them, and so many before one is reported.
-_TROUBLE_NS = 3_000_000_000
-_TELLING = 3
-_MAX_TROUBLES = 256
-
-ClockKind = Literal["clock-ahead", "clock-behind", "clock-zero"]
-
-
-@dataclass
-class ClockTrouble:
-    """A source whose clock is off: kind, offset to the scene, last stamp, and when it was seen.
-
-    `pace` is how far the stamp has gone up by, in the time that has passed; 1 for nanoseconds.
-    """
-
-    kind: ClockKind
-    offset_ns: int
-    stamp_ns: int
-    seen_ns: int
-    count: int = 0
-    pace: float = 0.0
 
 
 @dataclass
 class Steps:
-    """What waits for a decision about clocks, and which clocks are wrong.
+    """What waits for a decision about clocks, and the time scale.
 
     Attributes
     ----------
@@ -88,7 +72,6 @@ class Steps:
     held: list[Entry] = field(default_factory=list)
     followed: int = 0
     _keys: set[Key] = field(default_factory=set)
-    _troubles: dict[str, ClockTrouble] = field(default_factory=dict)
 
     def scene_time(self, batch: ObservationBatch) -> int:
         """Stamp of a batch on the time scale of the scene."""
@@ -97,6 +80,13 @@ class Steps:
     def reference(self, now_ns: int, watermark_ns: int | None) -> int:
         """The time that stamps are compared with; recordings must not go back behind the watermark."""
         return max(now_ns, watermark_ns) if self.recorded and watermark_ns is not None else now_ns
+
+    def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
+        """Let the time scale go back where a batch would be ahead of the scene alone (rule 5)."""
+        # Where the service's clock was set, its sources may have been set with it.
+        follows_late = self.shift_ns < 0 and not self.recorded and abs(self.clock_set_ns) < _SAME_STEP_NS
+        if follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
+            self.shift_ns = min(batch.stamp_ns - now_ns, 0)
 
     def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
         """Whether a batch is far from a time, and of no use there; takes note of its offset."""
@@ -161,30 +151,9 @@ class Steps:
             by_source.setdefault(one.batch.source, []).append(one.offset_ns)
         return median_low(median_low(offsets) for offsets in by_source.values())
 
-    def note(self, batch: ObservationBatch, offset_ns: int, at_ns: int) -> None:
-        """Take note of a batch whose clock is wrong, or which is late for its clock."""
+    def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:
+        """What is wrong with the clock of a batch that is off."""
         # The stamps of recordings may count from anything.
-        zero = not self.recorded and batch.stamp_ns < _ZERO_NS
-        kind: ClockKind = "clock-zero" if zero else "clock-ahead" if offset_ns > 0 else "clock-behind"
-        trouble = self._troubles.get(batch.source)
-        if trouble is None or trouble.kind != kind or at_ns - trouble.seen_ns > _TROUBLE_NS:
-            self._troubles.pop(batch.source, None)
-            while len(self._troubles) >= _MAX_TROUBLES:
-                del self._troubles[next(iter(self._troubles))]
-            trouble = self._troubles[batch.source] = ClockTrouble(kind, 0, 0, at_ns)
-        if trouble.count and at_ns > trouble.seen_ns:
-            trouble.pace = (batch.stamp_ns - trouble.stamp_ns) / (at_ns - trouble.seen_ns)
-        trouble.offset_ns, trouble.stamp_ns, trouble.seen_ns = offset_ns, batch.stamp_ns, at_ns
-        trouble.count += 1
-
-    def clear(self, source: str) -> None:
-        """Take note that the clock of a source is right."""
-        self._troubles.pop(source, None)
-
-    def troubles(self, at_ns: int) -> dict[str, ClockTrouble]:
-        """Wrong clocks by source, as far as they have lately been seen often enough."""
-        return {
-            name: one
-            for name, one in self._troubles.items()
-            if one.count >= _TELLING and at_ns - one.seen_ns <= _TROUBLE_NS
-        }
+        if not self.recorded and batch.stamp_ns < _ZERO_NS:
+            return "clock-zero"
+        return "clock-ahead" if offset_ns > 0 else "clock-behind"

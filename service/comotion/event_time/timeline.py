@@ -57,13 +57,11 @@ from .instants import Entry, Instants, SessionEnded, count_instants, in_time_ord
 from .release import Load, Release
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
-from .steps import FUTURE_NS, Steps
+from .steps import AHEAD_NS, FUTURE_NS, Steps
 from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
 
-# Nothing is acquired in the future: clocks that are synchronised agree better than this.
-_AHEAD_NS = 250_000_000
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
 # Periods for which a round makes up: where updates are slow, what has come meanwhile is stored all the same.
@@ -225,6 +223,7 @@ class Timeline:
     def _admit(self, entry: Entry, now_ns: int) -> Verdict:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.get(entry.batch.source)
+        steps.catch_up(entry.batch, now_ns)
         if steps.is_off(entry, self._reference(now_ns), self._floor()):
             agreed = (
                 source is not None and source.session == entry.batch.session and source.agreed_ns is not None
@@ -283,10 +282,10 @@ class Timeline:
         if entry.repeated:
             return "duplicates"
         if entry.offset_ns > FUTURE_NS and not trusted:
-            self.steps.note(batch, entry.offset_ns, at_ns)
+            self._note_wrong_clock(batch, entry.offset_ns)
             return "future"
         if self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
-            self.steps.note(batch, stamp_ns - now_ns, at_ns)
+            self._note_wrong_clock(batch, stamp_ns - now_ns)
             return "past"
         if source is None:
             if not self._admit_source():
@@ -333,30 +332,33 @@ class Timeline:
     def _wait(self, entry: Entry, now_ns: int) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
         source, watermark, floor = self.sources[entry.batch.source], self.watermark_ns, self._floor()
-        if floor is None:
-            floor = now_ns - self._window_ns
-        newest_ns = self.steps.scene_time(entry.batch)
         stamps, rows = in_time_order(entry.batch)
         stamps = stamps - self.steps.shift_ns
-        late = int(np.searchsorted(stamps, floor))
-        entry.late = late > 0
-        in_order_ns = stamps[0] if watermark is None else watermark
-        self._stats.reordered += late < len(stamps) and bool(stamps[late] < in_order_ns)
-        if late < len(stamps):
+        late = int(np.searchsorted(stamps, now_ns - self._window_ns if floor is None else floor))
+        of_use = late < len(stamps)
+        entry.late, entry.generation = late > 0, source.generation
+        if of_use:
+            entry.stamps, entry.rows = stamps[late:], rows[late:]
+            self._stats.reordered += watermark is not None and bool(entry.stamps[0] < watermark)
             source.agreed_ns = self.at_ns
-            self._release.add(entry, (stamps[late:], rows[late:]), source.generation, int(in_order_ns))
         elif watermark is not None and entry.batch.ended is not None:
-            self._release.add_end(entry.batch, watermark, source.generation)
-        self._note_clock(entry, newest_ns - now_ns, late=late == len(stamps))
-        if late == len(stamps):
+            entry.stamps = np.array([watermark])
+        self._note_clock(entry, self.steps.scene_time(entry.batch) - now_ns, late=not of_use)
+        if len(entry.stamps):
+            self._release.add(entry)
+        else:
             self._settle(entry, "late")
 
     def _note_clock(self, entry: Entry, offset_ns: int, *, late: bool) -> None:
         """Take note of whether the clock of a source is right; `late` says that none of a batch is of use."""
-        if late or offset_ns > _AHEAD_NS or offset_ns < -self._source_timeout_ns:
-            self.steps.note(entry.batch, offset_ns, self.at_ns)
+        if late or offset_ns > AHEAD_NS or offset_ns < -self._source_timeout_ns:
+            self._note_wrong_clock(entry.batch, offset_ns)
         else:
-            self.steps.clear(entry.batch.source)
+            self.troubles.clear_clock(entry.batch.source)
+
+    def _note_wrong_clock(self, batch: ObservationBatch, offset_ns: int) -> None:
+        kind = self.steps.kind_of(batch, offset_ns)
+        self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
 
     def _move_watermark(self, now_ns: int) -> None:
         timeout_ns = self._source_timeout_ns

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
@@ -26,8 +26,8 @@ _DENSE_NS = 100_000_000
 _EVERY_NS, _LASTS_NS = 500_000_000, 2_000_000_000
 # Looks in a row that find it.
 _LOOKS = 2
-# Bodies that two sources share, and features of the one that are compared on each, at least.
-_LEAST_BODIES, _LEAST_FEATURES = 2, 2
+# Bodies that two sources share, and features of the one that are compared on each, at least and at most.
+_LEAST_BODIES, _LEAST_FEATURES, _MOST_FEATURES = 2, 2, 16
 # Prior standard deviations of an offset, as in registration: rad, share of the extent, s; and how many times
 # as much it may change.
 _ROTATION, _SHIFT, _DELAY = 0.035, 0.03, 0.02
@@ -122,6 +122,10 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     known = at >= 0
     slots, label = current[known], labels[order][at[known]]
     slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
+    # What one source sees of one body; the first of these features.
+    views = label * (window.source.max(initial=0) + 1) + window.source[slots]
+    few = ranks(views, window.key[slots]) < _MOST_FEATURES
+    slots, label = slots[few], label[few]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
     states = states_at(window, slots, stamps, _DENSE_NS)

@@ -15,7 +15,7 @@ import numpy as np
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Ints, Labels
+from ..arrays import Floats, Ints, Labels, distinct, find
 
 # Residual, as a share of the size of the scene, that halves the confidence.
 _HALF = 0.15
@@ -46,7 +46,8 @@ def explained(labels: Labels, hypotheses: Sequence[Hypothesis], positions: Float
     # Per axis, as the noise is.
     size = np.sqrt(np.nanmean(np.square(away), axis=1))
     scale = max(float(np.median(size)), 1e-12)
-    share = np.array([noise.get(label, 0.0) for label in labels.tolist()]) / scale
+    known = np.array(sorted(noise), np.int64)
+    share = np.append([noise[one] for one in known.tolist()], 0.0)[find(labels, known)] / scale
     own = 1 / (1 + (share / _HALF) ** 4)
-    _, numbers = np.unique(sessions, return_inverse=True)
+    _, numbers = distinct(sessions)
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)

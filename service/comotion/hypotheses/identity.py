@@ -8,7 +8,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, distinct, find
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..saving import plain, restored
@@ -100,25 +100,50 @@ class LabelMemory:
     ) -> Labels:
         """Hypotheses of the current trajectories, int64 [n]; a group that continues none gets a new id."""
         self._fit(window)
-        slots, groups, count = partition.slots, partition.groups, len(partition.described)
-        known = self.labels[slots].copy()
-        vote = partition.deciding & ~self._overruled(window, partition, current)
-        votes = Votes(
-            self.supported(slots)[vote], known[vote], groups[vote], self._voters(window, slots[vote])
-        )
-        self.ids = name_groups(votes, count, matching, self._allocator.next)
-        before = self.labels[current]
-        self.labels[slots] = np.where(groups >= 0, np.append(self.ids, NO_HYPOTHESIS)[groups], NO_HYPOTHESIS)
-        self._since[slots[self.labels[slots] != known]] = stamp_ns
-        now = self.labels[current]
-        self._lead_outdated(window, slots, before, now)
+        slots, groups = partition.slots, partition.groups
+        known, before = self.labels[slots], self.labels[current]
+        seen = np.zeros(window.capacity, np.bool_)
+        seen[current] = True
+        if not self._continues(partition, seen[slots], known):
+            self._vote(window, partition, seen[slots], known, matching)
+        now = np.append(self.ids, NO_HYPOTHESIS)[groups]
+        self.labels[slots] = now
+        self._since[slots[now != known]] = stamp_ns
+        self._lead_outdated(window, slots, before, self.labels[current])
         if self._established_decide:
             self._establish(window, slots, stamp_ns)
-        return now
+        return self.labels[current]
 
-    def _voters(self, window: Window, slots: Slots) -> Slots | None:
-        """Whose the votes of some slots are, where that matters: not so in the method of the thesis."""
-        return window.source[slots] if self._established_decide else None
+    def _continues(self, partition: Partition, seen: Bools, known: Labels) -> bool:
+        """Whether the groups are those of the last update, so that a vote would change nothing.
+
+        Nobody has gone from one to another, and each has a member whose vote counts.
+        """
+        groups, count = partition.groups, len(partition.described)
+        if len(self.ids) != count:
+            return False
+        now = np.append(self.ids, NO_HYPOTHESIS)[groups]
+        old = self._established_in[partition.slots]
+        strange = ((known != now) & (known >= 0)) | ((old != now) & (old >= 0))
+        voting = np.zeros(count + 1, np.bool_)
+        voting[groups[seen & partition.deciding & (old >= 0)]] = True
+        holding = np.zeros(count + 1, np.bool_)
+        holding[groups] = True
+        if strange.any() or (holding[:-1] != voting[:-1]).any():
+            return False
+        self.ids = np.where(holding[:-1], self.ids, NO_HYPOTHESIS)
+        return True
+
+    def _vote(
+        self, window: Window, partition: Partition, seen: Bools, known: Labels, matching: Matching
+    ) -> None:
+        """Let the members decide which hypothesis each group continues."""
+        slots, groups = partition.slots, partition.groups
+        vote = partition.deciding & ~self._overruled(window, partition, seen)
+        # Whose the votes are does not matter in the method of the thesis.
+        voters = window.source[slots[vote]] if self._established_decide else None
+        votes = Votes(self.supported(slots)[vote], known[vote], groups[vote], voters)
+        self.ids = name_groups(votes, len(partition.described), matching, self._allocator.next)
 
     def _establish(self, window: Window, slots: Slots, stamp_ns: int) -> None:
         """Establish slots whose label has lasted, and that the window knows for as long."""
@@ -129,17 +154,16 @@ class LabelMemory:
         settled = slots[held & (since_ns <= stamp_ns - tenure_ns)]
         self._established_in[settled] = self.labels[settled]
 
-    def _overruled(self, window: Window, partition: Partition, current: Slots) -> Bools:
+    def _overruled(self, window: Window, partition: Partition, seen: Bools) -> Bools:
         """Trajectories that have no say in which hypothesis a group continues, bool [N].
 
-        These are late members, and trajectories out of sight, of a source without an established
-        member, where those
-        of others have enough: in the hypothesis, or in the group. So a crowd of a new source does not take
-        the id of a body along.
+        These are late members, and trajectories out of sight, of a source without an established member,
+        where those of others have enough: in the hypothesis, or in the group. So a crowd of a new source does
+        not take the id of a body along.
         """
         slots, groups = partition.slots, partition.groups
         known, old = self.labels[slots], self._established_in[slots] != NO_HYPOTHESIS
-        seen, sources = np.isin(slots, current), window.source[slots]
+        sources = window.source[slots]
         if not self._established_decide or (old & seen).all():
             return np.zeros(len(slots), np.bool_)
         established = old & seen & partition.deciding & (groups >= 0)
@@ -173,7 +197,7 @@ class LabelMemory:
 
     def refer(self, window: Window, stamp_ns: int) -> None:
         """Forget the references of hypotheses without a trajectory or an established member in the window."""
-        present = np.unique([self.labels[window.used], self._established_in[window.used]])
+        present, _ = distinct(np.concatenate([self.labels[window.used], self._established_in[window.used]]))
         self.references = {
             h: self.references.get(h) or PoseReference.new(stamp_ns)
             for h in present.tolist()
@@ -215,6 +239,8 @@ class LabelMemory:
 
     def _lead_outdated(self, window: Window, named: Slots, before: Labels, now: Labels) -> None:
         """Let outdated trajectories follow the current ones, which went from `before` to `now`."""
+        if not ((before != now) & (before != NO_HYPOTHESIS)).any():
+            return
         outdated = window.used & ~window.ended
         outdated[named] = False
         slots = np.flatnonzero(outdated)
@@ -241,8 +267,8 @@ class Votes:
         """
         if self.sources is None:
             return np.ones(len(wanted))
-        names, row = np.unique(wanted, return_inverse=True)
-        owners, column = np.unique(self.sources, return_inverse=True)
+        names, row = distinct(wanted)
+        owners, column = distinct(self.sources)
         counts = np.bincount(row * len(owners) + column, minlength=len(names) * len(owners))
         roots = np.sqrt(counts.reshape(len(names), len(owners)))
         mean = (roots**2).sum(1) / np.maximum(roots.sum(1), 1.0)
@@ -263,23 +289,22 @@ def name_groups(votes: Votes, count: int, matching: Matching, allocate: Callable
     allocate
         Gives a fresh id, for a group that continues none.
     """
-    before = np.concatenate([np.tile(votes.supported, _ESTABLISHED_VOTES), np.tile(votes.before, _VOTES)])
-    groups = np.tile(votes.groups, _ESTABLISHED_VOTES + _VOTES)
-    supported, present = votes.weights(votes.supported), votes.weights(votes.before)
-    weights = np.concatenate([np.tile(supported, _ESTABLISHED_VOTES), np.tile(present, _VOTES)])
+    before, groups = np.concatenate([votes.supported, votes.before]), np.tile(votes.groups, 2)
+    established, present = votes.weights(votes.supported), votes.weights(votes.before)
+    weights = np.concatenate([_ESTABLISHED_VOTES * established, _VOTES * present])
     matched = continued(before, groups, count, matching, weights)
     ids = np.full(count, NO_HYPOTHESIS)
-    for k in np.unique(votes.groups[votes.groups >= 0]).tolist():
+    for k in distinct(votes.groups[votes.groups >= 0])[0].tolist():
         ids[k] = matched[k] if k in matched else allocate()
     return ids
 
 
 def _left_to_others(sets: Labels, sources: Slots, established: Bools) -> Bools:
     """Whose set has enough established members, none of its own source; bool [N], as all arguments are."""
-    names, row = np.unique(sets, return_inverse=True)
-    owners, column = np.unique(sources, return_inverse=True)
-    counts = np.zeros((len(names), len(owners)), np.intp)
-    np.add.at(counts, (row[established], column[established]), 1)
+    names, row = distinct(sets)
+    owners, column = distinct(sources)
+    cells = (row * len(owners) + column)[established]
+    counts = np.bincount(cells, minlength=len(names) * len(owners)).reshape(len(names), len(owners))
     return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, column] == 0))
 
 

@@ -94,6 +94,7 @@ def seen(
     place, spread = positions.mean(0), 0.0
     if before is not None:
         place, spread = _followed(before, place, (stamp_ns - before.stamp_ns) * 1e-9)
+    if before is not None and not np.array_equal(keys, before.keys):
         recent = before.stamps >= stamp_ns - int(_LAST_MEMBERS * 1e9)
         lost = recent & (find(before.keys, current.keys) < 0)
         keys = np.concatenate([keys, before.keys[lost]])

@@ -14,7 +14,8 @@ import numpy as np
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats
-from .models import FREE_PARAMETERS, HEAVY, Fit, FixedKind, Model, fit
+from .kernels import HEAVY
+from .models import FREE_PARAMETERS, Fit, FixedKind, Model, fit
 from .states import States, quantiles, turns_between
 
 KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
@@ -26,6 +27,8 @@ _TEMPERATURE = 2.0
 _LAGS = 15
 DEGREES: Mapping[FixedKind, int] = {"fixed": 0, "prismatic": 1, "revolute": 1}
 """Degrees of freedom of each kind."""
+# Probability below which a kind is fitted in few steps.
+_HOPELESS = 1e-9
 # Singular values below this share of the largest are rounding.
 _RANK = 1e-9
 
@@ -47,7 +50,7 @@ class Verdict:
     """
 
     fits: Mapping[FixedKind, Fit]
-    probability: Mapping[JointKind, float]
+    probability: dict[JointKind, float]
     turn: float
     shift: float
     span_ns: int
@@ -58,25 +61,31 @@ class Verdict:
         return max(self.probability, key=lambda kind: self.probability[kind])
 
 
-def judge(states: States, known: Mapping[FixedKind, Model], reach: float) -> Verdict:
+def judge(
+    states: States, known: Mapping[FixedKind, Model], chances: Mapping[JointKind, float], reach: float
+) -> Verdict:
     """Fit every kind to n > 0 states and weigh them.
 
     Parameters
     ----------
-    known
-        Models of the last judgement, from which fits start.
+    known, chances
+        Models of the last judgement, from which fits start, and how probable each kind was.
     reach
         How far from the child a hinge may be, as in :func:`fit`.
     """
-    fits = {kind: _best_fit(states, kind, known.get(kind), reach) for kind in KINDS}
+    fits: dict[FixedKind, Fit] = {}
+    for kind in KINDS:
+        start = known.get(kind) if kind != "fixed" else None
+        hopeless = start is not None and chances.get(kind, 1.0) < _HOPELESS
+        fits[kind] = fit(states, start or first_guess(states, kind), reach, hopeless=hopeless)
     costs: dict[JointKind, float] = {kind: _cost(one) for kind, one in fits.items()}
-    costs["free"] = _free_cost(states, fits["fixed"])
+    costs["free"] = _free_cost(fits["fixed"])
     values = -np.array(list(costs.values()))
-    chances = np.exp(values - values.max())
-    chances /= chances.sum()
+    shares = np.exp(values - values.max())
+    shares /= shares.sum()
     turn, shift = _extent(states, fits["fixed"].model)
     return Verdict(
-        fits, dict(zip(costs, chances.tolist(), strict=True)), turn, shift, int(np.ptp(states.stamps))
+        fits, dict(zip(costs, shares.tolist(), strict=True)), turn, shift, int(np.ptp(states.stamps))
     )
 
 
@@ -96,22 +105,14 @@ def excess(one: Fit) -> float:
     return max(square / count / (6 - DEGREES[one.model.kind]) * max(time, 1.0), 1.0)
 
 
-def _best_fit(states: States, kind: FixedKind, known: Model | None, reach: float) -> Fit:
-    start = first_guess(states, kind) if known is None or kind == "fixed" else known
-    return fit(states, start, reach)
-
-
 def first_guess(states: States, kind: FixedKind) -> Model:
     """A model near the states, in closed form."""
     middle = len(states) // 2
     R0, p0 = states.R[middle], states.p[middle]
-    turns = turns_between(states.R, R0)
-    if kind == "prismatic":
-        u = _principal(states.p - states.p.mean(0))
-        return Model(kind, R0, p0, u, p0)
-    u = _principal(turns)
-    if kind == "fixed":
-        return Model(kind, R0, p0, u, p0)
+    if kind != "revolute":
+        u = _principal(states.p - states.p.mean(0)) if kind == "prismatic" else np.eye(3)[2]
+        return Model(kind, R0, p0, u, np.zeros(3))
+    u = _principal(turns_between(states.R, R0))
     # (1 - E) c + E p0 = p for all states; along the axis c is where the child is.
     E = states.R @ R0.T
     design = np.concatenate([np.eye(3) - E, E], axis=2).reshape(-1, 6)
@@ -142,14 +143,11 @@ def _cost(one: Fit) -> float:
     return float(total)
 
 
-def _free_cost(states: States, one: Fit) -> float:
-    """Cost of states with a normal density in six dimensions around their mean."""
-    n = len(states)
+def _free_cost(one: Fit) -> float:
+    """Cost of the states of a fixed joint with a normal density in six dimensions around their mean."""
+    n = len(one.residual)
     independent = max(n / _TEMPERATURE, 1.0)
-    W = np.linalg.cholesky(states.information).transpose(0, 2, 1)
-    R, p = one.model.predicted(one.q)
-    z = (W @ np.hstack([turns_between(states.R, R), states.p - p])[..., None])[..., 0]
-    spreads = np.linalg.eigvalsh(z.T @ z / n)
+    spreads = np.linalg.eigvalsh(one.residual.T @ one.residual / n)
     cost = 0.5 * np.log(np.maximum(spreads, 1.0)).sum() + _density(6)
     return float(independent * cost + 0.5 * _FREE * np.log(independent + 1))
 

@@ -5,20 +5,20 @@ a joint between two judgements follows from the poses and velocities of its hypo
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Event, Hypothesis, Joint, Twist
 from comotion_schemas.hypotheses import EventKind, JointKind
-from comotion_schemas.rigid import matrix, rotation, spin, three
+from comotion_schemas.rigid import rotation, spin, three
 
 from ..arrays import Floats
 from ..config import JointsConfig
 from ..linking.linker import SpaceView
 from ..partition import BodyMotion
-from ..saving import plain, restored
+from ..saving import NOT_KEPT
 from .pair import JOINTS, Pair
 from .states import States
 
@@ -55,19 +55,19 @@ class Place:
         return np.asarray(self.linear + np.cross(self.angular, x - self.centroid))
 
 
+@dataclass
 class Joints:
     """Joints of all spaces, and their memory.
 
-    Parameters
+    Attributes
     ----------
     config
         How many pairs are judged together.
     """
 
-    def __init__(self, config: JointsConfig) -> None:
-        self._config = config
-        self._pairs: dict[Key, Pair] = {}
-        self._judged_ns: int | None = None
+    config: JointsConfig = field(metadata=NOT_KEPT)
+    _pairs: dict[Key, Pair] = field(default_factory=dict)
+    _judged_ns: int | None = None
 
     def update(
         self, stamp_ns: int, views: Sequence[SpaceView], *, judging: bool = True
@@ -76,7 +76,7 @@ class Joints:
         found: list[Joint] = []
         events: list[Event] = []
         for view in views:
-            if view.spec.unit == "m" and self._config.pairs:
+            if view.spec.unit == "m" and self.config.pairs:
                 joints, changes = self._of_space(stamp_ns, view, view.motions if judging else None)
                 found += joints
                 events += changes
@@ -87,20 +87,11 @@ class Joints:
         known = set(hypotheses)
         self._pairs = {key: pair for key, pair in self._pairs.items() if known.issuperset(key)}
 
-    def state(self) -> list[dict[str, Any]]:
-        """As plain values and arrays."""
-        return [plain(pair) for pair in self._pairs.values()]
-
-    def load(self, state: list[dict[str, Any]]) -> None:
-        """Take up :meth:`state`."""
-        pairs = (restored(Pair, one) for one in state)
-        self._pairs = {_key(pair.parent, pair.child): pair for pair in pairs}
-
     def _of_space(
         self, stamp_ns: int, view: SpaceView, motions_of: MotionsOf | None
     ) -> tuple[list[Joint], list[Event]]:
         listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
-        near = _touching(view, list(listed))
+        near = _touching(listed)
         rested = self._judged_ns is None or stamp_ns - self._judged_ns >= _REST_NS
         due = self._due(near, stamp_ns) if rested and motions_of is not None else []
         if due:
@@ -122,7 +113,7 @@ class Joints:
             last = self._pairs[key].judged_ns if key in self._pairs else None
             return (-(2**62) if last is None else last - stamp_ns, key)
 
-        return sorted(near, key=waiting)[: self._config.pairs]
+        return sorted(near, key=waiting)[: self.config.pairs]
 
     def _judge(
         self, key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis], stamp_ns: int
@@ -154,10 +145,6 @@ def _merged(events: list[Event]) -> list[Event]:
     return list(found.values())
 
 
-def _key(a: int, b: int) -> Key:
-    return (a, b) if a < b else (b, a)
-
-
 def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis]) -> Key:
     """Parent and child: what rests carries what moves, else the larger one the smaller."""
     a, b = key
@@ -166,32 +153,26 @@ def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesi
     return (a, b) if listed[a].size >= listed[b].size else (b, a)
 
 
-def _touching(view: SpaceView, ids: list[int]) -> list[Key]:
-    """Pairs whose extents are near each other."""
-    bodies = {h.id: h for h in view.hypotheses}
-    names = sorted(one for one in ids if bodies[one].box is not None or (view.labels == one).any())
+def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
+    """Pairs whose boxes are near each other."""
+    boxes = {one: h.box for one, h in sorted(listed.items()) if h.box is not None}
+    names = list(boxes)
     if len(names) < 2:
         return []
-    low, high = (np.array(ends) for ends in zip(*(_extent(view, bodies[one]) for one in names), strict=True))
-    size = np.linalg.norm(high - low, axis=1)
-    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).clip(0)
+    turns = [box.rotation for box in boxes.values()]
+    flat = not isinstance(turns[0], list)
+    turn = Rotation.from_rotvec(np.outer(turns, [0, 0, 1])) if flat else Rotation.from_quat(turns)
+    centre = np.array([box.center for box in boxes.values()])
+    axes = np.abs(turn.as_matrix()[:, : centre.shape[1], : centre.shape[1]])
+    half = np.einsum("nij,nj->ni", axes, [box.half for box in boxes.values()])
+    size = 2 * np.linalg.norm(half, axis=1)
+    gap = (np.abs(centre[:, None] - centre) - half[:, None] - half).clip(0)
     # Of a small part few places are seen: what it hangs on may be as far as the larger part is long.
-    moving = np.array([bodies[one].state != "static" for one in names])
+    moving = np.array([listed[one].state != "static" for one in names])
     larger, smaller = np.maximum(size[:, None], size), np.minimum(size[:, None], size)
     margin = _REACH * np.where(moving[:, None] & moving, larger, smaller)
     near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
     return [(names[i], names[j]) for i, j in near.tolist()]
-
-
-def _extent(view: SpaceView, one: Hypothesis) -> tuple[Floats, Floats]:
-    """Least and largest coordinates of the box of a hypothesis, or of its current members."""
-    if one.box is None:
-        slots = view.current[view.labels == one.id]
-        points = view.window.positions[slots, view.window.stop[slots] - 1]
-        return points.min(0), points.max(0)
-    turn = matrix(one.box.rotation)
-    centre, half = np.array(one.box.center), np.abs(turn) @ np.array(one.box.half)
-    return centre - half, centre + half
 
 
 def _describe(pair: Pair, listed: Mapping[int, Hypothesis], view: SpaceView) -> Joint:

@@ -81,8 +81,8 @@ class Pair:
         float64 [3], the point of the child whose place is followed, in the child's axes.
     known
         The joint as it was judged last.
-    models
-        The best fit of each kind.
+    models, chances
+        The best fit of each kind, and how probable each was.
     judged_ns
         When it was judged last; None: never.
     range
@@ -96,6 +96,7 @@ class Pair:
     point: Floats
     known: Known = field(default_factory=Known)
     models: dict[FixedKind, Model] = field(default_factory=dict)
+    chances: dict[JointKind, float] = field(default_factory=dict)
     judged_ns: int | None = None
     range: tuple[float, float] = (0.0, 0.0)
     typical_information: Floats = field(default_factory=lambda: np.eye(6))
@@ -127,12 +128,14 @@ class Pair:
             return
         self._together |= _has_moved(child) and _has_moved(parent)
         self.typical_information = window.information[-1]
-        verdict = judge(states, self.models, _REACH * max(child.radius or parent.radius, _LEAST_RADIUS))
+        reach = _REACH * max(child.radius or parent.radius, _LEAST_RADIUS)
+        verdict = judge(states, self.models, self.chances, reach)
         if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
             self._begin_again(stamp_ns)
             return
         before = self.model
         self.models = {kind: one.model for kind, one in verdict.fits.items()}
+        self.chances = verdict.probability
         rate = (len(window) - 1) / max(float(np.ptp(window.stamps)) * 1e-9, 1e-9)
         self._decide(verdict, len(states) / rate)
         model = self.model

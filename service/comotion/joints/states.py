@@ -1,6 +1,7 @@
 """States of one body against another, with their information."""
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -40,6 +41,11 @@ class States:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    @cached_property
+    def roots(self) -> Floats:
+        """W with Wᵀ W the information, upper triangles, float64 [n, 6, 6]."""
+        return np.ascontiguousarray(np.linalg.cholesky(self.information).transpose(0, 2, 1))
 
     def of(self, chosen: Bools | slice) -> "States":
         """Some of the states."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..arrays import Floats, Ints, Labels
+from ..arrays import Floats, Ints, Labels, ranks
 
 # Chosen on seed 0 of the link experiment, see docs/research/linking.md.
 OUTLIER_SHARE = 0.2
@@ -86,7 +86,4 @@ def representatives(labels: Labels, observed: Ints, most: int) -> Ints:
     most
         Members per hypothesis.
     """
-    order = np.argsort(-observed, kind="stable")
-    order = order[labels[order] >= 0]
-    chosen = [order[labels[order] == label][:most] for label in np.unique(labels[order]).tolist()]
-    return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, np.intp)
+    return np.flatnonzero((labels >= 0) & (ranks(labels, -observed) < most))

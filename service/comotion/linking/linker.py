@@ -48,11 +48,16 @@ class Linker:
     ----------
     config
         Parameters, and the calibration of each camera by name of its space.
+
+    Attributes
+    ----------
+    links
+        The body of each linked hypothesis of an image, both by id.
     """
 
     def __init__(self, config: LinkingConfig) -> None:
         self._cameras = {space: CameraModel(camera) for space, camera in config.cameras.items()}
-        self._links: dict[int, int] = {}
+        self.links: dict[int, int] = {}
         self._due_ns: int | None = None
 
     def linked(
@@ -71,21 +76,13 @@ class Linker:
             self._look(views)
             # A body that the update does not list, such as a static one without members, can be found too.
             self._prune(space)
-        groups = linked_hypotheses(self._links, space)
+        groups = linked_hypotheses(self.links, space)
         found = [replace(h, linked=groups[h.id]) if h.id in groups else h for h in update.hypotheses]
         return replace(update, hypotheses=found)
 
     def _prune(self, space: Mapping[int, str]) -> None:
         """Keep the links between listed hypotheses of spaces that can be linked."""
-        self._links = {i: k for i, k in self._links.items() if self._possible(space.get(i), space.get(k))}
-
-    def state(self) -> list[list[int]]:
-        """Links as plain values."""
-        return [[image, body] for image, body in self._links.items()]
-
-    def load(self, state: Sequence[Sequence[int]]) -> None:
-        """Take up :meth:`state`."""
-        self._links = {int(image): int(body) for image, body in state}
+        self.links = {i: k for i, k in self.links.items() if self._possible(space.get(i), space.get(k))}
 
     def _possible(self, image: str | None, body: str | None) -> bool:
         """Whether two spaces can be linked; what a snapshot brings may be of another calibration."""
@@ -112,12 +109,12 @@ class Linker:
         labels = space.labels[chosen]
         fittable = tracks.fittable()
         for image in np.unique(labels).tolist():
-            previous = self._links.pop(image, None)
+            previous = self.links.pop(image, None)
             column = ids.index(previous) if previous in ids else None
             evidence = body_evidence(likelihoods[fittable & (labels == image)])
             best = decide(evidence, column)
             if best is not None:
-                self._links[image] = ids[best]
+                self.links[image] = ids[best]
 
 
 def _bodies(name: str, views: Sequence[SpaceView]) -> dict[int, BodyMotion]:

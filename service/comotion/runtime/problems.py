@@ -16,7 +16,7 @@ from comotion_schemas.time_units import unix_unit
 
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
-from ..event_time.steps import ClockTrouble
+from ..event_time.troubles import ClockTrouble
 from ..fusion import Fusion
 from .log_limit import LogLimit
 

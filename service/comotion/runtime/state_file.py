@@ -25,6 +25,8 @@ from ..fusion import Fusion
 
 _IDS = re.compile(rb"comotion-ids (\d{1,10}) ([0-9a-f]{8})\n")
 _IDS_BYTES = 64
+# Ids reserved at once in the second file: it is written that rarely.
+_RESERVED = 1000
 # With a scene's and a replica's 64 each and the endings, a name stays below the 255 of file systems.
 _NETWORK_CHARACTERS = 80
 _log = logging.getLogger(__name__)
@@ -219,13 +221,32 @@ def write_atomically(path: Path, parts: Iterable[Any]) -> None:
         os.close(folder)
 
 
-def write_reserved(path: Path, following: int) -> None:
-    """Note in ``FILE.ids`` that hypothesis ids below `following` may have been given out.
+def write_state(path: Path, parts: list[Any], reserved: int = 0) -> int:
+    """Write a snapshot, and before it in ``FILE.ids`` which hypothesis ids may have been given out.
+
+    Parameters
+    ----------
+    path
+        The state file.
+    parts
+        The snapshot, as buffers.
+    reserved
+        Ids below are noted already.
+
+    Returns
+    -------
+    int
+        Ids below are noted now.
 
     Raises
     ------
     OSError
-        If the file cannot be written.
+        If a file cannot be written.
     """
-    number = b"%d" % min(following, UNDETERMINED - 1)
-    write_atomically(ids_path(path), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])
+    following = snapshot.Header.read(parts[0]).following
+    if following > reserved:
+        reserved = following + _RESERVED
+        number = b"%d" % min(reserved, UNDETERMINED - 1)
+        write_atomically(ids_path(path), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])
+    write_atomically(path, parts)
+    return reserved

@@ -7,14 +7,13 @@ read, twice a second at most, and some in a turn of the loop: what one component
 import logging
 import threading
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import zenoh
-from zenoh.handlers import RingChannel
 
 from comotion_schemas import DecodeError, Keys, Status, decode_as
 from comotion_schemas.keys import last_chunk
-from comotion_schemas.transport import declare_subscriber
+from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
 from .log_limit import LogLimit
@@ -30,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Unread(NamedTuple):
-    sample: zenoh.Sample
+    content: bytes
     arrived_s: float
 
 
@@ -57,17 +56,11 @@ class Statuses:
         self._unread: dict[str, _Unread] = {}
         self._read_ns: dict[str, int] = {}
         self._limit = LogLimit(5, 60.0)
-        self._subscriber = declare_subscriber(session, keys.streams("status"), "status", RingChannel(_RING))
-        # Receive from the handler: a subscriber that waits in recv cannot be undeclared.
-        self._thread = threading.Thread(
-            target=self._receive, args=(self._subscriber.handler,), name="statuses", daemon=True
-        )
-        self._thread.start()
+        self._receiver = Receiver(session, keys.streams("status"), "status", _RING, self._add)
 
     def close(self) -> None:
         """Stop receiving."""
-        self._subscriber.undeclare()
-        self._thread.join()
+        self._receiver.close()
 
     def read(self) -> list[tuple[Status, float]]:
         """Statuses that are due, each with the time of its arrival by this machine's wall clock, s."""
@@ -81,25 +74,20 @@ class Statuses:
             (status, one.arrived_s) for name, one in due if (status := self._decode(name, one)) is not None
         ]
 
-    def _receive(self, samples: Any) -> None:
-        while True:
-            try:
-                sample = samples.recv()
-            except zenoh.ZError:  # undeclared, or the session is closed
-                return
-            name = last_chunk(str(sample.key_expr))
-            with self._lock:
-                if name in self._unread or (len(self._unread) < self._most and is_name(name)):
-                    self._unread[name] = _Unread(sample, time.time())
-                else:
-                    self.refused += 1
+    def _add(self, key: str, content: bytes) -> None:
+        """Keep the newest of a component; called in the thread."""
+        name = last_chunk(key)
+        with self._lock:
+            if name in self._unread or (len(self._unread) < self._most and is_name(name)):
+                self._unread[name] = _Unread(content, time.time())
+            else:
+                self.refused += 1
 
     def _decode(self, name: str, one: _Unread) -> Status | None:
-        payload = one.sample.payload
         try:
-            if len(payload) > _MOST_BYTES:
-                raise DecodeError("too-large", f"{len(payload)} bytes")
-            status = decode_as(Status, payload.to_bytes())
+            if len(one.content) > _MOST_BYTES:
+                raise DecodeError("too-large", f"{len(one.content)} bytes")
+            status = decode_as(Status, one.content)
             if status.component != name:
                 raise DecodeError("source-mismatch", f"it is about {status.component!r}")
         except DecodeError as error:

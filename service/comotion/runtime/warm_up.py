@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch
 
+from ..compiled import folder
 from ..config import FusionConfig
 from ..fusion import Fusion
 from ..partition import SpaceSpec
-from ..precompiling import compile_ahead, entries, kinds_of_method
-from . import known_kernels
+from ..precompiling import compile_ahead, entries, kinds_of_method, load
 
 # Unit, dimension, features of a body and sources of every made-up scene. One has so many features that
 # the method chooses a subset of them; in one, some features have an orientation. With fewer features the
@@ -53,24 +53,22 @@ def prepare(config: FusionConfig) -> Iterator[None]:
         Parameters of the fusion that is about to start.
     """
     _import(config)
-    loaded = known_kernels.load(config.method)
-    if not loaded and known_kernels.can_be_kept(config.method):
+    kinds = kinds_of_method(config.method)
+    loaded = load(kinds)
+    if not loaded and folder() is not None:
         yield from _compiled_apart(config)
-        loaded = known_kernels.load(config.method)
+        loaded = load(kinds)
     # Libraries prepare themselves at their first use.
     yield from warm_up(config, _FEW_FRAMES if loaded else _FRAMES)
-    if not loaded:
-        known_kernels.note(config.method)
 
 
 def compile_all() -> None:
-    """Warm up with the parameters on standard input (JSON), and keep the result; a line out for each step."""
+    """Warm up with the parameters on standard input (JSON); a line out for each step."""
     config = FusionConfig.model_validate_json(sys.stdin.read())
     _import(config)
     for _ in chain(compile_ahead(kinds_of_method(config.method)), warm_up(config)):
         sys.stdout.write("\n")
         sys.stdout.flush()
-    known_kernels.note(config.method)
 
 
 def _compiled_apart(config: FusionConfig) -> Iterator[None]:

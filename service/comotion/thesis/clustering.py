@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Floats32, Slots
 from ..config import Clustering
+from .equations import INCOMPARABLE
 from .halving import DivisiveKMeans
 
 Labels = NDArray[np.intp]
-
-INCOMPARABLE = 0.5
-"""Affinity of a pair with fewer than two common samples: neither high nor low."""
 
 
 @dataclass(frozen=True)

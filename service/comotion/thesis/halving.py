@@ -10,7 +10,8 @@ A·h gives the means of both halves, and A·(difference of the means) says which
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Floats32, Slots
+from ..arrays import Bools, Floats, Floats32, Ints, Slots
+from .kernels import combine_rows
 
 # 2-means always ends, since no step makes the scatter larger; this bounds what one update may cost.
 _MOST_STEPS = 100
@@ -27,7 +28,7 @@ _ROWS_AT_ONCE = 64
 class DivisiveKMeans:
     """Clusters whose smallest affinity is above `stop_affinity`.
 
-    The splits of one call are the first guess of the next: of a large cluster, four products with the matrix
+    The splits of one call are the first guess of the next: of a large cluster, two products with the matrix
     confirm that nothing moves.
     """
 
@@ -53,30 +54,79 @@ class DivisiveKMeans:
             intp [n], and float64 [n]: the sum of affinities of each inside its cluster.
         """
         n = len(slots)
-        labels, inside = np.zeros(n, np.intp), np.zeros(n)
-        pending = [(affinity, np.arange(n), 0)] if n else []
+        labels, inside, everyone = np.zeros(n, np.intp), np.zeros(n), np.arange(n)
+        # Members of a cluster, the sum of affinities of each inside it, and how often it was split off.
+        pending = [(everyone, _times(affinity, everyone, np.ones(n)), 0)] if n else []
         before, self._sides = self._sides, []
         found = 0
         while pending:
-            part, members, depth = pending.pop()
-            sums = part.sum(axis=1)
-            if not self._holds_weak_edge(part):
+            members, sums, depth = pending.pop()
+            if not self._holds_weak_edge(affinity, members):
                 labels[members], inside[members] = found, sums
                 found += 1
                 continue
-            known = before[depth] if depth < len(before) else np.zeros(0, np.int8)
             mine = slots[members]
-            second = halve(part, sums, np.append(known, np.int8(0))[np.minimum(mine, len(known))])
+            known = before[depth] if depth < len(before) else np.zeros(0, np.int8)
+            guess = np.append(known, np.int8(0))[np.minimum(mine, len(known))]
+            of = affinity, members, sums, guess
+            second, to_second = _confirmed(*of) or _searched(*of)
             if depth == len(self._sides):
                 self._sides.append(np.zeros(int(slots.max()) + 1, np.int8))
             self._sides[depth][mine] = np.where(second, 1, -1)
-            halves = np.flatnonzero(second), np.flatnonzero(~second)
-            pending += [(part.take(half, 0).take(half, 1), members[half], depth + 1) for half in halves]
+            pending.append((members[second], to_second[second], depth + 1))
+            pending.append((members[~second], (sums - to_second)[~second], depth + 1))
         return labels, inside
 
-    def _holds_weak_edge(self, affinity: Floats32) -> bool:
-        parts = (affinity[k : k + _ROWS_AT_ONCE] for k in range(0, len(affinity), _ROWS_AT_ONCE))
-        return len(affinity) > 1 and any(part.min() <= self._stop_affinity for part in parts)
+    def _holds_weak_edge(self, affinity: Floats32, members: Ints) -> bool:
+        parts = (members[k : k + _ROWS_AT_ONCE] for k in range(0, len(members), _ROWS_AT_ONCE))
+        least = (affinity[part].take(members, 1).min() for part in parts)
+        return len(members) > 1 and any(value <= self._stop_affinity for value in least)
+
+
+def _times(affinity: Floats32, members: Ints, factors: Floats) -> Floats:
+    """Product of the rows and columns of m members with factors, float64 [m]; rows times 0 are not read."""
+    out, some = np.zeros(len(affinity)), factors != 0
+    combine_rows(affinity, members[some], factors[some], out)
+    return out[members]
+
+
+def _sums_to(affinity: Floats32, members: Ints, sums: Floats, second: Bools) -> Floats:
+    """Sum of the affinities of each of m members to those of one half, float64 [m]."""
+    if 2 * np.count_nonzero(second) <= len(second):
+        return _times(affinity, members, second.astype(np.float64))
+    return sums - _times(affinity, members, (~second).astype(np.float64))
+
+
+def _confirmed(
+    affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
+) -> tuple[Bools, Floats] | None:
+    """One step of 2-means from a guess at a large cluster; None if it has not settled.
+
+    Returns
+    -------
+    second, to_second
+        bool [m], and float64 [m]: the sums of affinities to that half.
+    """
+    n, high = len(members), guess > 0
+    count, settled = np.count_nonzero(high), len(members) // _SETTLED_SHARE
+    if n <= _MANY_STARTS_SIZE or not 0 < count < n or np.count_nonzero(guess == 0) > settled:
+        return None
+    half = _sums_to(affinity, members, sums, high)
+    mean, other = (sums - half) / (n - count), half / count
+    closer: Bools = _times(affinity, members, other - mean) > (other @ other - mean @ mean) / 2
+    moved = closer.astype(np.float64) - high
+    if np.count_nonzero(moved * guess) > settled or closer.all() or not closer.any():
+        return None
+    return closer, half + _times(affinity, members, moved)
+
+
+def _searched(
+    affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
+) -> tuple[Bools, Floats]:
+    """As :func:`_confirmed`, by 2-means from several starts."""
+    part = affinity if len(members) == len(affinity) else affinity.take(members, 0).take(members, 1)
+    second = halve(part, sums, guess)
+    return second, _sums_to(affinity, members, sums, second)
 
 
 def halve(affinity: Floats32, sums: Floats, guess: NDArray[np.int8]) -> Bools:
@@ -102,10 +152,6 @@ def halve(affinity: Floats32, sums: Floats, guess: NDArray[np.int8]) -> Bools:
         halves = _product(rows, np.column_stack([low, high])) / [low.sum(), high.sum()]
         nearer = _product(rows, halves[:, 1:] - halves[:, :1]) > np.diff(np.square(halves).sum(0)) / 2
         starts = nearer if 0 < nearer.sum() < n else high[:, None]
-    if not small and starts.size:
-        known = _two_means(rows, sums, starts)
-        if np.count_nonzero((known != high) & (guess != 0)) <= n // _SETTLED_SHARE:
-            return known
     count = _STARTS if small else max(_STARTS * _MANY_STARTS_SIZE // n, 2)
     starts = np.hstack([starts, _around_rows(rows, sums, count)])
     return _two_means(rows, sums, starts[:, starts.any(0) & ~starts.all(0)])

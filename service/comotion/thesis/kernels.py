@@ -1,25 +1,25 @@
-"""Compiled: one pass over the sums of all pairs, with the samples of trajectories at some instants.
+"""Compiled: what trajectories are at some instants, and one pass of that over the sums of all pairs.
 
 The twin in NumPy is :mod:`comotion.thesis.equations`: what is summed is (3.3) over the set (3.5), and what
-comes out is the logarithm of (3.4). 64 consecutive slots are a strip, and two strips make a block of 64 x 64
-pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory once,
-however many instants it brings, and more trajectories append blocks.
+comes out is the logarithm of (3.4). 128 consecutive rows are a strip, and two strips make a block of
+128 x 128 pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory
+once, however many instants it brings, and more trajectories append blocks.
 """
 
 import math
 
 import numpy as np
 
-from ..arrays import Floats, Floats32, Slots
+from ..arrays import Bools, Floats, Floats32, Slots, Stamps
 from ..compiled import compiled, numba_range
+from ..trajectories.kernels import newest_at, newest_from, segment_at
 
-STRIP = 64
-"""Slots that are worked on together: the sums of 64 x 64 pairs are 131 kB, which the L2 cache holds."""
-SAMPLE_PLANES = 7
-X, Y, Z, WEIGHT, OBSERVED, CHANGING, SIGN = range(SAMPLE_PLANES)
+STRIP = 128
+"""Rows that are worked on together: the sums of 128 x 128 pairs are 524 kB, which the L2 cache holds."""
+SAMPLE_PLANES = 8
+X, Y, Z, WEIGHT, BOTH, OBSERVED, CHANGING, HELD = range(SAMPLE_PLANES)
 """What a sample holds of a trajectory at an instant: its place (0 beyond the space's dimension), its weight,
-1 or 0 whether it was observed then and whether its states come or go, and 1 where they come, -1 where they
-go; all 0 where it has no state."""
+and as 1 or 0 whether it has a state (`HELD`), was observed then, its states come or go, or `BOTH`."""
 PLANES = 4
 WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
@@ -31,12 +31,64 @@ _LOG_HALF = math.log(0.5)
 _LEAST_LOG = -40.0
 
 
+@compiled()
+def fill_samples(
+    times: Stamps,
+    positions: Floats,
+    speed: Floats,
+    start: Slots,
+    stop: Slots,
+    gap_ns: int,
+    slots: Slots,
+    rows: Slots,
+    stamps: Stamps,
+    after: Stamps,
+    until: Stamps,
+    origin: Floats,
+    samples: Floats32,
+) -> None:
+    """Write what n trajectories are at T ascending instants.
+
+    Parameters
+    ----------
+    times, positions, speed, start, stop, gap_ns
+        The window.
+    slots, rows
+        intp [n]: the trajectories, and the row of each.
+    stamps
+        int64 [T] ns.
+    after, until
+        int64 [n] ns: states later than one and no later than the other come or go.
+    origin
+        float64 [dim], from which places are measured.
+    samples
+        float32 [strips, T, SAMPLE_PLANES, STRIP], zeros before; `WEIGHT` is the speed per second still.
+    """
+    for n in range(len(slots) if len(stamps) else 0):
+        s, strip, inside = slots[n], rows[n] // STRIP, rows[n] % STRIP
+        newest = newest_at(times[s], start[s], stop[s], stamps[0])
+        for t in range(len(stamps)):
+            newest = newest_from(times[s], newest, stop[s], stamps[t])
+            left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)
+            if left < 0:
+                continue
+            sample = samples[strip, t, :, inside]
+            for c in range(positions.shape[2]):
+                before = positions[s, left, c]
+                sample[X + c] = before + share * (positions[s, right, c] - before) - origin[c]
+            # Between observations the speed is that of the segment, which is kept where it ends.
+            sample[WEIGHT] = speed[s, right]
+            observed, changing = left == right, after[n] < stamps[t] <= until[n]
+            sample[OBSERVED], sample[CHANGING], sample[HELD] = observed, changing, True
+            sample[BOTH] = observed and changing
+
+
 @compiled(parallel=True)
 def update_blocks(
     sums: Floats,
-    strips: int,
-    samples: Floats,
-    count: int,
+    samples: Floats32,
+    signs: Floats32,
+    present: Bools,
     rate: float,
     place: Slots,
     out: Floats32,
@@ -47,53 +99,53 @@ def update_blocks(
     Parameters
     ----------
     sums
-        float64 [blocks or more, PLANES, STRIP, STRIP]: block ``r * (r + 1) / 2 + c`` has the slots of strip r
-        as rows and, as columns, those of strip c <= r.
-    strips
-        How many are in use.
-    samples, count
-        float64 [strips, T or more, SAMPLE_PLANES, STRIP], and T.
+        float64 [blocks or more, PLANES, STRIP, STRIP]: block ``r * (r + 1) / 2 + c`` has strip r as rows and,
+        as columns, strip c <= r.
+    samples, signs
+        float32 [strips, T or more, SAMPLE_PLANES, STRIP] of :func:`fill_samples`, with weights; and [T], 1
+        where samples come and -1 where they go.
+    present
+        bool [strips, T, SAMPLE_PLANES]: whether any of a strip is not 0.
     rate
         -γ of (3.4).
     place, out
-        intp [slots], row and column of `out` for each slot, -1 for none; float32 [n, n], symmetric: log(0.5)
+        intp [rows], row and column of `out` for each row, -1 for none; float32 [n, n], symmetric: log(0.5)
         for pairs with fewer than two samples. Empty for no affinities.
     shared
         Whether all threads share the work.
     """
-    blocks = strips * (strips + 1) // 2
+    blocks = len(samples) * (len(samples) + 1) // 2
     if shared:
         for n in numba_range(blocks):
-            _update_block(sums[n], np.int64(n), samples, count, rate, place, out)
+            _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
     else:
         for n in range(blocks):
-            _update_block(sums[n], np.int64(n), samples, count, rate, place, out)
+            _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
 
 
-@compiled(fastmath={"contract"})
+@compiled()
 def _update_block(
-    block: Floats, number: np.int64, samples: Floats, count: int, rate: float, place: Slots, out: Floats32
+    block: Floats,
+    number: np.int64,
+    samples: Floats32,
+    signs: Floats32,
+    present: Bools,
+    rate: float,
+    place: Slots,
+    out: Floats32,
 ) -> None:
     """One block, by its number; the other parameters are those of :func:`update_blocks`."""
     row = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)
     column = number - row * (row + 1) // 2
     mine, theirs = samples[row], samples[column]
-    logs, chosen = np.empty((STRIP, STRIP), np.float32), np.empty(count, np.intp)
-    held, observed, changing = np.zeros(count), np.zeros(count), np.zeros(count)
-    for t in range(count):
-        for j in range(STRIP):
-            held[t] = max(held[t], abs(theirs[t, SIGN, j]))
-            observed[t] = max(observed[t], theirs[t, OBSERVED, j])
-            changing[t] = max(changing[t], theirs[t, CHANGING, j])
+    logs, chosen = np.empty((STRIP, STRIP), np.float32), np.empty(len(signs), np.intp)
     for i in range(STRIP):
         found = 0
-        for t in range(count):
-            # A pair has a sample where both have a state, one is observed, and one comes or goes.
-            either = max(mine[t, OBSERVED, i], observed[t]) * max(mine[t, CHANGING, i], changing[t])
-            if mine[t, SIGN, i] * held[t] * either != 0.0:
+        for t in range(len(signs)):
+            if mine[t, HELD, i] != 0.0 and present[column, t, _counting(mine[t], i)]:
                 chosen[found] = t
                 found += 1
-        _add_samples(block, i, mine, theirs, chosen[:found])
+        _add_samples(block, i, mine, theirs, signs, chosen[:found])
         if len(out):
             _compare(block, i, rate, logs[i])
     if len(out):
@@ -102,31 +154,60 @@ def _update_block(
         )
 
 
+@compiled()
+def _counting(mine: Floats32, i: int) -> int:
+    """Which plane of the others says whether they have a sample with row i at an instant.
+
+    Both must have a state, one must be observed, and that of one come or go.
+    """
+    if mine[BOTH, i] != 0.0:
+        return HELD
+    if mine[OBSERVED, i] != 0.0:
+        return CHANGING
+    return OBSERVED if mine[CHANGING, i] != 0.0 else BOTH
+
+
 @compiled(fastmath={"contract"})
-def _add_samples(block: Floats, i: int, mine: Floats, theirs: Floats, chosen: Slots) -> None:
-    """Add the samples at some instants of row i to its sums."""
+def _add_samples(
+    block: Floats, i: int, mine: Floats32, theirs: Floats32, signs: Floats32, chosen: Slots
+) -> None:
+    """Add the samples at some instants of row i to its sums.
+
+    Distances and weights are in single precision, as are places when they arrive. The sums are not: what a
+    sample has added is subtracted again to the last bits.
+    """
     weights, first, second, samples = block[WEIGHTS, i], block[FIRST, i], block[SECOND, i], block[SAMPLES, i]
-    for t in chosen:
+    # Two instants a turn load and store the sums half as often.
+    for k in range(0, len(chosen), 2):
+        t, u = chosen[k], chosen[min(k + 1, len(chosen) - 1)]
         x, y, z, weight = mine[t, X, i], mine[t, Y, i], mine[t, Z, i], mine[t, WEIGHT, i]
-        observed, changing, other = mine[t, OBSERVED, i], mine[t, CHANGING, i], theirs[t]
+        later_x, later_y, later_z = mine[u, X, i], mine[u, Y, i], mine[u, Z, i]
+        later_weight = mine[u, WEIGHT, i]
+        other, counts, sign = theirs[t], theirs[t, _counting(mine[t], i)], signs[t]
+        later, later_counts = theirs[u], theirs[u, _counting(mine[u], i)]
+        later_sign = signs[u] if u != t else np.float32(0.0)
         for j in range(STRIP):
             dx, dy, dz = x - other[X, j], y - other[Y, j], z - other[Z, j]
-            distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-            sign = other[SIGN, j] * max(observed, other[OBSERVED, j]) * max(changing, other[CHANGING, j])
+            d = np.float64(np.sqrt(dx * dx + dy * dy + dz * dz))
+            dx, dy, dz = later_x - later[X, j], later_y - later[Y, j], later_z - later[Z, j]
+            later_d = np.float64(np.sqrt(dx * dx + dy * dy + dz * dz))
             # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-            share = sign * max(weight, other[WEIGHT, j])
-            weights[j] += share
-            first[j] += share * distance
-            second[j] += share * distance * distance
-            samples[j] += sign
+            count, later_count = sign * counts[j], later_sign * later_counts[j]
+            w = np.float64(count * max(weight, other[WEIGHT, j]))
+            later_w = np.float64(later_count * max(later_weight, later[WEIGHT, j]))
+            weights[j] += w + later_w
+            first[j] += w * d + later_w * later_d
+            second[j] += w * d * d + later_w * later_d * later_d
+            samples[j] += count + later_count
 
 
 @compiled(fastmath={"contract"})
 def _compare(block: Floats, i: int, rate: float, logs: Floats32) -> None:
     """Logarithms of (3.4), −γσ² with σ² of (3.3), of the pairs of row i."""
     for j in range(STRIP):
-        mean = block[FIRST, i, j] / block[WEIGHTS, i, j]
-        variance = max(block[SECOND, i, j] / block[WEIGHTS, i, j] - mean * mean, 0.0)
+        eta = 1.0 / block[WEIGHTS, i, j]
+        mean = eta * block[FIRST, i, j]
+        variance = max(eta * block[SECOND, i, j] - mean * mean, 0.0)
         comparable = block[SAMPLES, i, j] >= COMPARABLE_SAMPLES
         logs[j] = max(rate * variance, _LEAST_LOG) if comparable else _LOG_HALF
 
@@ -142,3 +223,25 @@ def _write(logs: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
         for i in range(STRIP):
             if mine[i] >= 0 and theirs[j] >= 0:
                 out[theirs[j], mine[i]] = logs[i, j]
+
+
+@compiled(fastmath={"contract"})
+def combine_rows(matrix: Floats32, rows: Slots, factors: Floats, out: Floats) -> None:
+    """Add some rows of a matrix, each times its factor, to a row.
+
+    Parameters
+    ----------
+    matrix, rows, factors
+        float32 [n, n]; intp [m] and float64 [m].
+    out
+        float64 [n].
+    """
+    # Two rows a turn load and store the sums half as often.
+    for k in range(0, len(rows) - 1, 2):
+        first, second = matrix[rows[k]], matrix[rows[k + 1]]
+        for j in range(len(out)):
+            out[j] += factors[k] * first[j] + factors[k + 1] * second[j]
+    if len(rows) % 2:
+        last = matrix[rows[-1]]
+        for j in range(len(out)):
+            out[j] += factors[-1] * last[j]

@@ -15,11 +15,11 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
 from ..compiled import worth_waking
-from ..trajectories.interpolation import states_at
 from ..trajectories.kernels import locate_newest
 from ..trajectories.window import Window
-from .equations import AFFINITY_AT_SWITCH, weight
-from .kernels import CHANGING, OBSERVED, PLANES, SAMPLE_PLANES, SIGN, STRIP, WEIGHT, update_blocks
+from .equations import AFFINITY_AT_SWITCH, INCOMPARABLE, weight
+from .kernels import PLANES, SAMPLE_PLANES, STRIP, WEIGHT, fill_samples, update_blocks
+from .rows import Rows
 
 # Times before and after all others.
 _NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
@@ -27,8 +27,11 @@ _MIN_OBSERVATIONS = 2
 # Instants that wait for a pass at most: bounds the memory that their samples take.
 _MOST_INSTANTS = 64
 # What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
-# sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
+# sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5. As far from the origin, single
+# precision leaves 1/25 of sigma_switch.
 _FAR = 1e6
+# Places are cut off here (the unit matters little): their squares are finite in single precision.
+_FARTHEST = 1e15
 _NOWHERE, _NO_AFFINITIES = np.zeros(0, np.intp), np.zeros((0, 0), np.float32)
 
 
@@ -48,6 +51,8 @@ class PairSums:
 
     Attributes
     ----------
+    rows
+        The row in `sums` of each slot that takes part.
     sums
         float64 [blocks or more, PLANES, STRIP, STRIP], those of :func:`.kernels.update_blocks`.
     """
@@ -55,13 +60,17 @@ class PairSums:
     def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
         self._sigma_switch = sigma_switch
+        self.rows = Rows(STRIP)
         self.sums: Floats = untouched_zeros((0, PLANES, STRIP, STRIP), np.float64)
         # Newest observation of each slot whose samples have been taken in.
         self._known: Stamps = np.zeros(0, np.int64)
         # How many observations of each slot have been taken in.
         self._held: Slots = np.zeros(0, np.intp)
-        # Samples at the instants that wait, of which there are so many.
-        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
+        # From where places are measured, float64 [dim].
+        self._origin: Floats = np.zeros(0)
+        # Samples at the instants that wait, of which there are so many, and whether they come or go.
+        self._samples: Floats32 = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP), np.float32)
+        self._signs: Floats32 = np.zeros(_MOST_INSTANTS, np.float32)
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
 
@@ -72,7 +81,7 @@ class PairSums:
         interval begins there now.
         """
         self._take_in(window)
-        part = self._known[slots] != _NEVER
+        part = self.rows.of[slots] >= 0
         slots, counts = slots[part], counts[part]
         stay = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
         if stay.any():
@@ -83,15 +92,21 @@ class PairSums:
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories; those that the window still holds come in again."""
         slots = slots[slots < len(self._known)]
-        slots = slots[self._known[slots] != _NEVER]
+        slots = slots[self.rows.of[slots] >= 0]
         self._known[slots] = _NEVER
-        for slot in slots.tolist():
-            strip, inside = divmod(slot, STRIP)
+        for row in self.rows.of[slots].tolist():
+            strip, inside = divmod(row, STRIP)
             self._samples[strip, :, :, inside] = 0.0
             first = _blocks(strip)
             self.sums[first : first + strip + 1, :, inside, :] = 0.0
             below = np.arange(strip, len(self._samples))
             self.sums[_blocks(below) + strip, :, :, inside] = 0.0
+        self.rows.give_back(slots)
+
+    def order(self, window: Window, slots: Slots) -> Slots:
+        """In which order :meth:`affinity` takes least time: which slot comes first and so on, intp [n]."""
+        self._take_in(window)
+        return np.argsort(self.rows.of[slots], kind="stable")
 
     def affinity(self, window: Window, slots: Slots) -> Floats32:
         """Affinity (3.4) of each pair of trajectories.
@@ -113,28 +128,35 @@ class PairSums:
         if len(self._room) < n * n:
             self._room = untouched_zeros((n * n + n * n // 4,), np.float32)
         affinity = self._room[: n * n].reshape(n, n)
+        rows = self.rows.of[slots]
+        part = rows >= 0
         place = np.full(len(self._samples) * STRIP, -1)
-        place[slots] = np.arange(n)
+        place[rows[part]] = np.flatnonzero(part)
         self._pass(place, affinity)
         np.exp(affinity, out=affinity)
+        affinity[~part], affinity[:, ~part] = INCOMPARABLE, INCOMPARABLE
         np.fill_diagonal(affinity, 1.0)
         return affinity
 
     def _fit(self, window: Window) -> None:
-        """Hold all slots in use."""
+        """Hold all slots."""
         extra = window.capacity - len(self._known)
         if extra:
             self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
             self._held = np.pad(self._held, (0, extra))
-        strips = -(-(int(np.flatnonzero(window.used).max(initial=-1)) + 1) // STRIP)
-        if strips <= len(self._samples):
+            self.rows.fit(window.capacity)
+
+    def _begin(self, window: Window, slots: Slots) -> None:
+        """Give rows, and room for the sums, to trajectories that take part from now on."""
+        self.rows.take(slots, window.source[slots])
+        if self.rows.strips == len(self._samples):
             return
         if self._waiting:
             self._pass()
-        self._samples = np.zeros((strips, *self._samples.shape[1:]))
-        if _blocks(strips) > len(self.sums):
-            # A quarter more at once: growing copies everything.
-            grown = untouched_zeros((_blocks(strips + strips // 8), *self.sums.shape[1:]), np.float64)
+        self._samples = np.zeros((self.rows.strips, *self._samples.shape[1:]), np.float32)
+        if _blocks(self.rows.strips) > len(self.sums):
+            # Twice as many at once: growing copies everything.
+            grown = untouched_zeros((2 * _blocks(self.rows.strips), *self.sums.shape[1:]), np.float64)
             grown[: len(self.sums)] = self.sums
             self.sums = grown
 
@@ -147,6 +169,7 @@ class PairSums:
         self._fit(window)
         self.forget(np.flatnonzero(window.ended))
         slots = self._taking_part(window)
+        self._centre(window, slots)
         first, begin = self._first_new(window, slots), window.start[slots]
         # A late observation changes the segment that it divides, so all of its trajectory comes in again.
         late = (self._known[slots] != _NEVER) & (first - begin != self._held[slots])
@@ -155,12 +178,21 @@ class PairSums:
         fresh = first < window.stop[slots]
         if not fresh.any():
             return
+        self._begin(window, slots[self.rows.of[slots] < 0])
         newest = window.times[slots, window.stop[slots] - 1]
         since = self._summed_until(window, slots[fresh], first[fresh])
         after, until = np.full((2, len(slots)), _LATEST)
         after[fresh] = since
         self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
         self._known[slots], self._held[slots] = newest, window.counts(slots)
+
+    def _centre(self, window: Window, slots: Slots) -> None:
+        """Measure places from one of them, and begin again from another when all are far from there."""
+        places = window.positions[slots, window.stop[slots] - 1]
+        away = np.abs(places - self._origin).max(1) if len(self._origin) else np.full(len(slots), np.inf)
+        if away.min(initial=np.inf) > _FAR * self._sigma_switch and len(slots):
+            self.forget(slots)
+            self._origin = places[0].copy()
 
     def _first_new(self, window: Window, slots: Slots) -> Slots:
         """Which observation of each slot is the first that has not been taken in."""
@@ -196,43 +228,29 @@ class PairSums:
         self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], span: tuple[int, int], sign: float
     ) -> None:
         """Have the samples in a span (after, until] wait for the next pass; a full buffer makes one."""
+        columns = window.times, window.positions, window.speed, window.start, window.stop, window.gap_ns
         first, last = (bisect_right(window.instants, time) for time in span)
         while first < last:
             if self._waiting == _MOST_INSTANTS:
                 self._pass()
             stamps = np.array(window.instants[first : min(last, first + _MOST_INSTANTS - self._waiting)])
-            waiting = self._samples[:, self._waiting : self._waiting + len(stamps)]
-            waiting[:] = 0.0
-            waiting[slots // STRIP, :, :, slots % STRIP] = self._sampled(window, slots, of, stamps, sign)
+            wait = slice(self._waiting, self._waiting + len(stamps))
+            samples = self._samples[:, wait]
+            samples[:] = 0.0
+            fill_samples(*columns, slots, self.rows.of[slots], stamps, *of, self._origin, samples)
+            np.clip(samples[:, :, :WEIGHT], -_FARTHEST, _FARTHEST, out=samples[:, :, :WEIGHT])
+            samples[:, :, WEIGHT] = weight(samples[:, :, WEIGHT].astype(np.float64), self._v_move)
+            self._signs[wait] = sign
             self._waiting += len(stamps)
             first += len(stamps)
 
-    def _sampled(
-        self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], stamps: Stamps, sign: float
-    ) -> Floats:
-        """Samples of n slots at T instants, float64 [n, T, SAMPLE_PLANES]."""
-        states = states_at(window, slots, stamps)
-        newest = np.empty(states.held.size, np.intp)
-        where = np.tile(slots, len(stamps)), np.repeat(stamps, len(slots))
-        locate_newest(window.times, window.start, window.stop, *where, newest)
-        # Between observations the speed is that of the segment, which is kept where it ends.
-        at = newest.reshape(states.held.shape) + ~states.observed
-        after, until = of
-        found = np.zeros((*states.held.shape, SAMPLE_PLANES))
-        found[..., : window.dim] = states.position
-        found[..., WEIGHT] = weight(window.speed[slots, np.where(states.held, at, 0)], self._v_move)
-        found[..., OBSERVED] = states.observed
-        found[..., CHANGING] = (after < stamps[:, None]) & (stamps[:, None] <= until)
-        found[..., SIGN] = sign
-        found[~states.held] = 0.0
-        return found.transpose(1, 0, 2)
-
     def _pass(self, place: Slots = _NOWHERE, out: Floats32 = _NO_AFFINITIES) -> None:
         """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
-        strips = len(self._samples)
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
-        shared = worth_waking(_blocks(strips) * STRIP**2)
-        update_blocks(self.sums, strips, self._samples, self._waiting, rate, place, out, shared)
+        present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
+        shared = worth_waking(_blocks(len(self._samples)) * STRIP**2)
+        signs = self._signs[: self._waiting]
+        update_blocks(self.sums, self._samples, signs, present, rate, place, out, shared)
         self._waiting = 0
 
 

@@ -1,6 +1,7 @@
 """Finds the slots of trajectories in a window by the ids of their features."""
 
 from collections.abc import Iterable
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ class TrackIndex:
         # Of each session that has sent anything: its ids, ascending, and their slots; None: to be sorted.
         self._sorted: dict[int, tuple[Ids, Slots] | None] = {}
         # Ids that each session has declared lost, oldest first.
-        self._ended: dict[int, Ids] = {}
+        self._ended: dict[int, dict[int, None]] = {}
         self.ids: Ids = np.zeros(0, np.uint64)
 
     def find(self, ids: Ids, session: int) -> Slots:
@@ -52,8 +53,8 @@ class TrackIndex:
 
     def has_ended(self, ids: Ids, session: int) -> Bools:
         """Which of the ids a session has declared lost for good, bool [n]."""
-        ended = self._ended.get(session)
-        return np.zeros(len(ids), np.bool_) if ended is None else np.isin(ids, ended)
+        ended = self._ended.get(session, {})
+        return np.array([one in ended for one in ids.tolist()], np.bool_)
 
     def open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""
@@ -77,8 +78,10 @@ class TrackIndex:
         ids = ids[-MAX_ENDED:]
         slots = self.find(ids, session)
         self._window.ended[slots[slots >= 0]] = True
-        ended = self._ended.get(session, ids[:0])
-        self._ended[session] = np.concatenate([ended, ids[~np.isin(ids, ended)]])[-MAX_ENDED:]
+        ended = self._ended.setdefault(session, {})
+        ended |= dict.fromkeys(ids.tolist())
+        for one in list(islice(ended, max(len(ended) - MAX_ENDED, 0))):
+            del ended[one]
 
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session as ended for good."""
@@ -88,11 +91,11 @@ class TrackIndex:
 
     def ended(self) -> list[tuple[int, Ids]]:
         """Ids that each session has declared lost."""
-        return list(self._ended.items())
+        return [(session, np.array(list(ids), np.uint64)) for session, ids in self._ended.items()]
 
     def load(self, ids: Ids, slots: Slots, ended: Iterable[tuple[int, Ids]]) -> None:
         """Take up the ids of the slots in use, of a window that has been filled again, and :meth:`ended`."""
-        self._ended = {int(session): lost for session, lost in ended}
+        self._ended = {int(session): dict.fromkeys(lost.tolist()) for session, lost in ended}
         self.ids = np.zeros(self._window.capacity, np.uint64)
         self.ids[slots] = ids
         self._sorted = dict.fromkeys(np.unique(self._window.source[slots]).tolist())

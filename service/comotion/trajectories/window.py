@@ -242,13 +242,13 @@ class Window:
         """Make sure that every slot can take some more observations."""
         slots = np.unique(slots) if more > 1 else slots
         due = due_for_compaction(slots, self.start, self.stop, self._rows, more)
-        full = due[self.stop[due] + more > self._rows]
-        while int(self.counts(full).max(initial=-more)) + more - 1 > 3 * self._rows // 4:
+        while len(due):
+            full = due[self.stop[due] + more > self._rows]
+            if int(self.counts(full).max(initial=-more)) + more - 1 <= 3 * self._rows // 4:
+                self._compact(due)
+                return
             self._grow_rows()
             due = due_for_compaction(slots, self.start, self.stop, self._rows, more)
-            full = due[self.stop[due] + more > self._rows]
-        if len(due):
-            self._compact(due)
 
     def _compact(self, slots: Slots) -> None:
         """Move the observations of slots to the beginning of their rows."""
