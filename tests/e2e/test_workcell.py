@@ -12,7 +12,6 @@ from comotion_schemas.transport import declare_publisher
 
 pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_deploy import cli
 from comotion_sources.proprioception import JointSample, Kinematics
 from comotion_sources.workcell import Scene
 
@@ -139,31 +138,3 @@ def test_a_csv_log_is_played_and_ends(
     last = poses.until(lambda b: b.stamp_ns == 190_000_000)
     assert last.positions[-1] == pytest.approx(expected(scene, 190_000_000)[-1], abs=1e-5)
     assert process.wait() == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["workcell", "nope"], "no workcell scene 'nope'; one of arm,"),
-        (["workcell"], "which scene?"),
-        (["workcell", "truck", "--write-tum", "x", "--camera", "z"], "truck has no camera 'z'"),
-        (["proprioception", "none.urdf", "--joints", "ur"], "none.urdf: No such file"),
-        (["proprioception", "workcell:arm", "--csv", "none.csv"], "none.csv: no such file"),
-        (["proprioception", "workcell:arm", "--csv", "a", "--joints", "b"], "name one input"),
-        (["proprioception", "workcell:arm", "--link", "leg"], "no body 'leg'"),
-        (["proprioception", "workcell:arm", "--base", "1,2"], "--base 1,2: expected X,Y,Z"),
-    ],
-)
-def test_what_cannot_work_is_one_line_and_status_2(
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    arguments: list[str],
-    complaint: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert cli.run(["source", *arguments, "--connect", "tcp/127.0.0.1:1"]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert len(errors) == 1
-    assert errors[0].startswith("error: ")
-    assert complaint in errors[0]

@@ -11,8 +11,6 @@ import pytest
 import comotion
 from comotion_sources.runtime import SourcePublisher
 
-from ..command_line import refused
-
 TIMES = np.arange(60) / 30
 IDS = np.arange(30)
 
@@ -137,19 +135,6 @@ def test_a_scene_is_a_context_and_yields_each_update_once():
     assert len(list(online)) == 1
     with pytest.raises(comotion.Error, match="the scene is closed"):
         online.push(IDS, P[0], 3.0)
-
-
-@pytest.mark.parametrize(
-    ("arrays", "words"),
-    [
-        ({"positions": P, "times": TIMES * 1e3}, "look like milliseconds"),
-        ({"positions": P, "times": TIMES[::-1]}, "times do not increase"),
-        ({"positions": P[0], "times": TIMES}, "'positions' is not a 3-dimensional array"),
-    ],
-)
-def test_a_wrong_file_is_one_line(tmp_path, capsys, arrays, words):
-    np.savez(tmp_path / "mine.npz", **arrays)
-    assert words in refused(capsys, "evaluate", tmp_path / "mine.npz")
 
 
 def test_a_table_has_a_row_for_each_observation(monkeypatch):

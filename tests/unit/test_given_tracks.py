@@ -33,45 +33,38 @@ def log_odds(truth):
     return np.where(truth, 4.0, -4.0)
 
 
-def saved(form, tracks, seen):
-    """Arrays as the demos and predictors of a tracker give them."""
-    points_first = tracks.swapaxes(0, 1)
-    return {
-        "CoTracker": {"pred_tracks": tracks[None], "pred_visibility": seen[None, ..., None]},
-        "CoTracker, renamed": {"tracks": tracks[None].astype(np.float32), "visibility": seen[None]},
-        "TAPIR": {"tracks": points_first, "visibles": seen.T},
-        "TAPIR, as it leaves the network": {
-            "tracks": points_first[None],
-            "occlusion": log_odds(~seen.T)[None],
-            "expected_dist": np.full((1, POINTS, FRAMES), -9.0),
-        },
-        "TAP-Vid": {"points": points_first, "occluded": ~seen.T, "query_points": np.zeros((POINTS, 3))},
-        "PointOdyssey": {"trajs_2d": tracks, "visibs": seen},
-        "points first, said by nothing": {"tracks": points_first, "visibility": seen.T.astype(np.uint8)},
-        "frames first, said by the times": {
-            "tracks": tracks,
-            "visibles": seen,
-            "times": np.arange(FRAMES) / 10,
-        },
-    }[form]
+# Arrays as the demos and predictors of a tracker give them.
+FORMS = {
+    "CoTracker": lambda x, seen: {"pred_tracks": x[None], "pred_visibility": seen[None, ..., None]},
+    "CoTracker, renamed": lambda x, seen: {"tracks": x[None].astype(np.float32), "visibility": seen[None]},
+    "TAPIR": lambda x, seen: {"tracks": x.swapaxes(0, 1), "visibles": seen.T},
+    "TAPIR, as it leaves the network": lambda x, seen: {
+        "tracks": x.swapaxes(0, 1)[None],
+        "occlusion": log_odds(~seen.T)[None],
+        "expected_dist": np.full((1, POINTS, FRAMES), -9.0),
+    },
+    "TAP-Vid": lambda x, seen: {
+        "points": x.swapaxes(0, 1),
+        "occluded": ~seen.T,
+        "query_points": np.zeros((POINTS, 3)),
+    },
+    "PointOdyssey": lambda x, seen: {"trajs_2d": x, "visibs": seen},
+    "points first, said by nothing": lambda x, seen: {
+        "tracks": x.swapaxes(0, 1),
+        "visibility": seen.T.astype(np.uint8),
+    },
+    "frames first, said by the times": lambda x, seen: {
+        "tracks": x,
+        "visibles": seen,
+        "times": np.arange(FRAMES) / 10,
+    },
+}
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
-        "CoTracker",
-        "CoTracker, renamed",
-        "TAPIR",
-        "TAPIR, as it leaves the network",
-        "TAP-Vid",
-        "PointOdyssey",
-        "points first, said by nothing",
-        "frames first, said by the times",
-    ],
-)
+@pytest.mark.parametrize("form", FORMS)
 def test_every_tracker_gives_the_same_recording(scene, tmp_path, form):
     tracks, seen = scene
-    np.savez(tmp_path / "apple.npz", **saved(form, tracks, seen))
+    np.savez(tmp_path / "apple.npz", **FORMS[form](tracks, seen))
     found = read_recording(tmp_path / "apple.npz", 10.0)
     assert (found.unit, found.rate, len(found)) == ("px", pytest.approx(10.0), FRAMES)
     np.testing.assert_allclose(found.positions, np.where(seen[..., None], tracks, np.nan), rtol=1e-6)

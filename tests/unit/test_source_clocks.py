@@ -11,7 +11,7 @@ from comotion_schemas import Keys
 from ..builders import batch, status
 
 NOW = 1_700_000_000.0
-DELAY, TRIP = 0.002, 0.005
+DELAY = 0.002
 
 
 def clocks(*, correct: bool = True) -> SourceClocks:

@@ -50,9 +50,6 @@ def test_a_family_gives_the_same_messages_twice_and_every_feature_has_a_truth(na
     assert not np.array_equal(scene.lives.local[:10], other.lives.local[:10]), "another seed, another scene"
 
 
-RIGHT, ONE = [1] * 5 + [2] * 5, [1] * 10
-
-
 def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) -> None:
     out = tmp_path / "out"
     short = replace(FAMILIES["late_movers"], parameters={"first": 1.0, "every": 1.0, "duration": 4.0})

@@ -17,6 +17,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     np.savez(folder / "take.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) / 50)
     (folder / "cut.npz").write_bytes((folder / "take.npz").read_bytes()[:500])
+    np.savez(folder / "ms.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) * 20.0)
     (folder / "empty.npz").touch()
     (folder / "text.c3d").write_text("x" * 2000)
     (folder / "text.mp4").write_text("no video")
@@ -32,6 +33,16 @@ def files(tmp_path_factory):
     return folder
 
 
+OF_ROBOTS = [
+    ("source workcell nope", "no workcell scene 'nope'; one of arm,"),
+    ("source workcell", "which scene?"),
+    ("source workcell truck --write-tum x --camera z", "truck has no camera 'z'"),
+    ("source proprioception none.urdf --joints ur", "none.urdf: No such file"),
+    ("source proprioception workcell:arm --csv none.csv", "none.csv: no such file"),
+    ("source proprioception workcell:arm --csv a --joints b", "name one input"),
+    ("source proprioception workcell:arm --link leg", "no body 'leg'"),
+    ("source proprioception workcell:arm --base 1,2", "--base 1,2: expected X,Y,Z"),
+]
 WRONG = [
     ("confg", "No such command 'confg'"),
     ("config --sett a=1", "No such option: --sett"),
@@ -97,6 +108,7 @@ WRONG = [
     ),
     *((f"{command} {n}.mcap", f"{n}.mcap") for command in ("evaluate", "source replay") for n in "012"),
     ("evaluate nothing.npz", "nothing.npz: No such file"),
+    ("evaluate ms.npz", "look like milliseconds"),
     ("evaluate sim:fig4_4 --scene lab", "--scene is only for a running scene, without FILES"),
     ("evaluate --seeds 0-4", "--seeds is only for FILES"),
     ("evaluate sim:fig4_4 --set window=-1", "fusion parameter window"),
@@ -113,8 +125,12 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("command", "words"), WRONG, ids=[command for command, _ in WRONG])
+@pytest.mark.parametrize(
+    ("command", "words"), WRONG + OF_ROBOTS, ids=[command for command, _ in WRONG + OF_ROBOTS]
+)
 def test_what_cannot_be_done_is_one_line(capsys, monkeypatch, files, command, words):
+    if (command, words) in OF_ROBOTS:
+        pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
     monkeypatch.chdir(files)
     before = set(files.iterdir())
     assert words in refused(capsys, *shlex.split(command))
