@@ -104,7 +104,10 @@ class LabelMemory:
         known, before = self.labels[slots], self.labels[current]
         seen = np.zeros(window.capacity, np.bool_)
         seen[current] = True
-        if not self._continues(partition, seen[slots], known):
+        if self._continues(partition, seen[slots], known):
+            held = np.isin(np.arange(len(self.ids)), groups)
+            self.ids = np.where(held, self.ids, NO_HYPOTHESIS)
+        else:
             self._vote(window, partition, seen[slots], known, matching)
         now = np.append(self.ids, NO_HYPOTHESIS)[groups]
         self.labels[slots] = now
@@ -129,10 +132,7 @@ class LabelMemory:
         voting[groups[seen & partition.deciding & (old >= 0)]] = True
         holding = np.zeros(count + 1, np.bool_)
         holding[groups] = True
-        if strange.any() or (holding[:-1] != voting[:-1]).any():
-            return False
-        self.ids = np.where(holding[:-1], self.ids, NO_HYPOTHESIS)
-        return True
+        return not strange.any() and bool((holding[:-1] == voting[:-1]).all())
 
     def _vote(
         self, window: Window, partition: Partition, seen: Bools, known: Labels, matching: Matching
