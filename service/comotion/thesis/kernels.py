@@ -44,8 +44,7 @@ def fill_samples(
     stamps: Stamps,
     after: Stamps,
     until: Stamps,
-    origin: Floats,
-    samples: Floats32,
+    samples: Floats,
 ) -> None:
     """Write what n trajectories are at T ascending instants.
 
@@ -59,10 +58,8 @@ def fill_samples(
         int64 [T] ns.
     after, until
         int64 [n] ns: states later than one and no later than the other come or go.
-    origin
-        float64 [dim], from which places are measured.
     samples
-        float32 [strips, T, SAMPLE_PLANES, STRIP], zeros before; `WEIGHT` is the speed per second still.
+        float64 [strips, T, SAMPLE_PLANES, STRIP], zeros before; `WEIGHT` is the speed per second still.
     """
     for n in range(len(slots) if len(stamps) else 0):
         s, strip, inside = slots[n], rows[n] // STRIP, rows[n] % STRIP
@@ -75,7 +72,7 @@ def fill_samples(
             sample = samples[strip, t, :, inside]
             for c in range(positions.shape[2]):
                 before = positions[s, left, c]
-                sample[X + c] = before + share * (positions[s, right, c] - before) - origin[c]
+                sample[X + c] = before + share * (positions[s, right, c] - before)
             # Between observations the speed is that of the segment, which is kept where it ends.
             sample[WEIGHT] = speed[s, right]
             observed, changing = left == right, after[n] < stamps[t] <= until[n]
@@ -86,8 +83,8 @@ def fill_samples(
 @compiled(parallel=True)
 def update_blocks(
     sums: Floats,
-    samples: Floats32,
-    signs: Floats32,
+    samples: Floats,
+    signs: Floats,
     present: Bools,
     rate: float,
     place: Slots,
@@ -102,7 +99,7 @@ def update_blocks(
         float64 [blocks or more, PLANES, STRIP, STRIP]: block ``r * (r + 1) / 2 + c`` has strip r as rows and,
         as columns, strip c <= r.
     samples, signs
-        float32 [strips, T or more, SAMPLE_PLANES, STRIP] of :func:`fill_samples`, with weights; and [T], 1
+        float64 [strips, T or more, SAMPLE_PLANES, STRIP] of :func:`fill_samples`, with weights; and [T], 1
         where samples come and -1 where they go.
     present
         bool [strips, T, SAMPLE_PLANES]: whether any of a strip is not 0.
@@ -127,8 +124,8 @@ def update_blocks(
 def _update_block(
     block: Floats,
     number: np.int64,
-    samples: Floats32,
-    signs: Floats32,
+    samples: Floats,
+    signs: Floats,
     present: Bools,
     rate: float,
     place: Slots,
@@ -155,7 +152,7 @@ def _update_block(
 
 
 @compiled()
-def _counting(mine: Floats32, i: int) -> int:
+def _counting(mine: Floats, i: int) -> int:
     """Which plane of the others says whether they have a sample with row i at an instant.
 
     Both must have a state, one must be observed, and that of one come or go.
@@ -168,37 +165,21 @@ def _counting(mine: Floats32, i: int) -> int:
 
 
 @compiled(fastmath={"contract"})
-def _add_samples(
-    block: Floats, i: int, mine: Floats32, theirs: Floats32, signs: Floats32, chosen: Slots
-) -> None:
-    """Add the samples at some instants of row i to its sums.
-
-    Distances and weights are in single precision, as are places when they arrive. The sums are not: what a
-    sample has added is subtracted again to the last bits.
-    """
+def _add_samples(block: Floats, i: int, mine: Floats, theirs: Floats, signs: Floats, chosen: Slots) -> None:
+    """Add the samples at some instants of row i to its sums."""
     weights, first, second, samples = block[WEIGHTS, i], block[FIRST, i], block[SECOND, i], block[SAMPLES, i]
-    # Two instants a turn load and store the sums half as often.
-    for k in range(0, len(chosen), 2):
-        t, u = chosen[k], chosen[min(k + 1, len(chosen) - 1)]
+    for t in chosen:
         x, y, z, weight = mine[t, X, i], mine[t, Y, i], mine[t, Z, i], mine[t, WEIGHT, i]
-        later_x, later_y, later_z = mine[u, X, i], mine[u, Y, i], mine[u, Z, i]
-        later_weight = mine[u, WEIGHT, i]
         other, counts, sign = theirs[t], theirs[t, _counting(mine[t], i)], signs[t]
-        later, later_counts = theirs[u], theirs[u, _counting(mine[u], i)]
-        later_sign = signs[u] if u != t else np.float32(0.0)
         for j in range(STRIP):
             dx, dy, dz = x - other[X, j], y - other[Y, j], z - other[Z, j]
-            d = np.float64(np.sqrt(dx * dx + dy * dy + dz * dz))
-            dx, dy, dz = later_x - later[X, j], later_y - later[Y, j], later_z - later[Z, j]
-            later_d = np.float64(np.sqrt(dx * dx + dy * dy + dz * dz))
+            d = np.sqrt(dx * dx + dy * dy + dz * dz)
             # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-            count, later_count = sign * counts[j], later_sign * later_counts[j]
-            w = np.float64(count * max(weight, other[WEIGHT, j]))
-            later_w = np.float64(later_count * max(later_weight, later[WEIGHT, j]))
-            weights[j] += w + later_w
-            first[j] += w * d + later_w * later_d
-            second[j] += w * d * d + later_w * later_d * later_d
-            samples[j] += count + later_count
+            w = sign * counts[j] * max(weight, other[WEIGHT, j])
+            weights[j] += w
+            first[j] += w * d
+            second[j] += w * d * d
+            samples[j] += sign * counts[j]
 
 
 @compiled(fastmath={"contract"})

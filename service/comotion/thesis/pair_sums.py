@@ -27,11 +27,8 @@ _MIN_OBSERVATIONS = 2
 # Instants that wait for a pass at most: bounds the memory that their samples take.
 _MOST_INSTANTS = 64
 # What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
-# sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5. As far from the origin, single
-# precision leaves 1/25 of sigma_switch.
+# sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
 _FAR = 1e6
-# Places are cut off here (the unit matters little): their squares are finite in single precision.
-_FARTHEST = 1e15
 _NOWHERE, _NO_AFFINITIES = np.zeros(0, np.intp), np.zeros((0, 0), np.float32)
 
 
@@ -66,11 +63,9 @@ class PairSums:
         self._known: Stamps = np.zeros(0, np.int64)
         # How many observations of each slot have been taken in.
         self._held: Slots = np.zeros(0, np.intp)
-        # From where places are measured, float64 [dim].
-        self._origin: Floats = np.zeros(0)
         # Samples at the instants that wait, of which there are so many, and whether they come or go.
-        self._samples: Floats32 = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP), np.float32)
-        self._signs: Floats32 = np.zeros(_MOST_INSTANTS, np.float32)
+        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
+        self._signs: Floats = np.zeros(_MOST_INSTANTS)
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
 
@@ -153,7 +148,7 @@ class PairSums:
             return
         if self._waiting:
             self._pass()
-        self._samples = np.zeros((self.rows.strips, *self._samples.shape[1:]), np.float32)
+        self._samples = np.zeros((self.rows.strips, *self._samples.shape[1:]))
         if _blocks(self.rows.strips) > len(self.sums):
             # Twice as many at once: growing copies everything.
             grown = untouched_zeros((2 * _blocks(self.rows.strips), *self.sums.shape[1:]), np.float64)
@@ -169,7 +164,6 @@ class PairSums:
         self._fit(window)
         self.forget(np.flatnonzero(window.ended))
         slots = self._taking_part(window)
-        self._centre(window, slots)
         first, begin = self._first_new(window, slots), window.start[slots]
         # A late observation changes the segment that it divides, so all of its trajectory comes in again.
         late = (self._known[slots] != _NEVER) & (first - begin != self._held[slots])
@@ -185,14 +179,6 @@ class PairSums:
         after[fresh] = since
         self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
         self._known[slots], self._held[slots] = newest, window.counts(slots)
-
-    def _centre(self, window: Window, slots: Slots) -> None:
-        """Measure places from one of them, and begin again from another when all are far from there."""
-        places = window.positions[slots, window.stop[slots] - 1]
-        away = np.abs(places - self._origin).max(1) if len(self._origin) else np.full(len(slots), np.inf)
-        if away.min(initial=np.inf) > _FAR * self._sigma_switch and len(slots):
-            self.forget(slots)
-            self._origin = places[0].copy()
 
     def _first_new(self, window: Window, slots: Slots) -> Slots:
         """Which observation of each slot is the first that has not been taken in."""
@@ -237,9 +223,8 @@ class PairSums:
             wait = slice(self._waiting, self._waiting + len(stamps))
             samples = self._samples[:, wait]
             samples[:] = 0.0
-            fill_samples(*columns, slots, self.rows.of[slots], stamps, *of, self._origin, samples)
-            np.clip(samples[:, :, :WEIGHT], -_FARTHEST, _FARTHEST, out=samples[:, :, :WEIGHT])
-            samples[:, :, WEIGHT] = weight(samples[:, :, WEIGHT].astype(np.float64), self._v_move)
+            fill_samples(*columns, slots, self.rows.of[slots], stamps, *of, samples)
+            samples[:, :, WEIGHT] = weight(samples[:, :, WEIGHT], self._v_move)
             self._signs[wait] = sign
             self._waiting += len(stamps)
             first += len(stamps)
