@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
 from comotion.config import ThesisConfig
+from comotion.event_time.faults import warn_of
 from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
@@ -199,6 +200,7 @@ def run_offline(
         offline.ingest(arrived.batch)
     if due.ns <= end_ns:
         offline.update(due.ns)
+    warn_of(offline.fusion.faults(), stacklevel=2)
     if not offline.times:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
     return offline.run(start_ns, truth)

@@ -209,6 +209,16 @@ def test_normal_equations_are_those_of_the_definition(rng):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5 * np.abs(other).max(initial=1))
 
 
+def test_rows_that_are_hardly_seen_give_no_equations():
+    rng = np.random.default_rng(0)
+    y, w, tolerance = rows_of(rng, 3, 20, seen=0.0)
+    body, information = body_of(poses_of(rng, 20)), np.tile(np.eye(6), (20, 1, 1))
+    arrays, seconds = arrays_of(y, w, tolerance), np.arange(20) / 15
+    found = normal_equations(arrays, seconds, np.arange(3), body, information, np.zeros(3), 3, 3)
+    for one in found:
+        np.testing.assert_array_equal(one, np.zeros_like(one))
+
+
 @few
 @given(seeds, st.integers(0, 40))
 def test_resampling_is_that_of_the_plain_interpolation(rng, delay):

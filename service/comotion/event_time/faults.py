@@ -1,8 +1,9 @@
 """Collects what failed, and for whom. A fault costs a batch or a space, not the service."""
 
 import traceback
+import warnings
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -72,3 +73,10 @@ class Faults:
         found = list(self._kept)
         self._kept.clear()
         return found
+
+
+def warn_of(faults: Iterable[Fault], stacklevel: int) -> None:
+    """Warn of each fault, for callers without a log; `stacklevel` is that of :func:`warnings.warn` there."""
+    for fault in faults:
+        text = f"a defect of comotion, please report it: {fault.what}: {fault.error}"
+        warnings.warn(text, RuntimeWarning, stacklevel=stacklevel + 1)

@@ -16,6 +16,7 @@ from comotion_schemas.types import Unit
 
 from ..arrays import Floats, Labels
 from ..config import FusionConfig, to_ns
+from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
 from .given import (
@@ -146,8 +147,7 @@ def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Itera
         due = max(due, last + 1)
         fusion.ingest(batch)
     yield fusion.update(start_ns + due * period_ns)
-    for fault in fusion.faults():
-        warnings.warn(f"a defect of comotion, please report it: {fault.what}: {fault.error}", stacklevel=4)
+    warn_of(fusion.faults(), stacklevel=4)
     if fusion.stats.refused_rows:
         warnings.warn(
             f"{fusion.stats.refused_rows} observations were refused, and have the label -1: more than "

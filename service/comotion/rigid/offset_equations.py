@@ -71,9 +71,9 @@ def normal_equations(
     flat = (np.sqrt(inverse)[:, None, None, None] * design).reshape(-1, UNKNOWNS + 1)
     whole = flat.T @ flat
     J = pose_columns(mean[..., UNKNOWNS], dim) * np.sqrt(inverse)[:, None, None]
-    pose = seen.T @ (J.transpose(0, 2, 1) @ J).reshape(len(rows), -1)
-    by_frame = flat.reshape(len(rows), -1, 3, UNKNOWNS + 1).transpose(1, 0, 2, 3)
-    cross = J.reshape(-1, 6).T @ by_frame.reshape(len(seconds), -1, UNKNOWNS + 1)
+    pose = seen.T @ (J.transpose(0, 2, 1) @ J).reshape(len(rows), J.shape[2] ** 2)
+    by_frame = flat.reshape(*seen.shape, 3, UNKNOWNS + 1).transpose(1, 0, 2, 3)
+    cross = J.reshape(-1, 6).T @ by_frame.reshape(len(seconds), 3 * len(rows), UNKNOWNS + 1)
     coordinates = float(dim * seen.sum())
     any_seen = seen.any(0)
     taken, fewer = _eliminated(information[any_seen], pose.reshape(-1, 6, 6)[any_seen], cross[any_seen])
