@@ -100,8 +100,8 @@ class Space:
         Sources that say that the frame moves, where not all do.
     owner
         The source that was the first to observe something here; empty where nobody knows.
-    fed_ns, updated
-        When something came in last on the clock of arrivals, and in which update the space was updated last.
+    fed_ns
+        When something came in last, on the clock of arrivals.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Space:
         # Keys and update of what was listed last.
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.contradicting: list[str] = []
-        self.owner, self.fed_ns, self.updated = "", 0, -1
+        self.owner, self.fed_ns = "", 0
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self.drift = DriftCheck()
         self._groupings = 0
