@@ -19,18 +19,30 @@ MOST_MB = 500
 
 
 @pytest.mark.parametrize(
-    "attack",
+    ("attack", "named"),
     [
-        *("instants", "spaces", "new-spaces", "names", "carry", "lie", "statuses", "large", "tokens"),
+        ("spaces", ("over-budget", "limit")),
+        ("new-spaces", ("limit",)),
+        ("names", ("limit",)),
+        ("carry", ("contradicts-space",)),
+        ("large", ("limit",)),
+        *((attack, ()) for attack in ("instants", "lie", "statuses", "tokens")),
         # Without certificates, somebody says that the scene is his.
-        *("seize", "outrank"),
+        *((attack, ()) for attack in ("seize", "outrank")),
     ],
 )
-def test_an_attack_costs_its_source_alone(fair, attack) -> None:
+def test_an_attack_costs_its_source_alone(fair, attack, named) -> None:
     outcome = fair(attack)
     before, most, after = outcome.memory_mb
     assert attack not in {"large", "tokens"} or (most - before < MOST_MB and after - before < 60)
     assert attack not in {"seize", "outrank"} or outcome.updates > 50
+    assert not named or outcome.names_the_attacker(*named), outcome
+
+
+def test_many_instants_are_over_a_budget_that_any_machine_exceeds_with_them(fair) -> None:
+    """A twentieth of the time for storing: the attack takes an eighth where the suite was written."""
+    outcome = fair("instants", serve=("--set", "limits.processing=0.1"))
+    assert outcome.names_the_attacker("over-budget"), outcome
 
 
 def test_an_empty_batch_claims_no_space(enter) -> None:
