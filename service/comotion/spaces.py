@@ -22,7 +22,8 @@ from .event_time.instants import Instants
 from .event_time.stats import Key, Stats
 from .event_time.troubles import Troubles
 from .hypotheses.identity import IdAllocator
-from .partition import Method, SpaceSpec
+from .methods import make_method
+from .partition import SpaceSpec
 from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
@@ -33,7 +34,6 @@ _OF_ONE_SOURCE = 0.25
 _REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
 # Rows of an instant that are looked at, for each trajectory that there may be.
 _ROWS_FOR_A_TRACK = 2
-MakeMethod = Callable[[SpaceSpec], Method]
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Spaces:
 
     Attributes
     ----------
-    config, ids, stats, faults, make_method
+    config, ids, stats, faults
         Of the fusion.
     at_ns
         The clock of arrivals.
@@ -56,7 +56,6 @@ class Spaces:
     ids: IdAllocator
     stats: Stats
     faults: Faults
-    make_method: MakeMethod
     budget: Budget
     troubles: Troubles
     at_ns: int = 0
@@ -217,7 +216,7 @@ class Spaces:
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        space = Space(self.config, spec, self.make_method(spec), self.ids, self.stats)
+        space = Space(self.config, spec, make_method(self.config, spec), self.ids, self.stats)
         space.fed_ns = self.at_ns
         # In the order in which they were opened.
         self._spaces.pop(spec.name, None)

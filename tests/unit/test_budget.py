@@ -50,7 +50,7 @@ class TestInstants:
         assert found["many"].rejected["over-budget"] > 60
         assert found["many"].fused > 10, "he has his share"
         assert found["many"].waiting < 60
-        assert list(fusion.troubles()["over-budget"]) == ["many"]
+        assert list(fusion.timeline.troubles.lately()["over-budget"]) == ["many"]
         assert ("many", "over-budget") in of_fusion(fusion)
         honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
         assert (update.track_source == honest[0]).sum() == 12
@@ -68,7 +68,7 @@ class TestInstants:
         found = accounts(fusion)
         assert found["honest"].fused == found["honest"].batches - found["honest"].waiting
         assert fusion.stats.rejected["over-budget"] > 100
-        assert all(name.startswith("name") for name in fusion.troubles()["over-budget"])
+        assert all(name.startswith("name") for name in fusion.timeline.troubles.lately()["over-budget"])
 
     @pytest.mark.parametrize("spenders", ["a", "abc"])
     def test_a_pause_of_the_machine_mutes_nobody_for_long(self, spenders):
@@ -93,7 +93,7 @@ class TestRows:
         assert sorted(update.track_id.tolist()) == list(range(10))
         assert fusion.stats.observations == 30
         assert fusion.stats.refused_rows == 3 * 990
-        assert list(fusion.troubles()["limit"]) == ["large"]
+        assert list(fusion.timeline.troubles.lately()["limit"]) == ["large"]
         assert ("large", "limit") in of_fusion(fusion)
 
     def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
@@ -134,7 +134,7 @@ class TestSpaces:
                 fusion.ingest(batch("many", 40 * k + n, now, POINTS[:3], space=f"s{n}", ids=ids))
             self.grouped.append(0)
             update = fusion.update(now)
-            self.named |= set(fusion.troubles().get("over-budget", ()))
+            self.named |= set(fusion.timeline.troubles.lately().get("over-budget", ()))
             mine = np.array([one.name != "many" for one in update.sources])[update.track_source]
             places = update.track_position[mine].reshape(2, -1, 3)
             self.ages.append(np.abs(places - expected).max() / 0.02)

@@ -75,7 +75,7 @@ class Problems:
 def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
     found: Found = {}
-    for kind, evidence in fusion.troubles().items():
+    for kind, evidence in fusion.timeline.troubles.lately().items():
         found |= _each(kind, evidence, _TEXTS[kind])
     return found
 
