@@ -19,7 +19,7 @@ from .linking.linker import Linker
 from .partition import SpaceSpec
 from .saving import plain, refill, restored
 from .shedding import Effort
-from .space import SpaceUpdate
+from .space_update import SpaceUpdate
 
 
 class Header(NamedTuple):

@@ -27,7 +27,8 @@ from .partition import SpaceSpec
 from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
-from .space import Space, SpaceUpdate
+from .space import Space
+from .space_update import SpaceUpdate
 
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
@@ -167,12 +168,12 @@ class Spaces:
         self._note_troubles(sessions)
         doubted = self.troubles.sources("ids-reused", "ids-short-lived")
         numbers = [number for number, (source, _) in sessions.items() if source in doubted]
-        return [_doubted(updates[name], numbers) for name in sorted(updates)]
+        return [updates[name].doubted(numbers) for name in sorted(updates)]
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Take note of who drifts away from the others of a space, or alone says that it is carried."""
         for space in self:
-            for source in space.contradicting:
+            for source in space.carrying.contradicting:
                 text = f"that {space.spec.name} is carried, which others do not say"
                 self.troubles.note("contradicts-space", source, text)
             for number in space.drift.drifting:
@@ -309,11 +310,3 @@ class Spaces:
         ids = instant.batch.ids[instant.rows]
         found: Bools = np.any([space.index.find(ids, instant.session) >= 0 for space in others], axis=0)
         return found if found.any() else None
-
-
-def _doubted(update: SpaceUpdate, numbers: list[int]) -> SpaceUpdate:
-    """The same with half the confidence at most in what sessions say whose ids change hands."""
-    if not numbers:
-        return update
-    most = np.where(np.isin(update.sessions, numbers), 0.5, 1.0)
-    return replace(update, confidence=np.minimum(update.confidence, most))
