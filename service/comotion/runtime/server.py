@@ -24,7 +24,7 @@ from comotion_schemas.transport import SessionSettings
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .clocks import ClockName, EventClock, make_clock
+from .clocks import ClockName, EventClock, WallClock
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
@@ -109,7 +109,7 @@ def serve(options: ServeOptions) -> None:
         if presence is not None:
             presence.require()
         keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-        clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
+        clocks = SourceClocks(component, correct=options.correct_clocks)
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
         overload = Overload(to_ns(options.config.period))
@@ -183,8 +183,9 @@ class _Loop:
         self._component = component
         self._leadership = leadership
         self._housekeeping = housekeeping
-        self._clock = make_clock(options.clock, fusion.timeline.watermark_ns)
-        if isinstance(self._clock, EventClock):
+        self._clock = WallClock()
+        if options.clock == "event":
+            self._clock = EventClock(fusion.timeline.watermark_ns)
             fusion.timeline.follow_recordings()
         self._defects = DefectLog()
         self._head_start = HeadStart(to_ns(options.config.period))
