@@ -39,9 +39,9 @@ def test_an_attack_costs_its_source_alone(fair, attack, named) -> None:
     assert not named or outcome.names_the_attacker(*named), outcome
 
 
-def test_many_instants_are_over_a_budget_that_any_machine_exceeds_with_them(fair) -> None:
-    """A twentieth of the time for storing: the attack takes an eighth where the suite was written."""
-    outcome = fair("instants", serve=("--set", "limits.processing=0.1"))
+def test_many_instants_are_over_a_small_budget_on_any_machine(fair) -> None:
+    """Storing may take 17 ms a second; they take 41 where this was written, and the honest 3 in all."""
+    outcome = fair("instants", serve=("--set", "limits.processing=0.035"))
     assert outcome.names_the_attacker("over-budget"), outcome
 
 
