@@ -308,5 +308,11 @@ class Spaces:
         if not others:
             return None
         ids = instant.batch.ids[instant.rows]
-        found: Bools = np.any([space.index.find(ids, instant.session) >= 0 for space in others], axis=0)
+        # What has a trajectory here has none elsewhere.
+        unknown = home.index.find(ids, instant.session) < 0
+        if not unknown.any():
+            return None
+        taken = [space.index.find(ids[unknown], instant.session) >= 0 for space in others]
+        found: Bools = np.zeros(len(ids), bool)
+        found[unknown] = np.any(taken, axis=0)
         return found if found.any() else None
