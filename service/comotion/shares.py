@@ -31,9 +31,9 @@ class Turns:
     budget: Budget
     costly: set[str] = field(default_factory=set)
     _round: int = 0
-    # By space: in which round it was updated last, and what its last updates have cost, ns.
+    # By space: in which round it was updated last, and what each source has paid for its last updates, ns.
     _updated: dict[str, int] = field(default_factory=dict)
-    _costs: dict[str, deque[int]] = field(default_factory=dict)
+    _costs: dict[str, deque[dict[str, int]]] = field(default_factory=dict)
 
     def take(
         self, at_ns: int, shares: Mapping[str, Mapping[str, float]], update: Callable[[str], None]
@@ -70,7 +70,8 @@ class Turns:
                 with self.budget.charge(shares[name]):
                     update(name)
                 self._updated[name] = self._round
-                self._costs[name].append(self.budget.cost_ns)
+                cost_ns = self.budget.cost_ns
+                self._costs[name].append({one: round(part * cost_ns) for one, part in shares[name].items()})
             waiting = others
             if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
                 break
@@ -79,15 +80,20 @@ class Turns:
 
     def _costliest(self, shares: Mapping[str, Mapping[str, float]]) -> set[str]:
         """Sources whose spaces cost more than their share, and about as much as those of any other."""
-        known = {name: median_low(costs) for name, costs in self._costs.items() if costs}
+        paid = {name: _medians(costs) for name, costs in self._costs.items() if costs}
         # What has not been updated yet counts as others do.
-        usual_ns = median_low(known.values())
-        spent: dict[str, float] = {}
+        usual_ns = median_low(sum(one.values()) for one in paid.values())
+        spent: Counter[str] = Counter()
         for name, parts in shares.items():
-            for source, part in parts.items():
-                spent[source] = spent.get(source, 0.0) + part * known.get(name, usual_ns)
+            spent.update(paid.get(name) or {source: round(part * usual_ns) for source, part in parts.items()})
         least = max(self.budget.share_ns, _AS_COSTLY * max(spent.values()))
         return {source for source, cost_ns in spent.items() if cost_ns >= least}
+
+
+def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
+    """What each source has paid in the median."""
+    sources: set[str] = set().union(*costs)
+    return {source: median_low(one.get(source, 0) for one in costs) for source in sources}
 
 
 def allowance(spaces: Collection[Space], most: int, session: int, wanted: int) -> int:
