@@ -87,7 +87,7 @@ class Turns:
         for name, parts in shares.items():
             spent.update(paid.get(name) or {source: round(part * usual_ns) for source, part in parts.items()})
         least = max(self.budget.share_ns, _AS_COSTLY * max(spent.values()))
-        return {source for source, cost_ns in spent.items() if cost_ns >= least}
+        return {source for source, cost_ns in spent.items() if source and cost_ns >= least}
 
 
 def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
