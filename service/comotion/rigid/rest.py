@@ -25,7 +25,7 @@ _LEAST_REST = 0.5
 
 def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
     """The body with one pose for each rest, and a smooth path between them."""
-    if body.static:
+    if body.static or not body.posed.any():
         return body
     still = replace(body, R=body.R.copy(), t=body.t.copy())
     w = np.ascontiguousarray(frames.w[body.rows].T)

@@ -102,28 +102,29 @@ def _fit_path(
     of the smoother. `band` [F, 3] is room for the factors of the equations: L D L^T, with two bands below
     the diagonal.
     """
-    n = len(z)
+    n, columns = z.shape
     _factor(weight, pull, band)
-    cost = -channels * (n - 2) * np.log(pull)
+    mean = np.zeros(columns)
     for f in range(n):
-        cost += channels * np.log(band[f, 0])
-    for c in range(z.shape[1]):
-        mean = z[:, c].mean()
-        for f in range(n):
-            path[f, c] = weight[f] * (z[f, c] - mean)
-            if f > 0:
-                path[f, c] -= band[f - 1, 1] * path[f - 1, c]
-            if f > 1:
-                path[f, c] -= band[f - 2, 2] * path[f - 2, c]
-        for f in range(n - 1, -1, -1):
-            path[f, c] /= band[f, 0]
-            if f < n - 1:
-                path[f, c] -= band[f, 1] * path[f + 1, c]
-            if f < n - 2:
-                path[f, c] -= band[f, 2] * path[f + 2, c]
-            cost += share * weight[f] * (z[f, c] - mean) * (z[f, c] - mean - path[f, c])
-        for f in range(n):
-            path[f, c] += mean
+        for c in range(columns):
+            mean[c] += z[f, c] / n
+    # Frame by frame, as the columns of a frame do not wait for one another.
+    for f in range(n):
+        before, earlier = max(f - 1, 0), max(f - 2, 0)
+        one, two = (band[before, 1] if f > 0 else 0.0), (band[earlier, 2] if f > 1 else 0.0)
+        for c in range(columns):
+            path[f, c] = weight[f] * (z[f, c] - mean[c]) - one * path[before, c] - two * path[earlier, c]
+    cost = -channels * (n - 2) * np.log(pull)
+    for f in range(n - 1, -1, -1):
+        after, later, inverse = min(f + 1, n - 1), min(f + 2, n - 1), 1.0 / band[f, 0]
+        one, two, squares = band[f, 1], band[f, 2], 0.0
+        for c in range(columns):
+            path[f, c] = path[f, c] * inverse - one * path[after, c] - two * path[later, c]
+            squares += (z[f, c] - mean[c]) * (z[f, c] - mean[c] - path[f, c])
+        cost += channels * np.log(band[f, 0]) + share * weight[f] * squares
+    for f in range(n):
+        for c in range(columns):
+            path[f, c] += mean[c]
     return cost, _trace(weight, band)
 
 
