@@ -82,10 +82,10 @@ def settled(w, noise, b, dof, poses):
 
 
 def smooth(z, weight, moving, channels, share):
-    """(path, trace of the smoother) of z [F, C] under the most likely of six strengths of acceleration."""
+    """(path, trace of the smoother) of z [F, C] under the most likely of seven strengths of acceleration."""
     runs = [run for run in np.split(np.arange(len(z)), np.flatnonzero(np.diff(moving)) + 1) if moving[run[0]]]
     fits = []
-    for stiffness in (0.1, 1e1, 1e3, 1e5, 1e7, 1e9):
+    for stiffness in (1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8):
         path, free, cost, pull = z.copy(), 0.0, 0.0, stiffness * weight[moving].mean()
         for run in runs:
             if len(run) < 4:

@@ -8,8 +8,9 @@ from .records import PoseArrays
 from .rotation import planar_rotation, spatial_rotation
 
 # Variances of the noise of a pose over those of the accelerations of its body that are compared, per frame.
-# A hundredfold one smooths over three times as many frames: over none at first, in the end over a window.
-_STIFFNESS = (0.1, 1e1, 1e3, 1e5, 1e7, 1e9)
+# A hundredfold one smooths over three times as many frames: from over none, as people move before a camera
+# without noise, to over a window.
+_STIFFNESS = (1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8)
 # Frames without a rest, at least, that have a path: fewer are a line.
 _SHORTEST = 4
 
