@@ -40,7 +40,8 @@ def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
 
 def _holds(frames: Frames, body: Body) -> tuple[Floats, Floats, Floats]:
     """The middle of a body, [3], and how well its rows hold that and an angle, inverse variances [F] each."""
-    weight = frames.w[body.rows] * (frames.weight / frames.tolerance)[body.rows, None]
+    rows = body.rows
+    weight = frames.w[rows] * (frames.weight[rows] / frames.tolerance[rows])[:, None]
     middle = weight.sum(1) @ body.template / weight.sum()
     # An angle about an axis is held by the distances from that axis: in 3-D by two of three squares.
     squared = ((body.template - middle) ** 2).sum(1) * (2 / 3 if frames.dim == 3 else 1.0)
