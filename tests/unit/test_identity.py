@@ -3,8 +3,7 @@
 from itertools import count
 
 import numpy as np
-import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comotion.hypotheses.identity import Votes, name_groups
@@ -27,25 +26,6 @@ def test_what_two_sources_see_outweighs_as_many_features_of_a_third():
         assert found.tolist() == expected
 
 
-MATCHES = {
-    "newborn clusters are new": ([-1, -1, -1], [0, 1, 0], [100, 101, 100]),
-    "the numbers of clusters do not matter": ([5, 5, 7, 7], [1, 1, 0, 0], [5, 5, 7, 7]),
-    "newborns join their cluster": ([5, 5, -1, 7], [0, 0, 0, 1], [5, 5, 5, 7]),
-    "the larger part of a split keeps the id": ([5] * 5, [0, 0, 1, 1, 1], [100, 100, 5, 5, 5]),
-    "the larger part of a merger gives the id": ([5, 5, 7, 7, 7], [0] * 5, [7] * 5),
-    # 5 overlaps most with cluster 0 (3), which leaves 7 (2 there, 1 in cluster 1) with cluster 1.
-    "the largest overlap is matched first": ([5, 5, 5, 7, 7, 7], [0, 0, 0, 0, 0, 1], [5] * 5 + [7]),
-    "more clusters than hypotheses": ([5, 5, 5], [0, 1, 2], [5, 100, 101]),
-    "fewer clusters than hypotheses": ([5, 6, 7], [0, 0, 0], [5, 5, 5]),
-    "no match without a shared trajectory": ([5, 5, -1, -1], [0, 0, 1, 1], [5, 5, 100, 100]),
-}
-
-
-@pytest.mark.parametrize(("before", "clusters", "expected"), MATCHES.values(), ids=MATCHES)
-def test_clusters_take_the_ids_of_the_hypotheses_that_they_continue(before, clusters, expected):
-    assert propagate(np.array(before), np.array(clusters, np.intp), count(100).__next__).tolist() == expected
-
-
 def struck(shared: np.ndarray) -> list[tuple[int, int]]:
     """The rule of the thesis word by word."""
     left, pairs = shared.copy(), []
@@ -62,21 +42,18 @@ def test_sorting_the_overlaps_gives_the_pairs_of_the_rule(rows, columns, most, s
     assert largest_first(shared) == struck(shared)
 
 
-labels = st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30)
-
-
-@given(rows=labels)
-def test_ids_are_one_to_one_with_clusters_and_matches_are_shared(rows):
+@given(st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30))
+@example([(5, 0)] * 3 + [(7, 0)] * 2 + [(7, 1)])  # 5 overlaps most with 0, which leaves 7 with 1
+def test_clusters_take_the_ids_of_the_hypotheses_that_they_continue_and_others_new_ones(rows):
     before = np.array([b for b, _ in rows], np.int64)
     # Cluster numbers without gaps.
     clusters = np.unique([c for _, c in rows], return_inverse=True)[1].astype(np.intp)
+    old = before != NO_HYPOTHESIS
+    known, row = np.unique(before[old], return_inverse=True)
+    shared = np.zeros((len(known), clusters.max(initial=-1) + 1), int)
+    np.add.at(shared, (row, clusters[old]), 1)
+    new = count(100)
+    continued = {c: int(known[h]) for h, c in struck(shared)}
+    expected = {c: continued[c] if c in continued else next(new) for c in sorted(set(clusters.tolist()))}
     now = propagate(before, clusters, count(100).__next__)
-    assert len(set(zip(now.tolist(), clusters.tolist(), strict=True))) == len(set(now.tolist()))
-    assert len(set(now.tolist())) == len(set(clusters.tolist()))
-    for label in set(now.tolist()):
-        if label < 100:
-            assert ((before == label) & (now == label)).any()
-        else:
-            # A new hypothesis: all its members' old ones have found another cluster.
-            old = set(before[now == label].tolist()) - {NO_HYPOTHESIS}
-            assert old <= set(now.tolist())
+    assert now.tolist() == [expected[c] for c in clusters.tolist()]
