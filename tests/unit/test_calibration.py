@@ -170,15 +170,6 @@ def test_markers_are_found_with_their_pose() -> None:
     assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(1.5)
 
 
-def test_extrinsics_compose_and_invert() -> None:
-    first, second = pose((0.1, 0.2, 0.3), (1, 2, 3)), pose((-0.5, 0.1, 0.9), (0.1, -1, 0))
-    points = np.random.default_rng(0).normal(size=(5, 3))
-    np.testing.assert_allclose(second.after(first).apply(points), second.apply(first.apply(points)))
-    np.testing.assert_allclose(first.inverse().apply(first.apply(points)), points, atol=1e-12)
-    again = Extrinsics.from_quaternion(first.quaternion, first.translation)
-    np.testing.assert_allclose(again.rotation, first.rotation, atol=1e-12)
-
-
 def write(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8")
     return path

@@ -87,14 +87,6 @@ def test_a_crowd_at_rest_is_one_hypothesis_however_noise_differs():
             assert (update.track_hypothesis != UNDETERMINED).mean() > 0.99
 
 
-def test_same_batches_give_the_same_updates_bit_for_bit_with_a_subset_too():
-    once, again = ([u for _, u, _ in updates_of(Crowd(400, 4), 2.0)] for _ in range(2))
-    for a, b in zip(once, again, strict=True):
-        np.testing.assert_array_equal(a.track_hypothesis, b.track_hypothesis)
-        np.testing.assert_array_equal(a.track_confidence, b.track_confidence)
-        assert a.hypotheses == b.hypotheses
-
-
 @pytest.mark.parametrize("scene", ["3d_4", "fig4_4"])
 def test_a_subset_finds_what_everybody_would(scene, monkeypatch):
     spec = simulator.load_scene(scene)

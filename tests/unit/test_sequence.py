@@ -18,7 +18,7 @@ def sight(numbers, counter=None):
 streams = st.sampled_from([("cam", A), ("cam", B), ("arm", A)])
 
 
-@given(st.lists(st.tuples(streams, st.integers(0, 50))), st.booleans(), st.integers(0, 20))
+@given(st.lists(st.tuples(streams, st.integers(0, 12))), st.booleans(), st.integers(0, 20))
 def test_every_number_of_a_session_is_new_once_and_what_is_missing_since_the_first_was_lost(
     numbers, from_zero, restart
 ):

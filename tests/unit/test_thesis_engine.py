@@ -3,7 +3,7 @@
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import HypothesesConfig, ThesisConfig
+from comotion.config import ThesisConfig
 
 from ..builders import MS, T0, batch, labels_of
 
@@ -89,17 +89,6 @@ def test_a_body_that_is_hidden_and_comes_back_within_the_window_keeps_its_id():
     scene.run(30, both)
     assert scene.labels == before
     assert [kind for kind, _, _ in scene.told()] == ["born", "split", "absent", "returned"]
-
-
-def test_a_body_that_stays_away_for_longer_than_the_memory_has_ended():
-    hypotheses = HypothesesConfig(memory=1.0)
-    scene = Scene(CONFIG.model_copy(update={"window": 2.0, "hypotheses": hypotheses}))
-    scene.run(40, both)
-    gone = scene.labels[10]
-    scene.run(60, REST)
-    assert scene.told()[-2:] == [("absent", gone, []), ("ended", gone, [])]
-    scene.run(40, lambda frame: REST | passing(frame - 60))
-    assert gone not in scene.labels.values()
 
 
 def test_a_forgotten_hypothesis_ends_and_its_features_are_grouped_as_new_ones():

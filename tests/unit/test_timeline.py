@@ -216,12 +216,6 @@ class TestAcrossRestarts:
         assert clock.timeline.ledger.accounts()["cam", "a" * 16].lost == 4
 
 
-def test_a_repeated_batch_is_a_duplicate_and_is_not_fused(clock):
-    clock.feed(batch("a", 0, T0), batch("a", 0, T0), batch("a", 1, T0 + MS), batch("a", 0, T0))
-    assert len(clock.at(MS)) == 2
-    assert clock.stats.duplicates == 2
-
-
 def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
     for k in range(40):
         clock.feed(batch("a", k, T0 + k * 30 * MS))
