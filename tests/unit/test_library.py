@@ -1,8 +1,6 @@
 """The library gives what the processes give."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +15,6 @@ from comotion_sources import simulator
 from comotion_sources.runtime import SourcePublisher
 
 CONFIG = FusionConfig(period=0.2)
-
-
-def test_the_core_is_imported_at_its_first_use():
-    code = (
-        "import sys, comotion; from comotion import FusionConfig; FusionConfig();"
-        "assert 'numba' not in sys.modules; assert set(comotion.__all__) <= set(dir(comotion));"
-        "from comotion import *; assert not Fusion(FusionConfig()).spaces; assert 'numba' in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        comotion.nothing  # noqa: B018
 
 
 def last_update(messages):
