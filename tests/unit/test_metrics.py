@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import normalized_mutual_info_score
 
-from comotion_clients.metrics import (
-    Truth,
-    bodies_of,
-    label_switches,
-    misclassification,
-    nmi,
-    score_update,
-)
+from comotion_clients.metrics import Truth, bodies_of, label_switches, misclassification, nmi, score_update
 from comotion_clients.scoring import Observed, Tally
 from comotion_clients.tracking import Tracking
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch, SourceRef, TruthBatch

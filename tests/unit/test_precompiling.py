@@ -7,14 +7,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from comotion import precompiling
-from comotion.precompiling import (
-    Task,
-    compile_ahead,
-    entries,
-    load,
-    read_types,
-    spelled,
-)
+from comotion.precompiling import Task, compile_ahead, entries, load, read_types, spelled
 
 # What a first call needs, less what was listed.
 LEFT = """

@@ -1,4 +1,4 @@
-"""Stress scenes: deterministic, true to what they say; the metrics on moments made by hand."""
+"""Stress scenes and images: deterministic, true to what they say; the command."""
 
 import json
 from dataclasses import replace
@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
-from comotion_experiments.stress import (
-    FAMILIES,
-    IMAGE_FAMILIES,
-    catalogue,
-    run_image_family,
-)
+from comotion_experiments.stress import FAMILIES, IMAGE_FAMILIES, catalogue, run_image_family
 from comotion_experiments.stress.observe import EPOCH_NS, messages_of
 from comotion_experiments.stress.scene import Scene
 from comotion_schemas import encode
