@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
-from comotion_schemas import decode
 from comotion_schemas.ros_types import store
 from comotion_sources.errors import InputError
 from comotion_sources.proprioception.cdr import JOINT_STATE, decode_message, from_message, ros_key
@@ -118,21 +117,17 @@ def test_any_bytes_are_refused_or_read(kind, rest):
             continue
 
 
-class Sent(list):
-    put = list.append
-
-
 def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     source = SourcePublisher("ros2", space="world", unit="m", dim=3, drop_invalid=True)
-    source._publishers["obs"] = Sent()
+    sent = []
+    source.put = sent.append
     relay, key = _Relay(source, Ros2Source(topic="/tf")), "0/tf/tf2_msgs::msg::dds_::TFMessage_/H"
     relay.take(key, tf(transform("a", 1.0)), 0)
     relay.take(key, tf(transform("b", 1.0, frame="odom")), 0)
     relay.take(key, b"nonsense", 0)
     relay.take("0/tf/std_msgs::msg::dds_::String_/H", b"", 0)
     relay.take(key, tf(transform("a", float("inf")), transform("c", 2.0)), 0)
-    batches = [decode(one) for one in source._publishers["obs"]]
-    assert [b.ids.tolist() for b in batches] == [[0], [2]]
+    assert [batch.ids.tolist() for batch in sent] == [[0], [2]]
     assert source.dropped == {"space-mismatch": 1, "malformed": 1, "schema": 1, "non-finite": 1}
     assert source._status().feature_names == {"0": "a", "1": "b", "2": "c"}
 
