@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from comotion import Fusion
+from comotion.event_time.instants import Instants, SessionEnded
+from comotion.event_time.timeline import Timeline
 from comotion_schemas import (
     UNDETERMINED,
     Hypothesis,
@@ -97,3 +99,12 @@ def play(
 def restored(fusion: Fusion, *, clean: bool = False) -> Fusion:
     """A fusion that goes on from a snapshot of another."""
     return Fusion.restore(fusion.config, fusion.snapshot(clean=clean))
+
+
+def fused(timeline: Timeline, now_ns: int) -> list[Instants | SessionEnded]:
+    """What comes out of an advance; all of it is fused."""
+    events = list(timeline.advance(now_ns))
+    for event in events:
+        if isinstance(event, Instants):
+            timeline.done(event)
+    return events

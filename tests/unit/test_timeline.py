@@ -9,7 +9,7 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
 from .. import builders
-from ..builders import MS, T0, S
+from ..builders import MS, T0, S, fused
 
 
 def batch(source, seq, stamp_ns, ids=(1,), **fields):
@@ -36,10 +36,7 @@ class Clockwork:
 
     def advance(self, now_ns):
         """What comes out of an advance; all of it is fused."""
-        events = list(self.timeline.advance(T0 + now_ns))
-        for event in events:
-            if isinstance(event, Instants):
-                self.timeline.done(event)
+        events = fused(self.timeline, T0 + now_ns)
         assert self.stats.batches == self.stats.settled()
         return events
 
