@@ -174,13 +174,13 @@ def make_frames(
     limits = _limits(tracks, gap_ns, config)
     curves = _curves(tracks, tracks.extent)
     owner, weight = _owners(curves)
-    y, w = _interpolated(tracks, curves, stamps, limits)
     covariance = _noise(tracks, estimates, curves, limits.gap)
+    noise = _mean_variance(covariance, tracks.dim)
+    y, w = _interpolated(tracks, curves, stamps, limits, noise)
     seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
     spread(y, w, seen, squared)
     life = np.zeros(len(tracks.key))
     np.maximum.at(life, owner, seen / config.frame_rate)
-    noise = _mean_variance(covariance, tracks.dim)
     deformation, resting = _deformation(squared, tracks.extent, config)
     covariance += deformation[:, None, None] * np.eye(3)
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
@@ -207,7 +207,9 @@ def extended(
     """
     curves = _curves(tracks, frames.extent)
     owner, weight = _owners(curves)
-    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config))
+    variance = np.full(len(tracks.key), np.inf)
+    variance[frames.owner] = frames.noise
+    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config), variance[owner])
     names, count = _names(tracks.key, owner), len(frames.owner)
     order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
     at = find(frames.names, names[order])
@@ -329,9 +331,9 @@ def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> Limits:
 
 
 def _interpolated(
-    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits
+    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits, variance: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions [P, F, 3] and weights [P, F] of all rows."""
+    """Positions [P, F, 3] and weights [P, F] of all rows, of which float64 [P] is the noise."""
     total = sum(len(c.own) for c in curves)
     y, w = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps)))
     first, corrected = 0, tracks.corrected
@@ -339,7 +341,7 @@ def _interpolated(
         rows, own = slice(first, first + len(c.own)), c.own
         first = rows.stop
         own_limits = Limits(limits.gap[own], limits.hold[own], limits.delay[own])
-        resample(c.observations, stamps, own_limits, y[rows], w[rows])
+        resample(c.observations, stamps, own_limits, variance[rows], y[rows], w[rows])
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
             some = np.flatnonzero(corrected[own])
