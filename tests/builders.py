@@ -1,10 +1,13 @@
 """Messages for tests: a test names what matters to it, the rest has a plain value."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from comotion import Fusion
+from comotion.event_time.instants import Instants, SessionEnded
+from comotion.event_time.timeline import Timeline
 from comotion_schemas import (
     UNDETERMINED,
     Hypothesis,
@@ -18,6 +21,8 @@ SESSION = "a" * 16
 MS = 1_000_000
 S = 1_000 * MS
 T0 = 1_700_000_000 * S
+Source = Callable[[int, int], ObservationBatch | None]
+"""What a source sends at a frame and its time in ns, if anything."""
 
 
 def batch(
@@ -74,3 +79,32 @@ def status(component: str = "fusion", role: str = "service", **fields) -> Status
 def labels_of(update: HypothesisUpdate) -> dict[int, int]:
     """Hypothesis of each feature; of the last source where two share an id."""
     return dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+
+
+def play(
+    fusion: Fusion, frames: Iterable[int], *sources: Source, rate: float = 30, every: int = 1
+) -> list[HypothesisUpdate]:
+    """Feed frames of sources at a rate, in Hz; returns the updates, one for so many frames."""
+    updates = []
+    for k in frames:
+        now = T0 + round(k * S / rate)
+        for source in sources:
+            if (seen := source(k, now)) is not None:
+                fusion.ingest(seen)
+        if k % every == every - 1:
+            updates.append(fusion.update(now))
+    return updates
+
+
+def restored(fusion: Fusion, *, clean: bool = False) -> Fusion:
+    """A fusion that goes on from a snapshot of another."""
+    return Fusion.restore(fusion.config, fusion.snapshot(clean=clean))
+
+
+def fused(timeline: Timeline, now_ns: int) -> list[Instants | SessionEnded]:
+    """What comes out of an advance; all of it is fused."""
+    events = list(timeline.advance(now_ns))
+    for event in events:
+        if isinstance(event, Instants):
+            timeline.done(event)
+    return events

@@ -105,7 +105,7 @@ def test_joint_states_live_from_rmw_zenoh(
     start, endpoint: str, session: zenoh.Session, listen, heard
 ) -> None:
     pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
-    from ..reference.joint_states import encode_sample
+    from ..ros_messages import encode_sample
 
     scene = Scene.named("arm")
     poses = listen(session, KEYS.stream("obs", "robot"), "obs")

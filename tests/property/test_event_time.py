@@ -14,7 +14,7 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
 from .. import builders
-from ..builders import MS, T0, S
+from ..builders import MS, T0, S, fused
 
 CONFIG = FusionConfig(window=2.0)
 LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
@@ -63,10 +63,7 @@ class Run:
 
     def advance(self):
         """What comes out; all of it is fused."""
-        events = list(self.timeline.advance(self.now))
-        for event in events:
-            if isinstance(event, Instants):
-                self.timeline.done(event)
+        events = fused(self.timeline, self.now)
         assert self.stats.batches == self.stats.settled()
         return events
 
@@ -190,9 +187,7 @@ def test_accounts_are_those_of_an_accountant_over_restarts_of_the_service(seed):
             service.receive(batch_of(source, "0" * 16, seq, [stamp_ms]))
             seen[source].add(seq)
             came[source] += 1
-        for event in service.advance(T0 + now_ms * MS):
-            if isinstance(event, Instants):
-                service.done(event)
+        fused(service, T0 + now_ms * MS)
         what = chance.random()
         if what < 0.1:
             written = copy.deepcopy((service.state(), seen, came))

@@ -1,6 +1,9 @@
 """The incremental sums hold what (3.2), (3.3) and (3.5) say, whatever happened to the window."""
 
+import math
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -70,6 +73,7 @@ def test_sums_equal_the_definitions(script, v_move, every):
             checked = arrival
             both.check()
     both.check()
+    both.check_affinities()
 
 
 @settings(max_examples=20)
@@ -106,3 +110,36 @@ def test_the_equations_equal_the_definitions(scene, v_move):
                 np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
                 want = literal.affinity(one, other, gap, v_move, 0.02)
                 np.testing.assert_allclose(equations.affinity(np.array(found), 0.02), want, rtol=1e-6)
+
+
+def test_weight_is_0_9_at_the_target_velocity_and_small_but_not_zero_at_rest():
+    w = equations.weight(np.array([0.0, 0.1, 1.0]), 0.1)
+    assert w == pytest.approx([0.0023, 0.9, 1.0], rel=0.01)
+
+
+def at(ms: float) -> int:
+    return T0 + round(ms * MS)
+
+
+@pytest.mark.parametrize("wild", [(0, 1000), (1000,)])
+def test_a_wild_observation_leaves_no_trace_after_it_has_gone(wild):
+    both = SideBySide(2, 0.1)
+    rng = np.random.default_rng(0)
+    for ms in range(0, 3000, 50):
+        points = {k: np.array([k, 0.0]) + rng.normal(0, 1e-3, 2) for k in range(4)}
+        if ms in wild:
+            points[2] = np.array([1e9, -1e9])
+        both.observe(at(ms), {k: tuple(x) for k, x in points.items()})
+        both.evict(at(ms) - both.span)
+        if ms in (1950, 2000, 2050, 2500):
+            both.check()
+    assert len(both.slots) == 4
+
+
+@pytest.mark.parametrize("step", [0, 30])
+def test_small_motion_far_apart_keeps_its_digits(step):
+    both = SideBySide(2, 0.1)
+    for ms in range(0, 1000, 100):
+        both.observe(at(ms), {0: (0.0, 0.0)})
+        both.observe(at(ms + step), {1: (1e3 + 1e-3 * math.sin(ms), 0.0)})
+    both.check_affinities()

@@ -8,25 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.differences import difference_covariances
-from comotion.rigid.kernels.distances import (
-    distance_deviation,
-    farthest_points,
-)
+from comotion.rigid.kernels.distances import distance_deviation, farthest_points
 from comotion.rigid.kernels.paths import smooth_poses
 from comotion.rigid.kernels.procrustes import fit_poses
-from comotion.rigid.kernels.records import (
-    ROUND,
-    Limits,
-    Observations,
-    PoseArrays,
-    RowArrays,
-)
+from comotion.rigid.kernels.records import ROUND, Limits, Observations, PoseArrays, RowArrays
 from comotion.rigid.kernels.resampling import resample
 from comotion.rigid.kernels.residuals import body_costs
 from comotion.rigid.kernels.rest import settle
-from comotion.rigid.kernels.rotation import (
-    spatial_rotation,
-)
+from comotion.rigid.kernels.rotation import spatial_rotation
 from comotion.rigid.offset_equations import normal_equations
 from comotion.rigid.procrustes import Body, align
 from comotion.rigid.slow_noise import variograms

@@ -1,4 +1,4 @@
-"""Camera models, calibration files, targets and the pose between two cameras."""
+"""Camera models, calibration files, targets, the pose between two cameras, and cameras that are carried."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from comotion_schemas import Pose
+from comotion_schemas.rigid import matrix, pose_of, transform
 from comotion_sources.calibration import (
     CalibrationError,
     Extrinsics,
@@ -17,9 +19,16 @@ from comotion_sources.calibration import (
     read_calibration,
 )
 from comotion_sources.cameras import Frame
+from comotion_sources.frames import MessageBuilder
+from comotion_sources.klt.carrier import Carrier, CarrierName
+from comotion_sources.klt.observer import CameraSpace, Observer
+from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
 from comotion_sources.pair_calibration.session import calibrate_pair
 from comotion_sources.pair_calibration.targets import parse_target
+from comotion_sources.poses import PoseBuffer, read_trajectory
+
+from ..builders import MS, batch
 
 CAMERA_A = Intrinsics(640, 480, 560.0, 555.0, 322.0, 238.5)
 CAMERA_B = Intrinsics(800, 600, 700.0, 700.0, 405.0, 295.0, np.array([-0.12, 0.05, 0.001, -0.002, 0.0]))
@@ -170,15 +179,6 @@ def test_markers_are_found_with_their_pose() -> None:
     assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(1.5)
 
 
-def test_extrinsics_compose_and_invert() -> None:
-    first, second = pose((0.1, 0.2, 0.3), (1, 2, 3)), pose((-0.5, 0.1, 0.9), (0.1, -1, 0))
-    points = np.random.default_rng(0).normal(size=(5, 3))
-    np.testing.assert_allclose(second.after(first).apply(points), second.apply(first.apply(points)))
-    np.testing.assert_allclose(first.inverse().apply(first.apply(points)), points, atol=1e-12)
-    again = Extrinsics.from_quaternion(first.quaternion, first.translation)
-    np.testing.assert_allclose(again.rotation, first.rotation, atol=1e-12)
-
-
 def write(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8")
     return path
@@ -215,3 +215,87 @@ def test_our_toml_round_trips(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.extrinsics.rotation, where.rotation, atol=1e-15)
     np.testing.assert_array_equal(back.extrinsics.translation, where.translation)
     assert back.extrinsics.frame == 'cell "3"'
+
+
+def test_poses_are_interpolated_between_their_stamps_and_not_beyond():
+    buffer = PoseBuffer()
+    assert buffer.at(0) is None
+    buffer.add(0, pose((0, 0, 0), (0, 0, 0)))
+    buffer.add(100 * MS, pose((0, 0, 1), (2, 0, 0)))
+    found = buffer.at(25 * MS)
+    assert found.translation == pytest.approx([0.5, 0, 0])
+    assert Rotation.from_matrix(found.rotation).as_rotvec() == pytest.approx([0, 0, 0.25])
+    assert buffer.at(100 * MS).translation == pytest.approx([2.0, 0, 0])
+    assert buffer.at(101 * MS) is None
+    assert buffer.at(-1) is None
+
+
+def test_a_trajectory_file_is_read_to_the_nanosecond(tmp_path):
+    file = tmp_path / "groundtruth.txt"
+    file.write_text(
+        "# stamp tx ty tz qx qy qz qw\n\n1305031102.175304 1 2 3 0 0 0 1\n1305031102.2 2 2 3 0 0 0 1\n"
+    )
+    buffer = read_trajectory(file)
+    assert buffer.newest_ns == 1305031102_200_000_000
+    assert buffer.at(1305031102_175_304_000).translation == pytest.approx([1, 2, 3])
+
+
+def test_the_carrier_takes_its_own_poses_only():
+    buffer = PoseBuffer()
+    carrier = Carrier.__new__(Carrier)
+    carrier._name, carrier._poses = CarrierName.parse("robot:3"), buffer
+    positions, turns = [[9, 9, 9], [1, 0, 0], [2, 0, 0]], [[0, 0, 0, 1]] * 3
+    stamps = {"stamp_ns": 20, "stamps_ns": [20, 10, 20]}
+    carrier.add(batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps))
+    assert buffer.at(10).translation == pytest.approx([1, 0, 0])
+    assert buffer.newest_ns == 20
+    with pytest.raises(ValueError, match="SOURCE:ID"):
+        CarrierName.parse("robot:left")
+
+
+def test_features_are_published_in_the_world_by_the_pose_at_their_stamp():
+    buffer = PoseBuffer()
+    buffer.add(0, pose((0, 0, 0), (0, 0, 0)))
+    buffer.add(100 * MS, pose((0, 0, 0), (1, 0, 0)))
+    space = CameraSpace("world", "m", 3, Intrinsics(10, 10, 5.0, 5.0, 5.0, 5.0))
+    builder = MessageBuilder(source="klt", session="0" * 16, space="world", unit="m", dim=3)
+    observer = Observer(space, builder, poses=buffer)
+
+    def seen(stamp):
+        tracks = Tracks(
+            stamp_ns=stamp,
+            ids=np.array([4], np.uint64),
+            pixels=np.zeros((1, 2), np.float32),
+            pixel_sigma=np.ones(1),
+            points=np.array([[0.0, 0.0, 2.0]]),
+            sigma=np.array([0.01]),
+            born=np.zeros(1, bool),
+            ended=np.zeros(0, np.uint64),
+        )
+        (batch,) = observer.messages(tracks, Frame(stamp, np.zeros((10, 10), np.uint8)))
+        return batch
+
+    assert seen(50 * MS).positions[0] == pytest.approx([0.5, 0, 2])
+    assert len(seen(150 * MS).ids) == 0
+    assert observer.unposed == 1
+
+
+POSES = [
+    Pose(translation=[1.0, -2.0], rotation=0.7),
+    Pose(translation=[1.0, -2.0, 3.0], rotation=[0.5, 0.5, 0.5, 0.5]),
+]
+
+
+@pytest.mark.parametrize("pose", POSES, ids=["2-D", "3-D"])
+def test_a_pose_comes_back_and_moves_points_as_it_says(pose):
+    dim = len(pose.translation)
+    found = pose_of(transform(pose), dim)
+    assert found.translation == pytest.approx(pose.translation)
+    assert found.rotation == pytest.approx(pose.rotation)
+    point = np.array([0.3, -0.4, 0.5])[:dim]
+    moved = transform(pose).apply([*point, 0.0][:3])
+    assert moved[:dim] == pytest.approx(matrix(pose.rotation) @ point + pose.translation)
+
+
+def test_an_angle_turns_from_x_to_y():
+    assert matrix(np.pi / 2) @ [1.0, 0.0] == pytest.approx([0.0, 1.0])

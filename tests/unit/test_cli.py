@@ -1,8 +1,6 @@
 """The command line: precedence of values, errors in one line, the processes of a file."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -24,16 +22,6 @@ def effective(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, 
     assert run(["config", "--json", *arguments]) == 0
     values: dict[str, Any] = json.loads(capsys.readouterr().out)
     return values
-
-
-def test_help_does_not_import_what_is_heavy() -> None:
-    heavy = ("numpy", "zenoh", "sklearn", "scipy", "pydantic.dataclasses", "comotion", "comotion_schemas")
-    script = (
-        "import sys; from comotion_deploy.cli import run; run(['--help']);"
-        f"print(sorted(set(sys.modules) & set({heavy!r})))"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_a_flag_beats_the_environment_beats_the_file_beats_the_default(

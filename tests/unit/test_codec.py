@@ -1,31 +1,14 @@
 """Every rejection of the codec with the reason the protocol names for it."""
 
-import subprocess
-import sys
+from dataclasses import replace
+from pathlib import Path
 
 import msgpack
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from comotion_schemas import (
-    MAX_BYTES,
-    UNDETERMINED,
-    Box,
-    DecodeError,
-    Event,
-    JointStates,
-    ObservationBatch,
-    Pose,
-    Preview,
-    TruthBatch,
-    Twist,
-    decode,
-    decode_on,
-    encode,
-)
-
-from ..builders import SESSION, batch, hypothesis, status, update
+from comotion_schemas import MAX_BYTES, DecodeError, decode, decode_on, encode
 
 NAN, INF = float("nan"), float("inf")
 ABSENT = object()
@@ -43,57 +26,16 @@ def f4(*values):
     return np.array(values, "<f4").tobytes()
 
 
-def content(message):
-    """The map of a message."""
-    return msgpack.unpackb(encode(message))
+def golden(name):
+    """The map of a valid message."""
+    path = Path(__file__).parents[1] / "golden" / f"{name}.msgpack"
+    return msgpack.unpackb(path.read_bytes())
 
 
-HEADER = {"source": "cam", "session": SESSION}
-OBS = content(batch("cam", 0, 50, [[0, 1, 2], [3, 4, 5]], ids=[1, 2]))
-TRUTH = content(TruthBatch(**HEADER, ids=[1, 2], objects=[0, 1], names={"0": "R"}))
-JOINTS = content(JointStates(**HEADER, seq=0, stamp_ns=0, names=["a", "b"], positions=[0, 0]))
-PREVIEW = content(
-    Preview(**HEADER, stamp_ns=0, encoding="jpeg", image=b"", ids=[1, 2], pixels=[[1, 2], [3, 4]])
-)
-STATUS = content(
-    status("cam", "source", rates={"obs": 1.0}, counters={"batches": 1}, rejected={"malformed": 1})
-)
-ORIGIN, UNTURNED = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
-POSE = Pose(translation=ORIGIN, rotation=UNTURNED)
-UPDATE = content(
-    update(
-        [4, UNDETERMINED],
-        track_id=[1, 2],
-        track_confidence=[0, 1],
-        track_position=[[1, 2, NAN], [4, 5, 6]],
-        hypotheses=[
-            hypothesis(
-                4,
-                size=2,
-                pose=POSE,
-                twist=Twist(linear=ORIGIN, angular=ORIGIN),
-                noise=0.0,
-                linked=[5],
-                box=Box(center=ORIGIN, half=ORIGIN, rotation=UNTURNED),
-            )
-        ],
-        events=[Event(stamp_ns=0, kind="merged", hypothesis=4, others=[1, 2])],
-        joints=[],
-        frames={"world": POSE},
-    )
-)
-(HYPOTHESIS,) = UPDATE["hypotheses"]
-JOINT = {
-    "parent": 4,
-    "child": 5,
-    "space": "world",
-    "kind": "revolute",
-    "confidence": 1.0,
-    "axis": [0.0, 0.0, 1.0],
-    "point": ORIGIN,
-    "lower": 0.0,
-    "upper": 0.5,
-}
+OBS = golden("observation-batch") | {"source": "cam", "stamp_ns": 50}
+TRUTH, JOINTS, PREVIEW = golden("truth-batch"), golden("joint-states"), golden("preview")
+STATUS, UPDATE = golden("status"), golden("hypothesis-update")
+HYPOTHESES, (JOINT,) = UPDATE["hypotheses"], UPDATE["joints"]
 
 
 def changed(content, **changes):
@@ -101,13 +43,11 @@ def changed(content, **changes):
 
 
 def hypothesis(**changes):
-    return changed(UPDATE, hypotheses=[changed(HYPOTHESIS, **changes)])
+    return changed(UPDATE, hypotheses=[changed(HYPOTHESES[0], **changes), *HYPOTHESES[1:]])
 
 
 def joints(*changes):
-    other = changed(HYPOTHESIS, id=5, linked=ABSENT)
-    found = [changed(JOINT, **one) for one in changes]
-    return changed(UPDATE, hypotheses=[HYPOTHESIS, other], joints=found)
+    return changed(UPDATE, joints=[changed(JOINT, **one) for one in changes])
 
 
 def event(kind, others):
@@ -124,7 +64,7 @@ REJECTED = {
     "a name in capitals": (changed(OBS, source="Cam"), "schema"),
     "a name with a line feed": (changed(OBS, source="cam\n"), "schema"),
     "a name of 65 characters": (changed(OBS, source="c" * 65), "schema"),
-    "a session of 15 digits": (changed(OBS, session=SESSION[1:]), "schema"),
+    "a session of 15 digits": (changed(OBS, session=OBS["session"][1:]), "schema"),
     "another unit": (changed(OBS, unit="mm"), "schema"),
     "a number as float": (changed(OBS, seq=0.0), "schema"),
     "a boolean as number": (changed(OBS, dim=True), "schema"),
@@ -149,7 +89,7 @@ REJECTED = {
     "an empty space name": (changed(OBS, space=""), "length"),
     "too few objects": (changed(TRUTH, objects=b""), "length"),
     "too few joints": (changed(JOINTS, positions=b""), "length"),
-    "too few pixels": (changed(PREVIEW, pixels=f4(1, 2)), "length"),
+    "too few pixels": (changed(PREVIEW, pixels=b""), "length"),
     "a centroid of one": (hypothesis(centroid=[0.0]), "length"),
     "a pose of another dimension": (
         hypothesis(pose={"translation": [0.0, 0.0], "rotation": [0.0, 0.0, 0.0, 1.0]}),
@@ -175,18 +115,18 @@ REJECTED = {
     "an infinite rate": (changed(STATUS, rates={"obs": INF}), "non-finite"),
     "a joint that is NaN": (changed(JOINTS, positions=np.array([0, NAN]).tobytes()), "non-finite"),
     "a centroid that is NaN": (hypothesis(centroid=[0.0, 0.0, NAN]), "non-finite"),
-    "a track position that is NaN": (changed(UPDATE, track_position=f4(1, NAN, 3, 4, 5, 6)), "non-finite"),
+    "a track position that is NaN": (changed(UPDATE, track_position=f4(1, NAN, *range(7))), "non-finite"),
     # duplicate-id
     "an id twice": (changed(OBS, ids=u8(7, 7)), "duplicate-id"),
     "an id twice in one instant": (changed(OBS, ids=u8(7, 7), stamps_ns=i8(50, 50)), "duplicate-id"),
     "an id that ended twice": (changed(OBS, ended=u8(3, 3)), "duplicate-id"),
     "a joint twice": (changed(JOINTS, names=["a", "a"]), "duplicate-id"),
-    "a track twice": (changed(UPDATE, track_id=u8(1, 1)), "duplicate-id"),
-    "a hypothesis twice": (changed(UPDATE, hypotheses=[HYPOTHESIS, HYPOTHESIS]), "duplicate-id"),
+    "a track twice": (changed(UPDATE, track_id=u8(3, 4, 4)), "duplicate-id"),
+    "a hypothesis twice": (changed(UPDATE, hypotheses=[*HYPOTHESES, HYPOTHESES[0]]), "duplicate-id"),
     "a source twice": (changed(UPDATE, sources=UPDATE["sources"] * 2), "duplicate-id"),
-    "two joints of a pair": (joints({}, {"parent": 5, "child": 4}), "duplicate-id"),
+    "two joints of a pair": (joints({}, {"parent": 3, "child": 1}), "duplicate-id"),
     "a joint with a stranger": (joints({"child": 6}), "range"),
-    "a joint with itself": (joints({"child": 4}), "range"),
+    "a joint with itself": (joints({"child": 1}), "range"),
     "a joint with a long axis": (joints({"axis": [0.0, 0.0, 2.0]}), "range"),
     "a joint whose range is empty": (joints({"upper": -0.5}), "range"),
     "a joint in another space": (joints({"space": "other"}), "space-mismatch"),
@@ -205,14 +145,14 @@ REJECTED = {
         changed(OBS, ids=u8(7, 7), stamps_ns=i8(50, 40)),
         "range",
     ),
-    "an object below -1": (changed(TRUTH, objects=np.array([0, -2], "<i4").tobytes()), "range"),
+    "an object below -1": (changed(TRUTH, objects=np.array([0, 1, -2], "<i4").tobytes()), "range"),
     "a period of 0": (changed(UPDATE, period_ns=0), "range"),
-    "a track of no source": (changed(UPDATE, track_source=np.array([0, 1], "<u2").tobytes()), "range"),
+    "a track of no source": (changed(UPDATE, track_source=np.array([0, 1, 2], "<u2").tobytes()), "range"),
     "a track of no hypothesis": (
-        changed(UPDATE, track_hypothesis=np.array([4, 9], "<u4").tobytes()),
+        changed(UPDATE, track_hypothesis=np.array([1, 2, 9], "<u4").tobytes()),
         "range",
     ),
-    "a confidence above 1": (changed(UPDATE, track_confidence=f4(0, 1.5)), "range"),
+    "a confidence above 1": (changed(UPDATE, track_confidence=f4(0, 1, 1.5)), "range"),
     "a hypothesis with the id of none": (hypothesis(id=2**32 - 1), "range"),
     "a noise below 0": (hypothesis(noise=-0.1), "range"),
     "a pose that is no rotation": (
@@ -230,11 +170,6 @@ REJECTED = {
         "limit",
     ),
 }
-
-
-def test_what_they_change_is_accepted():
-    for content in (OBS, TRUTH, JOINTS, PREVIEW, STATUS, UPDATE, joints({})):
-        decode(msgpack.packb(content))
 
 
 @pytest.mark.parametrize("name", list(REJECTED))
@@ -270,9 +205,7 @@ def test_a_payload_above_16_mib_is_too_large_in_both_directions():
     with pytest.raises(DecodeError) as caught:
         decode(bytes(MAX_BYTES + 1))
     assert caught.value.reason == "too-large"
-    preview = Preview(
-        source="a", session=SESSION, stamp_ns=0, encoding="jpeg", image=bytes(MAX_BYTES), ids=[], pixels=[]
-    )
+    preview = replace(decode(msgpack.packb(PREVIEW)), image=bytes(MAX_BYTES))
     with pytest.raises(ValueError, match="exceeds the limit"):
         encode(preview)
 
@@ -315,12 +248,5 @@ def test_the_detail_of_a_rejection_cannot_forge_output():
     ],
 )
 def test_arrays_that_do_not_fit_are_refused_in_python_too(arguments):
-    fields = {"ids": [1, 2], "positions": [[0, 1, 2], [3, 4, 5]]} | arguments
-    header = {"source": "a", "session": SESSION, "seq": 0, "space": "w", "unit": "m", "dim": 3}
     with pytest.raises(ValidationError):
-        ObservationBatch(**header, stamp_ns=0, **fields)
-
-
-def test_importing_the_messages_does_not_import_zenoh():
-    code = "import sys, comotion_schemas; sys.exit('zenoh' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+        replace(decode(msgpack.packb(OBS)), **arguments)

@@ -5,8 +5,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from comotion_schemas import Hypothesis
 from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, Palette, colour
+
+from ..builders import hypothesis
 
 # Machado, Oliveira and Fernandes (2009), severity 1.0, on linear RGB.
 DEFICIENCIES = {
@@ -41,10 +42,6 @@ def lab(rgb: tuple[int, int, int], deficiency: str) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def body(one: int, state: str = "moving", size: int = 5, space: str = "world") -> Hypothesis:
-    return Hypothesis(id=one, space=space, size=size, born_ns=0, state=state, centroid=[0.0, 0.0, 0.0])
-
-
 @pytest.mark.parametrize("deficiency", DEFICIENCIES)
 def test_colours_are_told_apart(deficiency: str) -> None:
     # A difference of 2.3 is just noticeable; 10 is seen at a glance.
@@ -55,11 +52,11 @@ def test_colours_are_told_apart(deficiency: str) -> None:
 def test_visible_hypotheses_never_share_a_colour() -> None:
     palette = Palette()
     ids = [1, 1 + len(COLOURS), 1 + 2 * len(COLOURS), 2, 7]
-    palette.see([body(i) for i in ids])
+    palette.see([hypothesis(i) for i in ids])
     assert len({palette.colour(i) for i in ids}) == len(ids)
     assert palette.colour(1) == colour(1)
     many = list(range(100, 100 + len(COLOURS)))
-    palette.see([body(i) for i in many])
+    palette.see([hypothesis(i) for i in many])
     assert len({palette.colour(i) for i in many}) == len(COLOURS)
 
 
@@ -68,7 +65,7 @@ def test_a_colour_stays_while_its_hypothesis_is_listed() -> None:
     listed, before = set(), {}
     for step in range(200):
         listed = {i for i in listed if rng.random() > 0.1} | {step * 7 % 50}
-        palette.see([body(i) for i in listed])
+        palette.see([hypothesis(i) for i in listed])
         now = {i: palette.colour(i) for i in listed}
         assert len(set(now.values())) == len(listed)
         assert all(now[i] == before[i] for i in listed & before.keys())
@@ -77,10 +74,12 @@ def test_a_colour_stays_while_its_hypothesis_is_listed() -> None:
 
 def test_the_largest_at_rest_is_the_background_of_its_space() -> None:
     palette = Palette()
-    palette.see([body(1, "undetermined", 30), body(2, "undetermined", 4), body(3, "static", space="b")])
+    elsewhere, small = hypothesis(3, state="static", space="b"), hypothesis(2, state="undetermined", size=4)
+    palette.see([hypothesis(1, state="undetermined", size=30), small, elsewhere])
     assert palette.colour(1) == palette.colour(3) == BACKGROUND
     assert palette.colour(2) == colour(2)
-    palette.see([body(1, "static", 20), body(4, "static", 40), body(3, "static", space="b")])
+    first, larger = (hypothesis(one, state="static", size=size) for one, size in ((1, 20), (4, 40)))
+    palette.see([first, larger, elsewhere])
     assert palette.colour(4) == colour(4)
-    palette.see([body(1, "moving", 20)])
+    palette.see([hypothesis(1, state="moving", size=20)])
     assert palette.colour(1) == colour(1)

@@ -1,5 +1,6 @@
 """Files in deploy/: each is accepted by the checker of its own kind, and names what exists."""
 
+import ast
 import json
 import os
 import re
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
+from comotion_clients.ros2.messages import Converter
 from comotion_schemas.readiness import announce_ready, beat
 
 ROOT = Path(__file__).parents[2]
@@ -132,3 +134,24 @@ def test_the_health_check_tells_a_process_that_hangs(tmp_path: Path) -> None:
             os.utime(ready, (0, 0))
             assert subprocess.run(["sh", "-c", command], check=False).returncode == 1
             beat(ready)
+
+
+FOLDER = Path(__file__).parents[2] / "deploy" / "ros2"
+
+
+def test_rviz_shows_topics_that_are_published():
+    manager = yaml.safe_load((FOLDER / "comotion.rviz").read_text())["Visualization Manager"]
+    kinds = Converter("default").kinds()
+    shown = {
+        one["Topic"]["Value"]: one["Class"].partition("/")[2] for one in manager["Displays"] if "Topic" in one
+    }
+    assert shown
+    assert all(kinds[topic].endswith(f"/{display}") for topic, display in shown.items())
+
+
+def test_the_launch_file_renames_what_rviz_shows():
+    text = (FOLDER / "comotion.launch.py").read_text()
+    ast.parse(text)
+    for topic in ("features", "markers", "odometry"):
+        assert f"/comotion/default/{topic}" in (FOLDER / "comotion.rviz").read_text()
+        assert f'"{topic}"' in text

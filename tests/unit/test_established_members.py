@@ -1,6 +1,7 @@
-"""Objects keep their ids through a gap, a restart, and a source that sends what no source should.
+"""Objects keep their ids through a gap, a restart, a hostile source, and when a standby takes over.
 
-The sources are those of the soak, with a seed at which ids changed before established members had votes.
+The sources of the first tests are those of the soak, with a seed at which ids changed before established
+members had votes.
 """
 
 import heapq
@@ -8,6 +9,7 @@ import random
 from collections import Counter
 
 import numpy as np
+import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import DecodeError, decode
@@ -15,7 +17,7 @@ from comotion_tools.soak import hostile
 from comotion_tools.soak.load import BODIES, ID_STEP, KINDS, places, positions
 
 from .. import builders
-from ..builders import S
+from ..builders import T0, S, labels_of
 
 START = 1_000 * S
 NAMES = "left", "right", "arm"
@@ -90,3 +92,72 @@ def test_a_hostile_source_takes_no_id_along(monkeypatch):
         after, _ = feed(fusion, *(stream(name, first, last + 2) for name in NAMES), bad, since=first)
         assert objects_of(after) == objects_of(before)
     assert fusion.stats.rejected
+
+
+RATE = 15
+
+
+def corners(seq):
+    """Four features at rest, four on a body that moves to the right and turns."""
+    rest = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    t = seq / RATE
+    c, s = np.cos(0.2 * t), np.sin(0.2 * t)
+    body = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]) @ np.array([[c, s], [-s, c]])
+    return np.vstack([rest, body + np.array([0.2 + 0.3 * t, 0.5])])
+
+
+def step(fusion, seq):
+    now = T0 + seq * S // RATE
+    fusion.ingest(builders.batch("cam", seq, now, corners(seq)))
+    return fusion.update(now)
+
+
+@pytest.fixture
+def pair():
+    """A leader that has run for 4 s, and a standby that has started 2 s later and followed it since."""
+    leader, standby = Fusion(session="1" * 16), Fusion(session="2" * 16)
+    # Ids of the leader are no longer 1 and 2.
+    for seq in range(10):
+        step(leader, seq)
+    leader.forget()
+    for seq in range(10, 60):
+        update = step(leader, seq)
+        if seq >= 30:
+            step(standby, seq)
+            standby.follow(update)
+    return leader, standby
+
+
+def test_a_standby_takes_over_with_ids_births_and_poses_of_the_active_service(pair):
+    leader, standby = pair
+    expected, got = step(leader, 60), step(standby, 60)
+    assert labels_of(got) == labels_of(expected)
+    assert len(set(labels_of(got).values())) == 2
+    for mine, theirs in zip(got.hypotheses, expected.hypotheses, strict=True):
+        assert (mine.id, mine.born_ns) == (theirs.id, theirs.born_ns)
+        assert mine.pose.translation == pytest.approx(theirs.pose.translation, abs=2e-3)
+        assert mine.pose.rotation == pytest.approx(theirs.pose.rotation, abs=5e-3)
+
+
+def test_a_new_hypothesis_gets_no_id_that_the_active_service_may_have_given(pair):
+    leader, standby = pair
+    highest = max(h.id for h in step(leader, 60).hypotheses)
+    for seq in range(60, 120):
+        extra = corners(seq)[4:] * [1.0, -1.0]
+        standby.ingest(builders.batch("other", seq, T0 + seq * S // RATE, extra))
+        update = step(standby, seq)
+    new = {h.id for h in update.hypotheses} - {h.id for h in leader.update(T0 + 4 * S).hypotheses}
+    assert new
+    assert min(new) > highest + 1
+    assert [e.hypothesis for e in update.events if e.kind in ("born", "split")] in ([], sorted(new))
+
+
+def test_forgetting_names_the_published_id_and_a_restart_keeps_the_names(pair):
+    _, standby = pair
+    before = step(standby, 60)
+    restored = Fusion.restore(FusionConfig(), standby.snapshot(), session="3" * 16)
+    update = step(restored, 61)
+    assert labels_of(update) == labels_of(before)
+    one = before.hypotheses[0].id
+    assert restored.forget(one) == [one]
+    assert restored.forget(one) == []

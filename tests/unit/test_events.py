@@ -28,15 +28,6 @@ class Story:
         return [(e.kind, e.hypothesis, e.others) for e in self.events]
 
 
-@pytest.fixture
-def story():
-    """Hypothesis 1 with five members, confirmed."""
-    story = Story()
-    story.run(10, {1: 5})
-    assert story.heard == [("born", 1, [])]
-    return story
-
-
 def test_a_hypothesis_is_confirmed_after_half_a_second_with_enough_members():
     story = Story()
     story.run(5, {1: 5, 2: 2})
@@ -47,38 +38,36 @@ def test_a_hypothesis_is_confirmed_after_half_a_second_with_enough_members():
     assert [(e.kind, e.stamp_ns) for e in story.events] == [("born", 5 * STEP)]
 
 
-def test_a_split_that_reverts_makes_no_event(story):
-    story.run(4, {1: 5, 2: 3}, origins={2: 1})
-    story.run(20, {1: 8})
-    assert story.heard[1:] == []
+# After a second of hypothesis 1 with five members: what `run` gets, and the events after its birth.
+STORIES = {
+    "a split that reverts": ([(4, {1: 5, 2: 3}, {2: 1}), (20, {1: 8})], []),
+    "a split that lasts": ([(9, {1: 5, 2: 3}, {2: 1})], [("split", 2, [1])]),
+    "a merger that reverts": (
+        [(9, {1: 5, 2: 3}), (4, {1: 8}, {}, {2: 1}), (20, {1: 5, 2: 3})],
+        [("born", 2, [])],
+    ),
+    "mergers that last": (
+        [(9, {1: 5, 2: 3, 3: 4}), (20, {1: 12}, {}, {2: 1, 3: 1})],
+        [("born", 2, []), ("born", 3, []), ("merged", 1, [2, 3])],
+    ),
+    "absent, returned and ended": (
+        [(10, {}), (10, {1: 4}), (70, {})],
+        [("absent", 1, []), ("returned", 1, []), ("absent", 1, []), ("ended", 1, [])],
+    ),
+}
 
 
-def test_a_split_that_lasts_names_the_one_it_left(story):
-    story.run(9, {1: 5, 2: 3}, origins={2: 1})
-    assert story.heard[1:] == [("split", 2, [1])]
+@pytest.mark.parametrize(("parts", "expected"), STORIES.values(), ids=STORIES)
+def test_what_lasts_makes_events_and_what_reverts_none(parts, expected):
+    story = Story()
+    for part in [(10, {1: 5}), *parts]:
+        story.run(*part)
+    assert story.heard == [("born", 1, []), *expected]
 
 
-def test_a_merger_that_reverts_makes_no_event(story):
-    story.run(9, {1: 5, 2: 3})
-    story.run(4, {1: 8}, heirs={2: 1})
-    story.run(20, {1: 5, 2: 3})
-    assert story.heard[1:] == [("born", 2, [])]
-
-
-def test_mergers_that_last_are_one_event(story):
-    story.run(9, {1: 5, 2: 3, 3: 4})
-    story.run(20, {1: 12}, heirs={2: 1, 3: 1})
-    assert story.heard[3:] == [("merged", 1, [2, 3])]
-
-
-def test_absent_returned_and_ended(story):
-    story.run(10, {})
-    story.run(10, {1: 4})
-    story.run(70, {})
-    assert story.heard[1:] == [("absent", 1, []), ("returned", 1, []), ("absent", 1, []), ("ended", 1, [])]
-
-
-def test_the_longest_absent_is_dropped_where_there_are_too_many(story):
+def test_the_longest_absent_is_dropped_where_there_are_too_many():
+    story = Story()
+    story.run(10, {1: 5})
     story.run(9, {1: 5, 2: 5, 3: 5})
     story.run(2, {2: 5, 3: 5})
     story.run(20, {})

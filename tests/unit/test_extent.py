@@ -12,6 +12,7 @@ from comotion import Fusion
 from comotion.hypotheses.extent import _SMALLER, measured
 from comotion.hypotheses.records import Current
 from comotion.partition import PoseReference
+from comotion_schemas.rigid import matrix
 
 from ..builders import S, batch
 
@@ -42,20 +43,13 @@ class Body:
         return box
 
 
-def matrix(box):
-    if isinstance(box.rotation, list):
-        return Rotation.from_quat(box.rotation).as_matrix()
-    c, s = np.cos(box.rotation), np.sin(box.rotation)
-    return np.array([[c, -s], [s, c]])
-
-
 def surface(half):
     a, b, c = half
     return a * b + b * c + a * c
 
 
 def holds(box, points):
-    return (np.abs((points - box.center) @ matrix(box)) <= np.array(box.half) + 1e-9).all()
+    return (np.abs((points - box.center) @ matrix(box.rotation)) <= np.array(box.half) + 1e-9).all()
 
 
 @given(turn=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-5, 5)] * 3))

@@ -6,9 +6,14 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion_schemas import encode
 
-from ..builders import MS, SESSION, T0, S, batch
+from ..builders import MS, SESSION, T0, S, batch, play
 
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
+
+
+def at(k):
+    """Time of a frame, ns."""
+    return T0 + round(k * S / 30)
 
 
 def moved(k):
@@ -17,22 +22,21 @@ def moved(k):
 
 
 def run(fusion, start, stop, *, source="cam", **fields):
-    for k in range(start, stop):
-        now = T0 + k * 33 * MS
-        fusion.ingest(batch(source, k, now, moved(k), **fields))
-        update = fusion.update(now)
+    frames = range(start, stop)
+    update = play(fusion, frames, lambda k, now: batch(source, k, now, moved(k), **fields))[-1]
     assert fusion.stats.batches == fusion.stats.settled()
     encode(update)
     return update
 
 
 def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
-    fusion = Fusion()
-    for k in range(20):
-        now = T0 + k * 33 * MS
-        fusion.ingest(batch("cam", 2 * k, now, moved(k)))
-        fusion.ingest(batch("cam", 2 * k + 1, now, 100 * moved(k)[:, :2], space="cam/pixels", unit="px"))
-        update = fusion.update(now)
+    fusion, pixels = Fusion(), {"space": "cam/pixels", "unit": "px"}
+    update = play(
+        fusion,
+        range(20),
+        lambda k, now: batch("cam", 2 * k, now, moved(k)),
+        lambda k, now: batch("cam", 2 * k + 1, now, 100 * moved(k)[:, :2], **pixels),
+    )[-1]
     assert len(update.track_id) == 12
     assert (fusion.stats.faults, fusion.stats.refused_rows) == (0, 20 * 12)
 
@@ -88,32 +92,27 @@ def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back()
 def test_a_space_that_nobody_publishes_any_more_takes_another_unit():
     fusion = Fusion()
     run(fusion, 0, 5)
-    fusion.update(T0 + 199 * 33 * MS)
+    fusion.update(at(199))
     update = run(fusion, 200, 210, source="other", session="b" * 16, unit="px", ids=np.arange(50, 62))
     assert set(update.track_id.tolist()) == set(range(50, 62))
-    fusion.ingest(batch("cam", 500, T0 + 210 * 33 * MS, POINTS))
-    fusion.update(T0 + 210 * 33 * MS)
+    fusion.ingest(batch("cam", 500, at(210), POINTS))
+    fusion.update(at(210))
     assert fusion.stats.rejected == {"space-mismatch": 1}
 
 
 @pytest.mark.parametrize("step_s", [-3600, 1])
 def test_a_step_of_all_clocks_of_sources_loses_nothing_and_keeps_ids(step_s):
     """The clock of the service goes on: it is not set with them."""
-    fusion, wire = Fusion(), 0
-    stamps = []
-    for k in range(150):
-        now = T0 + k * 33 * MS
-        wire = step_s * S if k >= 75 else 0
-        for n, source in enumerate(("left", "right")):
-            points = moved(k)[n::2]
-            fusion.ingest(batch(source, k, now + wire - 20 * MS, points))
-        update = fusion.update(now)
-        stamps.append(update.stamp_ns)
-        if k == 70:
-            before = {h.id for h in update.hypotheses}
+    fusion = Fusion()
+
+    def half(n, source):
+        return lambda k, now: batch(source, k, now + (step_s * S if k >= 75 else 0) - 20 * MS, moved(k)[n::2])
+
+    updates = play(fusion, range(150), half(0, "left"), half(1, "right"))
+    before, update = {h.id for h in updates[70].hypotheses}, updates[-1]
     assert (fusion.stats.late, fusion.stats.lost, fusion.stats.rejected) == (0, 0, {})
     # A second ahead is taken for true: the data waits for it.
-    assert abs(update.stamp_ns - (now + wire)) <= S
+    assert abs(update.stamp_ns - (at(149) + step_s * S)) <= S
     assert {h.id for h in update.hypotheses} == before
     assert len(update.track_id) == 12
 
@@ -121,26 +120,23 @@ def test_a_step_of_all_clocks_of_sources_loses_nothing_and_keeps_ids(step_s):
 @pytest.mark.parametrize("step_s", [-3600, 3600])
 def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
     fusion = Fusion()
-    for k in range(90):
-        now = T0 + k * 33 * MS
-        fusion.ingest(batch("right", k, now - 20 * MS, POINTS))
-        wrong = now + (step_s * S if k >= 30 else 0)
-        fusion.ingest(batch("wrong", k, wrong - 20 * MS, POINTS))
-        update = fusion.update(now)
+    update = play(
+        fusion,
+        range(90),
+        lambda k, now: batch("right", k, now - 20 * MS, POINTS),
+        lambda k, now: batch("wrong", k, now + (step_s * S if k >= 30 else 0) - 20 * MS, POINTS),
+    )[-1]
     accounts = fusion.timeline.ledger.accounts()
     assert accounts["right", SESSION].fused >= 89
     wrong = accounts["wrong", SESSION]
     assert wrong.late + wrong.rejected.get("future", 0) + wrong.waiting == 60
     assert "wrong" in fusion.timeline.troubles.lately()["clock-ahead" if step_s > 0 else "clock-behind"]
-    assert abs(update.stamp_ns - now) < S
+    assert abs(update.stamp_ns - at(89)) < S
 
 
 def test_sources_that_are_all_a_second_behind_are_fused_and_told():
     fusion = Fusion()
-    for k in range(60):
-        now = T0 + k * 33 * MS
-        fusion.ingest(batch("slow", k, now - 1_500 * MS, moved(k)))
-        update = fusion.update(now)
+    update = play(fusion, range(60), lambda k, now: batch("slow", k, now - 1_500 * MS, moved(k)))[-1]
     assert len(update.track_id) == 12
     assert fusion.stats.fused >= 55
     assert "slow" in fusion.timeline.troubles.lately()["clock-behind"]
@@ -149,7 +145,7 @@ def test_sources_that_are_all_a_second_behind_are_fused_and_told():
 def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_followed_late_ones():
     fusion, honest = Fusion(), ("left", "right")
     for k in range(240):
-        now = T0 + k * 33 * MS
+        now = at(k)
         for source in honest if not 60 <= k < 120 else ():
             fusion.ingest(batch(source, k, now - 20 * MS, POINTS))
         # Comes while the others pause, with what the clock has left behind by more than a second.

@@ -9,7 +9,6 @@ import pytest
 
 from comotion_deploy.cli import run
 from comotion_schemas import ObservationBatch
-from comotion_sources.errors import RecordingError
 from comotion_sources.recordings import read_recording, recording_batches
 
 FRAMES, POINTS = 24, 60
@@ -110,46 +109,6 @@ def test_a_given_sigma_is_published_as_it_is(scene, tmp_path):
     path = write_table(tmp_path / "a.csv", tracks, seen, sigma=np.full(seen.shape, 0.7))
     batches = [m for m in recording_batches(read_recording(path, 10.0)) if isinstance(m, ObservationBatch)]
     assert [float(batch.sigma) for batch in batches] == pytest.approx([0.7] * FRAMES)
-
-
-@pytest.mark.parametrize(
-    ("arrays", "words"),
-    [
-        ({"tracks": np.ones((9, 4, 2)) * 9}, "--fps says how many frames per second"),
-        ({"tracks": np.ones((4, 9, 4, 2))}, r"shape \(4, 9, 4, 2\), not \(T, N, 2\)"),
-        ({"tracks": np.ones((9, 4, 2)) / 2, "fps": 30}, "within 0 to 1: multiply"),
-        ({"tracks": np.ones((9, 4, 2)) * 9, "visibility": np.ones((9, 3))}, "'visibility' has the shape"),
-        ({"tracks": np.ones((9, 4, 2)) * 9, "fps": 30, "sigma": np.zeros((9, 4))}, "sigma is not above 0"),
-        ({"tracks": np.ones((9, 4, 2)) * 9, "fps": -1.0}, "not above 0"),
-        ({"tracks": np.full((9, 4, 2), "x")}, "'tracks' has no numbers"),
-        ({"tracks": np.ones((9, 4, 2)) * 9, "fps": 30, "visibility": np.zeros((9, 4))}, "no observation"),
-    ],
-)
-def test_what_cannot_be_read_is_one_clear_line(tmp_path, arrays, words):
-    np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(RecordingError, match=words) as caught:
-        read_recording(tmp_path / "a.npz")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("frame,track,x\n1,2,3\n", "no columns x and y"),
-        ("track,x,y\n1,2,3\n", "no column 'frame'"),
-        ("frame,x,y\n1,2,3\n", "no column 'track'"),
-        ("frame,track,x,y\n1,2,3,4\n1,2,3,4\n", "a frame has a track twice"),
-        ("frame,track,x,y\n1,2,3\n", "line 2 has 3 cells, the first line 4"),
-        ("frame,track,x,y\n1,2,3,left\n", "line 2: 'left' is not a number"),
-        ("frame,track,x,y\n1,-2,3,4\n", "not whole numbers from 0 on"),
-        ("frame,track,x,y\n,2,3,4\n", "neither frame nor track"),
-    ],
-)
-def test_a_table_that_is_none_is_one_clear_line(tmp_path, text, words):
-    (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(RecordingError, match=words) as caught:
-        read_recording(tmp_path / "a.csv", 30.0)
-    assert "\n" not in str(caught.value)
 
 
 def hypotheses_of(path):

@@ -1,18 +1,27 @@
-"""What clients make of joints: URDF, lines, rows."""
+"""What clients make of a scene with joints: URDF, words, names, paths, and live Foxglove."""
+
+import json
+import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from comotion_clients.feature_names import HypothesisNames
 from comotion_clients.scene_model import SceneModel
+from comotion_clients.tum import save_paths
 from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
+from comotion_clients.viewing.process import ViewOptions  # noqa: F401 - the display is one of its displays
 from comotion_clients.watch_view import render
 from comotion_schemas import Box, Joint, Pose
 from comotion_schemas.colours import Palette
+from comotion_schemas.hypotheses import SourceRef
 from comotion_schemas.naming import joint_words, read_names
 
 from .. import builders
+from ..builders import SESSION
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
@@ -106,3 +115,131 @@ def test_joints_are_words_with_the_names_that_people_give():
     for wrong in ("truck", "2=", "=truck", "two=truck", "2=\x1b[31m", "2=" + 41 * "x"):
         with pytest.raises(ValueError, match="like 2=truck"):
             read_names([wrong])
+
+
+STATUS = builders.status("arm", "source", feature_names={"0": "elbow", "1": "tool"})
+
+
+def held(*hypotheses, session=SESSION):
+    """An update whose features 0, 1, ... of the arm are in these hypotheses."""
+    arm = [SourceRef(name="arm", session=session)]
+    return replace(builders.update(hypotheses), sources=arm, hypotheses=update([]).hypotheses)
+
+
+def names_after(*updates, given=None):
+    names = HypothesisNames(given)
+    names.on_status(STATUS)
+    for one in updates:
+        names.on_update(one)
+    return dict(names)
+
+
+def test_a_body_is_called_by_the_link_that_moves_with_it():
+    assert names_after(held(3, 2)) == {3: "elbow", 2: "tool"}
+    # One that holds both has the name of the last.
+    assert names_after(held(2, 2)) == {2: "tool"}
+
+
+def test_what_rests_with_the_background_gives_it_no_name():
+    found = held(1, 2)
+    assert names_after(found) == {2: "tool"}
+    # At first it is not known that it rests.
+    soon = [replace(h, state="undetermined", born_ns=found.stamp_ns) for h in found.hypotheses]
+    assert names_after(replace(found, hypotheses=soon)) == {}
+
+
+def test_a_body_that_is_linked_to_one_with_a_name_has_it_too():
+    found = held(3, 2)
+    image = replace(found.hypotheses[3], space="door/pixels", linked=[2])
+    found = replace(found, hypotheses=[*found.hypotheses[:3], image])
+    assert names_after(found) == {3: "elbow", 2: "tool", image.id: "tool"}
+    assert names_after(found, given={2: "door"})[image.id] == "door"
+
+
+def test_a_name_stays_until_another_body_holds_the_feature():
+    # The robot is late: no feature of it is in this update.
+    late = replace(held(), hypotheses=held(3, 2).hypotheses)
+    assert names_after(held(3, 2), late) == {3: "elbow", 2: "tool"}
+    assert names_after(held(3, 2), held(2, 2)) == {2: "tool"}
+    assert names_after(held(2, 2), held(2, 3)) == {2: "elbow", 3: "tool"}
+    assert names_after(held(3, 2), held(3, 3)) == {3: "elbow"}
+
+
+def test_what_a_person_gives_comes_first_and_ids_of_another_session_have_no_names():
+    assert names_after(held(3, 2), given={2: "gripper"}) == {3: "elbow", 2: "gripper"}
+    assert names_after(held(1, 2, session="1" * 16)) == {}
+
+
+def moved(number):
+    # The camera goes along x, and turns a quarter about z.
+    half = np.pi / 4
+    pose = Pose(translation=[0.5 * number, 0.0, 1.0], rotation=[0.0, 0.0, np.sin(half), np.cos(half)])
+    return replace(update([]), stamp_ns=1_000_000_000 + number * 100_000_000, frames={"cam": pose})
+
+
+def test_each_instant_of_a_moving_camera_is_one_line(tmp_path):
+    files = save_paths(tmp_path / "out", [moved(0), moved(0), moved(1)])
+    camera = tmp_path / "out" / "camera-cam.tum"
+    assert camera in files
+    assert np.loadtxt(camera) == pytest.approx(
+        np.array([[1.0, 0, 0, 1, 0, 0, 0.5**0.5, 0.5**0.5], [1.1, 0.5, 0, 1, 0, 0, 0.5**0.5, 0.5**0.5]])
+    )
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_evo_reads_and_compares_them(tmp_path):
+    files = pytest.importorskip("evo.tools.file_interface")
+    from evo.core import metrics
+
+    save_paths(tmp_path, [moved(k) for k in range(5)])
+    path = files.read_tum_trajectory_file(str(tmp_path / "camera-cam.tum"))
+    assert path.path_length == pytest.approx(2.0)
+    error = metrics.APE(metrics.PoseRelation.full_transformation)
+    error.process_data((path, path))
+    assert error.get_statistic(metrics.StatisticsType.max) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_client_of_foxglove_reads_the_numbers_of_an_update():
+    pytest.importorskip("foxglove")
+    websockets = pytest.importorskip("websockets.sync.client")
+    from comotion_clients.foxglove.server import FoxgloveDisplay
+
+    with FoxgloveDisplay(0) as display:
+        # A first message makes the channels known.
+        display.on_message(update([DOOR, DRAWER]), 0.0, 1)
+        with websockets.connect(display.url, subprotocols=["foxglove.sdk.v1"]) as client:
+            channels = {}
+            while "/numbers" not in channels:
+                told = json.loads(client.recv(timeout=30))
+                channels |= {c["topic"]: c for c in told.get("channels", [])}
+            assert channels["/joints/world"]["schemaName"] == "foxglove.SceneUpdate"
+            wanted = {"id": 7, "channelId": channels["/numbers"]["id"]}
+            client.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
+            message = b""
+            while not isinstance(message, bytes) or not message.startswith(b"\x01"):
+                # The subscription is at work some time after it was sent.
+                display.on_message(update([DOOR, DRAWER]), 0.0, 2)
+                try:
+                    message = client.recv(timeout=0.2)
+                except TimeoutError:
+                    continue
+    _, subscription, log_ns = struct.unpack_from("<BIQ", message)
+    assert (subscription, log_ns) == (7, 2)
+    assert json.loads(message[13:])["hypotheses"] == len(update([]).hypotheses)
+
+
+def test_a_port_in_use_is_an_error_of_the_system():
+    pytest.importorskip("foxglove")
+    from comotion_clients.foxglove.server import FoxgloveDisplay
+
+    with FoxgloveDisplay(0) as display, pytest.raises(OSError, match="no server on"):
+        FoxgloveDisplay(int(display.url.rpartition(":")[2]))
+
+
+def test_foxglove_draws_joints_with_their_words():
+    pytest.importorskip("foxglove")
+    from comotion_clients.foxglove import messages
+
+    drawn = messages.joints(update([DOOR, DRAWER, FREE]), "world", 1.0, Palette(), {2: "door", 1: "shelf"})
+    assert b"door turns on shelf, 0 to 69" in drawn.encode()
+    assert messages.joints(update([FREE]), "world", 1.0, Palette(), {}) is None

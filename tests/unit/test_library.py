@@ -1,8 +1,6 @@
 """The library gives what the processes give."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +9,12 @@ import pytest
 import comotion
 from comotion import FusionConfig
 from comotion_experiments.offline import run_offline
-from comotion_schemas import UNDETERMINED, ObservationBatch, decode
+from comotion_schemas import UNDETERMINED, ObservationBatch
 from comotion_schemas.transport import SessionSettings
 from comotion_sources import simulator
 from comotion_sources.runtime import SourcePublisher
 
 CONFIG = FusionConfig(period=0.2)
-
-
-def test_the_core_is_imported_at_its_first_use():
-    code = (
-        "import sys, comotion; from comotion import FusionConfig; FusionConfig();"
-        "assert 'numba' not in sys.modules; assert set(comotion.__all__) <= set(dir(comotion));"
-        "from comotion import *; assert not Fusion(FusionConfig()).spaces; assert 'numba' in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        comotion.nothing  # noqa: B018
 
 
 def last_update(messages):
@@ -136,19 +123,14 @@ def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
     assert sum(h.state == "moving" for h in names["update"].hypotheses) == 1
 
 
-class Sent(list):
-    """Takes the place of the publisher of a session."""
-
-    put = list.append
-
-
 def test_a_source_takes_ordinary_data():
     source = SourcePublisher(
         "mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:1", drop_invalid=True
     )
-    source._publishers["obs"] = Sent()
+    sent = []
+    source.put = sent.append
     source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.inf, 0, 0]], sigma=[0.1, 0.2, 0.3])
-    (batch,) = map(decode, source._publishers["obs"])
+    (batch,) = sent
     assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
     assert source.dropped == {"range": 1, "non-finite": 1}
     strict = SourcePublisher("mine", space="world", unit="m", dim=3)
@@ -160,7 +142,7 @@ def test_a_source_takes_ordinary_data():
 
 def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
     source = SourcePublisher("mine", space="world", unit="m", dim=3)
-    source._publishers["obs"] = Sent()
+    source.put = [].append
     places = np.random.default_rng(0).normal(size=(9, 3)) + np.array([5e5, 4.2e6, 0])
     for k in range(2):
         source.observe(ids=range(9), positions=places, stamp_ns=k)
@@ -170,10 +152,11 @@ def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
 
 def test_a_batch_of_several_instants_repeats_ids_and_drops_rows():
     source = SourcePublisher("mine", space="world", unit="m", dim=3, drop_invalid=True)
-    source._publishers["obs"] = Sent()
+    sent = []
+    source.put = sent.append
     points = [[0, 0, 0], [0, 0, 1], [0, np.nan, 2]]
     source.observe(ids=[5, 5, 5], positions=points, stamp_ns=30, stamps_ns=[10, 20, 30])
-    (batch,) = map(decode, source._publishers["obs"])
+    (batch,) = sent
     assert (batch.stamp_ns, batch.ids.tolist(), batch.stamps_ns.tolist()) == (20, [5, 5], [10, 20])
     with pytest.raises(ValueError, match="id is used twice"):
         source.observe(ids=[5, 5], positions=points[:2], stamp_ns=30)

@@ -1,4 +1,4 @@
-"""Metrics against scikit-learn, brute force and hand-made cases."""
+"""Metrics and the scores of a run: against scikit-learn, TrackEval, brute force and hand-made cases."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -7,18 +7,13 @@ import numpy as np
 import pytest
 from sklearn.metrics import normalized_mutual_info_score
 
-from comotion_clients.metrics import (
-    Truth,
-    bodies_of,
-    label_switches,
-    misclassification,
-    nmi,
-    score_update,
-)
-from comotion_schemas import UNDETERMINED, HypothesisUpdate, SourceRef, TruthBatch
+from comotion_clients.metrics import Truth, bodies_of, label_switches, misclassification, nmi, score_update
+from comotion_clients.scoring import Observed, Tally
+from comotion_clients.tracking import Tracking
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch, SourceRef, TruthBatch
 
 from .. import builders
-from ..builders import SESSION
+from ..builders import MS, SESSION
 
 NONE = UNDETERMINED
 
@@ -55,14 +50,7 @@ def test_nmi_equals_scikit_learn(seed: int) -> None:
     assert nmi(labels, objects) == pytest.approx(expected, abs=1e-12)
 
 
-def test_nmi_at_its_corners() -> None:
-    one, many, two = np.zeros(6, int), np.arange(6), np.array([0, 0, 0, 1, 1, 1])
-    assert nmi(one, one) == 1.0
-    assert nmi(two, one) == 0.0
-    assert nmi(one, two) == 0.0
-    assert nmi(two + 5, two) == 1.0
-    # Over-segmentation is penalised: I = log 2, H(C) = log 6.
-    assert nmi(many, two) == pytest.approx(2 * np.log(2) / (np.log(6) + np.log(2)))
+def test_nmi_of_nothing_is_not_known() -> None:
     assert np.isnan(nmi(np.empty(0, int), np.empty(0, int)))
 
 
@@ -127,3 +115,128 @@ def test_label_switches_count_tracks_present_in_both() -> None:
     switches = label_switches(before, after)
     assert (switches.switched, switches.common) == (2, 3)
     assert switches.per_100 == pytest.approx(200 / 3)
+
+
+def observation(source: str, at_ms: int, ids: list[int], *, stamps_ms: list[int] | None = None, **fields):
+    space, unit, dim = ("image", "px", 2) if source == "cam" else ("world", "m", 3)
+    stamps = None if stamps_ms is None else [stamp * MS for stamp in stamps_ms]
+    kind = {"space": space, "unit": unit, "ids": ids, "stamps_ns": stamps}
+    return builders.batch(source, 0, at_ms * MS, np.zeros((len(ids), dim)), **(kind | fields))
+
+
+def observed(*batches: ObservationBatch) -> Observed:
+    found = Observed()
+    for one in batches:
+        found.add(one)
+    return found
+
+
+def at(found: Observed, ms: int) -> dict[tuple[str, str], list[int]]:
+    return {key: ids.tolist() for key, ids in found.at(ms * MS).items()}
+
+
+def test_the_newest_batch_of_every_source_counts() -> None:
+    found = observed(
+        observation("a", 0, [1, 2]),
+        observation("a", 100, [2, 3]),
+        observation("b", 50, [1]),
+        observation("b", 150, [9]),
+    )
+    assert at(found, -1) == {}
+    assert at(found, 60) == {("a", SESSION): [1, 2], ("b", SESSION): [1]}
+    assert at(found, 120) == {("a", SESSION): [2, 3], ("b", SESSION): [1]}
+    assert at(found, 150) == {("a", SESSION): [2, 3], ("b", SESSION): [9]}
+
+
+def test_a_slow_source_counts_for_three_of_its_periods() -> None:
+    found = observed(observation("slow", 0, [1]), observation("slow", 1000, [1]))
+    assert at(found, 4000) == {("slow", SESSION): [1]}
+    assert at(found, 4001) == {}
+
+
+def test_of_a_batch_of_several_instants_those_reached_count() -> None:
+    found = observed(observation("a", 30, [1, 2, 1, 3], stamps_ms=[10, 10, 20, 30]))
+    assert at(found, 9) == {}
+    assert at(found, 10) == {("a", SESSION): [1, 2]}
+    assert at(found, 30) == {("a", SESSION): [1, 2, 3]}
+
+
+def labelled(at_ms: int, labels: dict[int, int]) -> HypothesisUpdate:
+    return builders.update(list(labels.values()), seq=at_ms, stamp_ns=at_ms * MS, track_id=list(labels))
+
+
+def test_a_run_adds_up() -> None:
+    truth = Truth([TruthBatch(source="a", session=SESSION, ids=[1, 2, 3, 4], objects=[0, 0, 1, 1], names={})])
+    found = observed(*(observation("a", t, [1, 2, 3, 4]) for t in (0, 100, 200)))
+    tally = Tally(truth)
+    tally.add(labelled(0, {1: 5, 2: 5, 3: 5, 4: 5}), found)
+    tally.add(labelled(100, {1: 5, 2: 5, 3: 6, 4: 6}), found)
+    tally.add(labelled(200, {1: 5, 2: 5, 3: 6, 4: 6}), found)
+    summary = tally.summary()
+    assert [score.nmi for score in tally.scores] == [0.0, 1.0, 1.0]
+    assert summary.mean_nmi == pytest.approx(2 / 3)
+    assert summary.final_nmi == 1.0
+    assert summary.mean_misclassification == pytest.approx(0.5 / 3)
+    assert summary.mean_hypotheses == pytest.approx(5 / 3)
+    assert summary.mean_objects == 2
+    assert summary.switches_per_100 == pytest.approx(100 * 2 / 8)
+    assert (summary.updates, summary.scored) == (3, 3)
+
+
+def test_an_empty_update_of_an_observed_scene_is_scored_as_singletons() -> None:
+    truth = Truth([TruthBatch(source="a", session=SESSION, ids=[1, 2], objects=[0, 0], names={})])
+    tally = Tally(truth)
+    score = tally.add(labelled(0, {}), observed(observation("a", 0, [1, 2])))
+    assert (score.nmi, score.singletons) == (0.0, 2)
+
+
+def figures(instants):
+    tracking = Tracking()
+    for labels, objects in instants:
+        tracking.add(np.array(labels, np.int64), np.array(objects, np.int32))
+    return tracking.figures()
+
+
+def test_what_is_right_has_the_best_figures():
+    found = figures([([7, 7, 9], [0, 0, 1])] * 5)
+    assert (found.hota, found.idf1, found.id_switches) == (1.0, 1.0, 0)
+
+
+def test_undetermined_and_unknown_features_are_no_detections():
+    found = figures([([UNDETERMINED, UNDETERMINED, 3], [0, 0, -1])] * 3)
+    assert (found.hota, found.idf1, found.id_switches) == (0.0, 0.0, 0)
+    assert figures([]).hota == 0.0
+
+
+def test_figures_are_those_of_trackeval():
+    pytest.importorskip("trackeval")
+    from trackeval.metrics import CLEAR, HOTA, Identity
+
+    rng = np.random.default_rng(3)
+    truth = np.repeat(np.arange(4), 6)
+    instants = []
+    for t in range(40):
+        labels = np.where(rng.random(24) < 0.3, rng.integers(10, 16, 24), truth + 10 + (t // 15))
+        seen = rng.random(24) < 0.8
+        instants.append((labels[seen], truth[seen]))
+    ours = figures(instants)
+    hota, idf1, clear = (m().eval_sequence(_as_trackeval(instants)) for m in (HOTA, Identity, CLEAR))
+    assert ours.hota == pytest.approx(hota["HOTA"].mean())
+    assert (ours.det_a, ours.ass_a) == pytest.approx((hota["DetA"].mean(), hota["AssA"].mean()))
+    assert ours.idf1 == pytest.approx(idf1["IDF1"])
+    assert ours.id_switches == clear["IDSW"] > 0
+
+
+def _as_trackeval(instants):
+    data = {"gt_ids": [], "tracker_ids": [], "similarity_scores": []}
+    for labels, objects in instants:
+        true, found = np.unique(objects), np.unique(labels)
+        masks = (objects == true[:, None])[:, None, :], (labels == found[:, None])[None]
+        data["gt_ids"].append(true)
+        data["tracker_ids"].append(found - 10)
+        data["similarity_scores"].append((masks[0] & masks[1]).sum(2) / (masks[0] | masks[1]).sum(2))
+    for name, key in (("gt", "gt_ids"), ("tracker", "tracker_ids")):
+        data[f"num_{name}_dets"] = sum(map(len, data[key]))
+        data[f"num_{name}_ids"] = int(max(ids.max() for ids in data[key])) + 1
+    data["num_timesteps"] = len(instants)
+    return data

@@ -1,4 +1,4 @@
-"""The core offline: the clock, the inputs and the table."""
+"""The core offline: the clock, the inputs, the table and the picture."""
 
 import io
 import json
@@ -12,9 +12,11 @@ from rich.console import Console
 from comotion import Fusion, FusionConfig
 from comotion_experiments.evaluate import as_json, averages, evaluate_inputs, overall, table
 from comotion_experiments.inputs import find_inputs
-from comotion_experiments.offline import run_offline
+from comotion_experiments.offline import Run, run_offline
+from comotion_experiments.plot import Trace, save_plot
 from comotion_schemas import ObservationBatch
 from comotion_schemas.codec import encode
+from comotion_schemas.colours import Palette
 from comotion_sources import simulator
 
 CONFIG = FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None})
@@ -122,3 +124,42 @@ def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) 
     assert math.isnan(result.summary.mean_nmi)
     assert result.summary.mean_hypotheses > 1
     assert as_json([result], CONFIG, None)["runs"][0]["mean_nmi"] is None
+
+
+def traced(scene: str, duration: float, *, keep_truth: bool = True) -> tuple[Run, Trace]:
+    trace = Trace()
+    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
+    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
+    return run_offline(messages, CONFIG, duration=duration, on_update=trace.add), trace
+
+
+def palette_of(trace: Trace) -> Palette:
+    palette = Palette()
+    for update in trace.updates:
+        palette.see(update.hypotheses)
+    return palette
+
+
+@pytest.mark.parametrize(("scene", "keep_truth"), [("fig4_1", True), ("3d_2", True), ("fig4_1", False)])
+def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
+    cv2 = pytest.importorskip("cv2")
+    pytest.importorskip("matplotlib")
+    done, trace = traced(scene, 1.5, keep_truth=keep_truth)
+    path = tmp_path / "new" / "run.png"
+    save_plot(
+        path,
+        title="a run",
+        updates=trace.updates,
+        scores=done.scores,
+        truth=done.truth,
+        spaces=done.spaces,
+    )
+    image = cv2.imread(str(path))
+    assert image.shape[1] == 1200
+    assert image.shape[0] == (960 if keep_truth else 640)
+    # Some points have the colour of a hypothesis.
+    blue, green, red = image[..., 0], image[..., 1], image[..., 2]
+    ids = np.unique(trace.updates[-1].track_hypothesis).tolist()
+    palette = palette_of(trace)
+    for wanted in (palette.colour(i) for i in ids):
+        assert ((red == wanted[0]) & (green == wanted[1]) & (blue == wanted[2])).sum() > 20

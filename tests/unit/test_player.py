@@ -1,52 +1,79 @@
-"""Playing streams, on a simulated clock."""
+"""Playing streams and recorded scenes, on a simulated clock, and moving messages in time."""
 
 import threading
+from collections import defaultdict
 
 import numpy as np
 import pytest
 
-from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_experiments.inputs import in_order_of_acquisition
+from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
+from comotion_schemas.message_log import Logged, MessageLog, logged_batches
 from comotion_sources import replay
+from comotion_sources.errors import RecordingError
 from comotion_sources.frames import Frame
 from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
-from comotion_sources.player import Player
+from comotion_sources.player import Clock, Player
 from comotion_sources.streams import Stream, StreamLog
-from comotion_sources.tape import Schedule, Tape, parse_start
+from comotion_sources.tape import Restamp, Schedule, Tape, parse_start
 
-from ..simulated_clock import NOW, SimulatedClock
+from .. import builders
+from ..builders import SESSION, S
 
-SESSION = "5" * 16
+NOW = 1_000_000.0
+BEGIN = 1_700_000_000 * S
+LATENCY_NS = 20_000_000
+
+
+class SimulatedClock(Clock):
+    """Waiting takes no time; the wall clock may be stepped."""
+
+    def __init__(self, wall=NOW):
+        self.passed, self.offset = 0.0, wall
+
+    def wall(self):
+        return self.offset + self.passed
+
+    def monotonic(self):
+        return 5.0 + self.passed
+
+    def wait(self, stop, seconds):
+        self.passed += 0.0 if stop.is_set() else seconds
+        return stop.is_set()
 
 
 class Outputs:
     """Keeps what is put, and when."""
 
-    def __init__(self, clock):
-        self.clock = clock
-        self.overruns = 0
+    def __init__(self, clock, hold_up):
+        self.clock, self.hold_up = clock, dict(hold_up or {})
+        self.left_out = defaultdict(int)
         self.puts = []
-        self.hold_up = {}
 
     def put(self, kind, name, payload, message):
-        self.puts.append((self.clock.wall(), message))
+        self.puts.append((self.clock.passed, kind, name, payload, message))
         self.clock.passed += self.hold_up.pop(len(self.puts), 0.0)
 
     def skipped(self, name):
-        self.overruns += 1
+        self.left_out[name] += 1
 
-    def of(self, name):
-        return [b for b in self.batches if b.source == name]
+    def of(self, kind, *names):
+        """(seconds passed, message) of messages of a type, of all sources or those named."""
+        return [
+            (at, message)
+            for at, _, name, _, message in self.puts
+            if isinstance(message, kind) and (not names or name in names)
+        ]
 
-    @property
-    def batches(self):
-        return [message for _, message in self.puts if isinstance(message, ObservationBatch)]
+    def batches(self, *names):
+        return [batch for _, batch in self.of(ObservationBatch, *names)]
 
     @property
     def sessions(self):
-        return len({message.session for _, message in self.puts})
+        return len({message.session for *_, message in self.puts})
 
     def seconds(self, origin=NOW):
-        return [round(batch.stamp_ns / 1e9 - origin, 6) for batch in self.batches]
+        return [round(batch.stamp_ns / 1e9 - origin, 6) for batch in self.batches()]
 
 
 def frames(count, rate=10.0, ended=()):
@@ -62,7 +89,7 @@ def frames(count, rate=10.0, ended=()):
     ]
 
 
-def stream(count=11, rate=10.0, length=1.0, name="s", **options):
+def stream(count=11, rate=10.0, name="s", **options):
     return Stream(
         name=name,
         space="world",
@@ -70,23 +97,60 @@ def stream(count=11, rate=10.0, length=1.0, name="s", **options):
         dim=2,
         objects={4: "G"},
         rate=rate,
-        length=length,
+        length=1.0,
         frames=frames(count, rate, **options),
     )
 
 
-def play(streams=None, *, clock=None, hold_up=None, stop_at=None, read_key=lambda: "", **schedule):
+def batch(source, seq, stamp_ns, **fields):
+    return builders.batch(source, seq, stamp_ns, np.zeros((2, 3)), ids=[1, 2], **fields)
+
+
+def logged(kind, name, log_ns, message):
+    payload = message if isinstance(message, bytes) else encode(message)
+    return Logged(kind, Keys().stream(kind, name), log_ns, payload)
+
+
+def scene(seconds=4, offset_ns=0):
+    """Two recorded sources at 10 and 5 Hz, the second with truth and one invalid payload."""
+    items = [
+        logged("truth", "b", BEGIN, TruthBatch(source="b", session=SESSION, ids=[1], objects=[1], names={}))
+    ]
+    for tick in range(seconds * 10):
+        stamp = BEGIN + tick * S // 10
+        items.append(logged("obs", "a", stamp + LATENCY_NS, batch("a", tick, stamp + offset_ns)))
+        if tick % 2 == 0:
+            items.append(logged("obs", "b", stamp + LATENCY_NS, batch("b", tick // 2, stamp + offset_ns)))
+        if tick == 15:
+            items.append(logged("obs", "b", stamp + LATENCY_NS, b"nonsense"))
+    return items
+
+
+class Log:
+    """A recording in memory."""
+
+    gap_s = 0.1
+
+    def __init__(self, items):
+        self.items = items
+        self.start_ns, self.end_ns = items[0].log_ns, items[-1].log_ns
+
+    def messages(self, kinds=None, *, start_ns=None, end_ns=None):
+        for item in self.items:
+            if (kinds is None or item.kind in kinds) and (start_ns or 0) <= item.log_ns <= (end_ns or 2**63):
+                yield item
+
+
+def play(*streams, log=None, clock=None, hold_up=None, stop_at=None, read_key=lambda: "", **schedule):
+    """Play streams, one by default, or a log."""
     clock = clock or SimulatedClock()
-    outputs = Outputs(clock)
-    outputs.hold_up = hold_up or {}
-    stop = threading.Event()
+    outputs, stop, when = Outputs(clock, hold_up), threading.Event(), Schedule(**schedule)
 
     def progress(number, t):
         if (number, round(t, 6)) == stop_at:
             stop.set()
 
-    when = Schedule(**schedule)
-    tape = Tape(StreamLog(streams or [stream()], SESSION), outputs, when)
+    tape = Tape(log or StreamLog(list(streams) or [stream()], SESSION), outputs, when)
     Player(tape, when, stop, read_key=read_key, progress=progress, clock=clock).run()
     return outputs
 
@@ -95,38 +159,25 @@ def tenths(first, last):
     return [round(k / 10, 6) for k in range(first, last + 1)]
 
 
-def test_each_frame_goes_out_when_it_is_due_with_that_stamp():
+def test_each_frame_goes_out_when_it_is_due_with_that_stamp_after_the_truth():
     sink = play()
     assert sink.seconds() == tenths(0, 10)
-    for wall, message in sink.puts:
-        if isinstance(message, ObservationBatch):
-            assert wall == pytest.approx(message.stamp_ns / 1e9)
-    assert [batch.seq for batch in sink.batches] == list(range(11))
+    for passed, message in sink.of(ObservationBatch):
+        assert NOW + passed == pytest.approx(message.stamp_ns / 1e9)
+    assert [batch.seq for batch in sink.batches()] == list(range(11))
+    ((_, truth),) = sink.of(TruthBatch)
+    assert (truth.ids.tolist(), truth.objects.tolist(), truth.names) == ([1], [4], {"4": "G"})
+    assert sink.puts[0][-1] is truth
     assert sink.sessions == 1
-
-
-def test_the_truth_goes_out_once_and_first():
-    sink = play()
-    truths = [message for _, message in sink.puts if isinstance(message, TruthBatch)]
-    assert [(t.ids.tolist(), t.objects.tolist(), t.names) for t in truths] == [([1], [4], {"4": "G"})]
-    assert sink.puts[0][1] is truths[0]
 
 
 def test_a_loop_is_a_new_session_with_stamps_that_go_on():
     sink = play(loop=True, stop_at=(2, 0.5))
     # The last instant of a pass is the first one of the next.
     assert sink.seconds() == tenths(0, 25)
-    assert [batch.seq for batch in sink.batches] == [*range(10), *range(10), *range(6)]
+    assert [batch.seq for batch in sink.batches()] == [*range(10), *range(10), *range(6)]
     assert sink.sessions == 3
-    assert sum(isinstance(message, TruthBatch) for _, message in sink.puts) == 3
-
-
-def test_original_stamps_go_on_over_passes_at_any_pace():
-    sink = play(loop=True, stamps="original", speed=4.0, stop_at=(1, 0.3))
-    assert sink.seconds(0.0) == tenths(0, 13)
-    assert sink.clock.passed == pytest.approx(1.3 / 4)
-    assert sink.batches[0].session == SESSION
-    assert sink.sessions == 2
+    assert len(sink.of(TruthBatch)) == 3
 
 
 def test_the_duration_ends_it():
@@ -142,8 +193,8 @@ def test_a_process_that_comes_later_joins_in_the_middle():
     sink = play(start_at=NOW - 0.55)
     assert sink.seconds()[0] == pytest.approx(-0.15)
     assert sink.seconds()[-1] == pytest.approx(0.45)
-    assert [batch.seq for batch in sink.batches] == list(range(7))
-    assert sink.overruns == 0
+    assert [batch.seq for batch in sink.batches()] == list(range(7))
+    assert sink.left_out == {}
 
 
 def test_a_looping_process_that_comes_later_joins_the_pass_that_is_going_on():
@@ -155,7 +206,7 @@ def test_sources_that_start_aligned_are_in_phase():
     starts = set()
     for clock in (SimulatedClock(NOW + 0.27), SimulatedClock(NOW + 0.61)):
         sink = play(clock=clock, start_at="aligned", loop=True, stop_at=(1, 0.4))
-        starts |= {batch.stamp_ns % 1_000_000_000 for batch in sink.batches}
+        starts |= {batch.stamp_ns % 1_000_000_000 for batch in sink.batches()}
     assert starts == {k * 100_000_000 for k in range(10)}
     waits = play(clock=SimulatedClock(NOW + 0.27), start_at="aligned")
     assert waits.seconds() == [1 + t for t in tenths(0, 10)]
@@ -163,12 +214,14 @@ def test_sources_that_start_aligned_are_in_phase():
 
 def test_a_source_that_was_held_up_goes_on_with_fresh_instants():
     # The 4th put (truth and 3 batches before it) takes 0.45 s: what is then later than 0.2 s is left out.
-    sink = play([stream(ended={4})], hold_up={4: 0.45})
+    sink = play(stream(ended={4}), hold_up={4: 0.45})
     assert sink.seconds() == [0.0, 0.1, 0.2, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
-    assert sink.overruns == 2
-    assert [batch.seq for batch in sink.batches] == list(range(9))
+    assert sink.left_out == {"s": 2}
+    # What is left out on purpose is no loss.
+    assert [batch.seq for batch in sink.batches()] == list(range(9))
     # An end that fell into a left-out instant is still told.
-    assert {k: b.ended.tolist() for k, b in enumerate(sink.batches) if b.ended is not None} == {3: [9]}
+    assert {k: b.ended.tolist() for k, b in enumerate(sink.batches()) if b.ended is not None} == {3: [9]}
+    assert play(hold_up={4: 0.45}, stamps="original").seconds(0.0) == tenths(0, 10)
 
 
 def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
@@ -187,47 +240,40 @@ def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
 def test_several_streams_go_out_in_time_order():
     clock = SimulatedClock()
     streams = [stream(11, 10.0, name="slow"), stream(26, 25.0, name="fast")]
-    sink = play(streams, clock=clock, loop=True, duration=1.95)
-    assert len(sink.of("slow")) == 20
-    assert len(sink.of("fast")) == 49
+    sink = play(*streams, clock=clock, loop=True, duration=1.95)
+    assert len(sink.batches("slow")) == 20
+    assert len(sink.batches("fast")) == 49
     assert sink.sessions == 4
     assert sink.seconds() == sorted(sink.seconds())
 
 
 def test_a_loop_over_a_stream_without_frames_takes_its_time():
-    sink = play([stream(0)], loop=True, duration=5.5)
-    assert sink.batches == []
+    sink = play(stream(0), loop=True, duration=5.5)
+    assert sink.batches() == []
     assert sink.clock.passed == pytest.approx(5.5)
 
 
-@pytest.mark.parametrize(("text", "value"), [("now", "now"), ("aligned", "aligned"), ("12.5", 12.5)])
-def test_starts_are_read(text, value):
-    assert parse_start(text) == value
-
-
-@pytest.mark.parametrize("text", ["", "soon", "-1", "nan", "inf", "1e10"])
-def test_other_starts_are_refused(text):
-    with pytest.raises(ValueError, match="neither 'now', 'aligned' nor"):
-        parse_start(text)
-
-
-def test_parts_and_rates_are_read():
+def test_starts_parts_and_rates_are_read():
+    assert [parse_start(text) for text in ("now", "aligned", "12.5")] == ["now", "aligned", 12.5]
     assert parse_part("2/3") == Part(1, 3)
     assert parse_rates("15, 30,100") == [15.0, 30.0, 100.0]
     assert rate_of(Part(1, 3), [10.0]) == 10.0
     assert rate_of(Part(1, 3), [10.0, 20.0, 30.0]) == 20.0
 
 
-@pytest.mark.parametrize("text", ["", "2", "0/3", "4/3", "a/b", "1/0", "-1/3", "1/65", "1/2/3", "¹/²"])
-def test_other_parts_are_refused(text):
-    with pytest.raises(ValueError, match="is not K/N"):
-        parse_part(text)
+REFUSED = {
+    parse_start: ("neither 'now', 'aligned' nor", ["", "soon", "-1", "nan", "inf", "1e10"]),
+    parse_part: ("is not K/N", ["", "2", "0/3", "4/3", "a/b", "1/0", "-1/3", "1/65", "1/2/3", "¹/²"]),
+    parse_rates: ("is not one or several numbers", ["", "0", "-5", "nan", "15,", "fast", "1e9"]),
+}
 
 
-@pytest.mark.parametrize("text", ["", "0", "-5", "nan", "15,", "fast", "1e9"])
-def test_other_rates_are_refused(text):
-    with pytest.raises(ValueError, match="is not one or several numbers"):
-        parse_rates(text)
+@pytest.mark.parametrize("read", REFUSED, ids=lambda read: read.__name__)
+def test_others_are_refused(read):
+    words, texts = REFUSED[read]
+    for text in texts:
+        with pytest.raises(ValueError, match=words):
+            read(text)
 
 
 def test_progress_is_plain_lines_away_from_a_terminal(capsys, monkeypatch):
@@ -247,3 +293,123 @@ def test_progress_is_a_bar_on_a_terminal(capsys, monkeypatch):
     shown = capsys.readouterr().err
     assert "━" * 20 in shown
     assert "━" * 21 not in shown
+
+
+def test_original_payloads_go_out_byte_for_byte_when_they_came():
+    items = scene()
+    wire = play(log=Log(items), stamps="original", speed=2.0)
+    assert [(k, n, p) for _, k, n, p, _ in wire.puts] == [(i.kind, i.name, i.payload) for i in items]
+    for (at, *_), item in zip(wire.puts, items, strict=True):
+        assert at == pytest.approx((item.log_ns - BEGIN) / 1e9 / 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("offset_ns", [0, -BEGIN], ids=["wall clock", "stamps from 0 on"])
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_stamps_move_to_now_with_their_latency(speed, offset_ns):
+    wire = play(log=Log(scene(offset_ns=offset_ns)), stamps="now", speed=speed)
+    for name, count in (("a", 40), ("b", 20)):
+        found = wire.of(ObservationBatch, name)
+        assert [b.seq for _, b in found] == list(range(count))
+        assert len({b.session for _, b in found} - {SESSION}) == 1
+        for at, b in found:
+            age = (NOW + at) - b.stamp_ns / 1e9
+            expected = LATENCY_NS / 1e9 / speed if offset_ns == 0 else 0.0
+            assert age == pytest.approx(expected, abs=1e-6)
+    assert wire.left_out == {"b": 1}
+    assert wire.of(TruthBatch)[0][1].session == wire.batches("b")[0].session
+
+
+def test_a_part_comes_with_the_truth_of_before():
+    wire = play(log=Log(scene()), stamps="original", start=1.0, end=2.0)
+    assert wire.puts[0][1] == "truth"
+    found = wire.of(ObservationBatch, "a")
+    assert [b.seq for _, b in found] == list(range(10, 20))
+    assert found[0][0] == pytest.approx(LATENCY_NS / 1e9, abs=1e-6)
+
+
+def test_passes_follow_each_other_as_new_sessions():
+    wire = play(log=Log(scene(seconds=2)), stamps="original", loop=True, duration=5.0)
+    found = wire.batches("a")
+    assert len(found) > 40
+    stamps = [b.stamp_ns for b in found]
+    assert stamps == sorted(set(stamps))
+    sessions = [b.session for b in found]
+    assert sessions[:20] == [SESSION] * 20
+    assert len(set(sessions[20:40])) == 1
+    assert SESSION not in sessions[20:]
+    assert [b.seq for b in found[20:40]] == list(range(20))
+
+
+@pytest.mark.parametrize("stamps", ["now", "original"])
+def test_a_pause_puts_everything_off(stamps):
+    presses = iter([""] * 20 + [" "] + [""] * 30 + [" "])
+    wire = play(log=Log(scene()), stamps=stamps, read_key=lambda: next(presses, ""))
+    times = [at for at, _ in wire.of(ObservationBatch, "a")]
+    gaps = np.diff(times)
+    assert len(times) == 40
+    assert max(gaps) == pytest.approx(3.2, abs=0.15)
+    assert sorted(gaps)[-2] == pytest.approx(0.1, abs=1e-6)
+    if stamps == "now":
+        for at, b in wire.of(ObservationBatch, "a"):
+            assert (NOW + at) - b.stamp_ns / 1e9 == pytest.approx(0.02, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    "schedule", [{"speed": 0.0}, {"speed": 1001.0}, {"start": 2.0, "end": 1.0}, {"start": -1.0}], ids=str
+)
+def test_a_schedule_that_makes_no_sense_is_refused(schedule):
+    with pytest.raises(ValueError, match=r"speed|the end of what"):
+        Schedule(**schedule)
+
+
+def test_a_start_behind_the_end_is_refused():
+    with pytest.raises(ValueError, match=r"is only .* s long"):
+        play(log=Log(scene()), start=100.0)
+
+
+def test_every_stamp_of_a_batch_moves():
+    stamps = np.array([BEGIN, BEGIN + S], np.int64)
+    moved = Restamp(BEGIN, 7 * S, 2.0)(batch("a", 0, BEGIN + S, stamps_ns=stamps))
+    assert moved.stamps_ns.tolist() == [7 * S, 7 * S + S // 2]
+    assert moved.stamp_ns == 7 * S + S // 2
+    joints = JointStates(
+        source="a", session=SESSION, seq=0, stamp_ns=BEGIN, names=["j"], positions=np.zeros(1)
+    )
+    assert Restamp(BEGIN, 5, 1.0)(joints).stamp_ns == 5
+
+
+def test_a_recording_that_breaks_off_names_the_repair(tmp_path):
+    from comotion_clients.recording.file import RecordingFile
+
+    path = tmp_path / "take.mcap"
+    with RecordingFile(path, scene="default") as file:
+        for item in scene():
+            file.add(item.key, item.log_ns, item.payload, item.decode())
+    with MessageLog(path) as log:
+        assert log.sources == ["a", "b"]
+        assert [m.payload for m in log.messages()] == [i.payload for i in scene()]
+    assert len(list(logged_batches(path))) == len(scene()) - 1
+    data = bytearray(path.read_bytes())
+    data[len(data) // 8] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match="comotion record --repair"):
+        list(logged_batches(path))
+
+
+def test_the_order_of_acquisition_does_not_depend_on_that_of_receipt():
+    rng = np.random.default_rng(3)
+    items = [(i.log_ns, i.decode()) for i in scene(seconds=30) if i.decode() is not None]
+    orders = []
+    for _ in range(2):
+        held_up = sorted(((t + int(rng.integers(0, 2 * S)), m) for t, m in items), key=lambda x: x[0])
+        orders.append([m.stamp_ns for _, m in in_order_of_acquisition(held_up) if hasattr(m, "seq")])
+    assert orders[0] == orders[1] == sorted(orders[0])
+    assert len(orders[0]) == len(items) - 1
+
+
+def test_a_stamp_from_another_time_holds_nothing_up():
+    wrong = (BEGIN + S, batch("wrong", 0, BEGIN + 10**15))
+    items = [(i.log_ns, i.decode()) for i in scene(seconds=30) if i.decode() is not None]
+    found = list(in_order_of_acquisition([*items[:15], wrong, *items[15:]]))
+    assert found[-1] == wrong
+    assert len(found) == len(items) + 1

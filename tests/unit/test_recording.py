@@ -21,6 +21,8 @@ from comotion_clients.recording.series import Arrival, Series, SeriesOptions
 from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.export import json_schema
 from comotion_schemas.message_log import MessageLog
+from comotion_schemas.recording import MESSAGE_ENCODING
+from comotion_sources.errors import RecordingError
 from comotion_sources.simulator import batches, load_scene, simulate
 
 KEYS = Keys("lab")
@@ -290,16 +292,11 @@ def test_without_the_extra_one_line_says_what_to_install(tmp_path, command):
 def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path):
     from mcap.writer import Writer
 
-    from comotion_schemas import Keys
-    from comotion_schemas.message_log import MessageLog
-    from comotion_schemas.recording import MESSAGE_ENCODING
-    from comotion_sources.errors import RecordingError
-
     path = tmp_path / "bomb.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=1 << 30)
         writer.start()
-        channel = writer.register_channel(Keys().stream("obs", "cam"), MESSAGE_ENCODING, 0)
+        channel = writer.register_channel(KEYS.stream("obs", "cam"), MESSAGE_ENCODING, 0)
         writer.add_message(channel, 0, bytes(65 << 20), 0, 0)
         writer.finish()
     assert path.stat().st_size < 1 << 20

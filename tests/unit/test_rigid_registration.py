@@ -1,13 +1,19 @@
-"""The offset of a source from the reference: found, kept, and dropped by what the window shows."""
+"""The offset of a source, found, kept and dropped by what the window shows; and a lost body's return."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from comotion.partition import NO_HYPOTHESIS
+from comotion.rigid.arrivals import undecided
+from comotion.rigid.assignment import OUTLIER
 from comotion.rigid.explanations import Offset, View, explained
 from comotion.rigid.kernels.records import ROUND
 from comotion.rigid.procrustes import align, fit_body, pose_information
 from comotion.rigid.resampling import Frames
+from comotion.rigid.subset import Scene
 
 RATE = 15
 SIGMA = 0.003
@@ -18,6 +24,26 @@ WRONG = Offset(np.radians([3.0, -2.0, 2.0]), np.array([0.03, -0.03, 0.02]), PIVO
 # Rows of the reference and of the other source on each of two bodies.
 REFERENCE = {1: np.arange(0, 4), 2: np.arange(8, 12)}
 OTHER = {1: np.arange(4, 8), 2: np.arange(12, 16)}
+
+
+def frames_of(y, w, seconds, sigma, dim=3):
+    """Rows y [n, F, 3] of white noise with weights [n, F], each of a trajectory of its own."""
+    n, variance = len(y), np.full(len(y), sigma**2)
+    return Frames(
+        dim=dim,
+        stamps=(seconds * 1e9).astype(np.int64),
+        y=y,
+        w=w,
+        owner=np.arange(n),
+        weight=np.ones(n),
+        noise=variance,
+        tolerance=variance,
+        metric=np.tile(ROUND, (n, 1)),
+        spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
+        key=np.arange(n),
+        life=np.full(n, seconds[-1] + 1 / RATE),
+        current=np.ones(n, bool),
+    )
 
 
 def view_of(seconds, groups=OTHER, *, seen=NONE, seed=0, dim=3):
@@ -37,12 +63,7 @@ def view_of(seconds, groups=OTHER, *, seen=NONE, seed=0, dim=3):
         R, shift = seen.transform()
         y[OTHER[k]] = y[OTHER[k]] @ R.T + shift
     y[:, :, :dim] += rng.normal(0, SIGMA, (16, len(t), dim))
-    variance, spectrum = np.full(16, SIGMA**2), np.tile([1.0, 0.0, 0.0], (16, 1))
-    frames = Frames(
-        dim=dim, stamps=(t * 1e9).astype(np.int64), y=y, w=np.ones(y.shape[:2]), owner=np.arange(16),
-        weight=np.ones(16), noise=variance, tolerance=variance, metric=np.tile(ROUND, (16, 1)),
-        spectrum=spectrum, key=np.arange(16), life=np.full(16, seconds), current=np.ones(16, bool),
-    )  # fmt: skip
+    frames = frames_of(y, np.ones(y.shape[:2]), t, SIGMA, dim)
     return View(frames, groups, {k: fit_body(frames, rows) for k, rows in REFERENCE.items()}, 0.6)
 
 
@@ -81,3 +102,37 @@ def test_the_information_of_poses_is_that_of_fitted_ones():
     errors = np.array([[*Rotation.from_matrix(R).as_rotvec(), *t] for R, t in fitted])
     expected = np.diag(np.linalg.inv(information[0]))
     np.testing.assert_allclose((errors**2).mean(0), expected, rtol=0.3)
+
+
+OLD, GONE, NEW = slice(0, 10), slice(10, 14), slice(14, 20)
+
+
+def scene(*, lost: bool, crowded: bool = True) -> Scene:
+    """Ten features at rest, four of hypothesis 2 that ended, and six that were born just now."""
+    rng = np.random.default_rng(0)
+    n, count = 20, 30
+    w = np.zeros((n, count))
+    w[OLD], w[GONE, :15], w[NEW, -2:] = 1, 1, 1
+    places = rng.uniform(-1, 1, (n, 3))
+    places[NEW] = rng.uniform(-0.01, 0.01, (6, 3)) if crowded else places[:6] + 0.001
+    current, before = np.ones(n, bool), np.full(n, 1)
+    current[GONE], before[GONE], before[NEW] = False, 2, NO_HYPOTHESIS
+    if not lost:
+        before[0] = 2
+    frames = frames_of(np.repeat(places[:, None], count, 1), w, np.arange(count) / 15, 1e-3)
+    frames = replace(frames, life=(w > 0).sum(1) / 15, current=current)
+    nobody = np.zeros(n, bool)
+    return Scene(frames, places, frames.life >= 0.3, before, 1, nobody, nobody, nobody)
+
+
+@pytest.mark.parametrize("nearest", [0, 1])
+def test_a_crowd_of_newborn_features_is_undecided_while_a_body_is_lost(nearest):
+    labels = undecided(scene(lost=True), np.full(20, nearest))
+    assert (labels[NEW] == OUTLIER).all()
+    assert (labels[:14] == nearest).all()
+
+
+def test_without_a_lost_body_and_apart_from_each_other_their_place_decides():
+    nothing = np.zeros(20, np.intp)
+    assert (undecided(scene(lost=False), nothing) == 0).all()
+    assert (undecided(scene(lost=True, crowded=False), nothing) == 0).all()

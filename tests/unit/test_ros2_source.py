@@ -1,4 +1,6 @@
-"""Poses and labelled clouds of ROS 2 become observations; anything else is refused and counted."""
+"""Poses, labelled clouds and joint states of ROS 2 are read; anything else is refused and counted."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,41 +9,22 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
-from comotion_schemas import decode
-from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import store
-from comotion_sources.ros2.convert import (
-    CLOUD,
-    KINDS,
-    NAMED_POSES,
-    TF,
-    Converter,
-    _ids,
-    kind_of,
-)
+from comotion_sources.errors import InputError
+from comotion_sources.proprioception.cdr import JOINT_STATE, decode_message, from_message, ros_key
+from comotion_sources.proprioception.joint_logs import read_bag
+from comotion_sources.proprioception.samples import JointSample
+from comotion_sources.ros2.convert import CLOUD, KINDS, NAMED_POSES, TF, Converter, _ids, kind_of
 from comotion_sources.ros2.process import Ros2Source, _Relay
 from comotion_sources.runtime import SourcePublisher
 
-S = 10**9
+from ..ros_messages import encode_sample, header, make, raw
 
 
-def make(kind, /, **fields):
-    return store().types[kind](**fields)
-
-
-def header(frame="world", seconds=5):
-    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=7)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
-def raw(message, kind):
-    return bytes(store().serialize_cdr(message, kind))
-
-
-def transform(child, x, frame="world", seconds=5):
+def transform(child, x, frame="world"):
     return make(
         "geometry_msgs/msg/TransformStamped",
-        header=header(frame, seconds),
+        header=header(frame),
         child_frame_id=child,
         transform=make(
             "geometry_msgs/msg/Transform",
@@ -90,7 +73,7 @@ def test_frames_of_tf_are_features_that_keep_their_ids():
     converter = Converter("cup*")
     (first,) = converter.convert(TF, tf(transform("cup1", 1.0), transform("robot", 9.0)), 0)
     (second,) = converter.convert(TF, tf(transform("cup2", 2.0), transform("cup1", 1.5)), 0)
-    assert (first.frame, first.stamp_ns, first.ids.tolist()) == ("world", 5 * S + 7, [0])
+    assert (first.frame, first.stamp_ns, first.ids.tolist()) == ("world", 5_000_000_007, [0])
     assert dict(zip(second.ids.tolist(), second.positions[:, 0].tolist(), strict=True)) == {1: 2.0, 0: 1.5}
     assert second.quaternions.tolist() == [[0, 0, 0, 1]] * 2
 
@@ -134,20 +117,106 @@ def test_any_bytes_are_refused_or_read(kind, rest):
             continue
 
 
-class Sent(list):
-    put = list.append
-
-
 def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     source = SourcePublisher("ros2", space="world", unit="m", dim=3, drop_invalid=True)
-    source._publishers["obs"] = Sent()
+    sent = []
+    source.put = sent.append
     relay, key = _Relay(source, Ros2Source(topic="/tf")), "0/tf/tf2_msgs::msg::dds_::TFMessage_/H"
     relay.take(key, tf(transform("a", 1.0)), 0)
     relay.take(key, tf(transform("b", 1.0, frame="odom")), 0)
     relay.take(key, b"nonsense", 0)
     relay.take("0/tf/std_msgs::msg::dds_::String_/H", b"", 0)
-    relay.take(key, tf(transform("a", float("inf")), transform("c", 2.0, seconds=5)), 0)
-    batches = [decode(one) for one in source._publishers["obs"]]
-    assert [b.ids.tolist() for b in batches] == [[0], [2]]
+    relay.take(key, tf(transform("a", float("inf")), transform("c", 2.0)), 0)
+    assert [batch.ids.tolist() for batch in sent] == [[0], [2]]
     assert source.dropped == {"space-mismatch": 1, "malformed": 1, "schema": 1, "non-finite": 1}
     assert source._status().feature_names == {"0": "a", "1": "b", "2": "c"}
+
+
+NAMES = st.lists(
+    st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12), max_size=8, unique=True
+)
+
+
+def sample(stamp_ns: int = 1_795_227_314_415_000_123, names: tuple[str, ...] = ("a", "b")) -> JointSample:
+    return JointSample(stamp_ns, names, np.linspace(-1, 2, len(names)))
+
+
+@given(NAMES, st.integers(1, 2**31 * 10**9 - 1), st.data())
+@settings(max_examples=60)
+def test_joint_states_round_trip_through_cdr(names: list[str], stamp_ns: int, data: st.DataObject) -> None:
+    numbers = st.floats(allow_nan=False, allow_infinity=False)
+    positions = np.array(data.draw(st.lists(numbers, min_size=len(names), max_size=len(names))), np.float64)
+    raw = encode_sample(JointSample(stamp_ns, names, positions), velocities=positions)
+    back = from_message(decode_message(raw), received_ns=5)
+    assert back.stamp_ns == stamp_ns
+    assert list(back.names) == names
+    assert np.array_equal(back.positions, positions)
+
+
+def test_what_rosbags_itself_serialises_big_endian_too_is_read() -> None:
+    message = decode_message(encode_sample(sample()))
+    for little in (True, False):
+        raw = store().serialize_cdr(message, JOINT_STATE, little_endian=little)
+        assert from_message(decode_message(bytes(raw)), 0).positions.tolist() == sample().positions.tolist()
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=200)
+def test_any_other_bytes_are_refused_or_read_whole(content: bytes) -> None:
+    for payload in (content, encode_sample(sample())[: len(content)], b"\0\1\0\0" + content):
+        try:
+            read = from_message(decode_message(payload), 0)
+        except InputError:
+            continue
+        else:
+            assert np.isfinite(read.positions).all()
+
+
+def write_bag(path: Path, topics: dict[str, list[JointSample]], kind: str) -> Path:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        for topic, samples in topics.items():
+            connection = writer.add_connection(topic, JOINT_STATE, typestore=store())
+            for one in samples:
+                writer.write(connection, one.stamp_ns, encode_sample(one))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite"])
+@pytest.mark.parametrize("folder", [True, False])
+def test_bags_are_read_in_order(tmp_path: Path, kind: str, folder: bool) -> None:
+    samples = [sample(10**18 + k * 10**7) for k in range(5)]
+    path = write_bag(tmp_path / "bag", {"/joint_states": samples}, kind)
+    if not folder:
+        path = next(p for p in path.iterdir() if p.suffix in {".mcap", ".db3"})
+    read = list(read_bag(path))
+    assert [s.stamp_ns for s in read] == [s.stamp_ns for s in samples]
+    assert read[3].positions.tolist() == samples[3].positions.tolist()
+
+
+def test_a_bag_with_two_robots_wants_a_topic(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", {"/left": [sample()], "/right": [sample(names=("c",))]}, "mcap")
+    with pytest.raises(InputError, match="several: /left, /right; name one"):
+        list(read_bag(path))
+    assert list(next(read_bag(path, "/right")).names) == ["c"]
+    with pytest.raises(InputError, match="named /up: none"):
+        list(read_bag(path, "/up"))
+
+
+def test_what_is_no_bag_is_one_clear_line(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(b"\x89MCAP0\r\n" + bytes(40))
+    for path in (tmp_path / "none.mcap", tmp_path, broken):
+        with pytest.raises(InputError) as error:
+            list(read_bag(path))
+        assert "\n" not in str(error.value)
+
+
+def test_the_key_is_that_of_rmw_zenoh() -> None:
+    assert ros_key("/joint_states") == "0/joint_states/sensor_msgs::msg::dds_::JointState_/*"
+    assert ros_key("ur5/joint_states/", 7) == "7/ur5/joint_states/sensor_msgs::msg::dds_::JointState_/*"
+    for topic in ("", "/", "a//b", "a/**", "a b", "7up", "a/$*", "é"):
+        with pytest.raises(InputError, match="is not a ROS topic"):
+            ros_key(topic)

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth, snapshot
+from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
 from comotion.runtime import warm_up
 from comotion.runtime.clocks import EventClock, WallClock
@@ -19,7 +19,7 @@ from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
 from comotion.runtime.state_keeper import StateKeeper
 from comotion.runtime.ticker import Ticker
-from comotion.snapshot import FORMAT, Header
+from comotion.snapshot import Header
 from comotion_schemas import ObservationBatch
 from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
@@ -227,16 +227,6 @@ class TestStateFile:
         assert next_id(self.load(tmp_path / "state")) < 5000
         assert "state.ids is damaged" in caplog.text
 
-    def test_a_state_of_another_version_is_kept_aside_and_its_ids_are_not_reused(
-        self, tmp_path: Path, monkeypatch, caplog
-    ) -> None:
-        with monkeypatch.context() as patch:
-            patch.setattr(snapshot, "FORMAT", FORMAT - 1)
-            data = kept(tmp_path / "state", running(first_id=5000))
-        assert next_id(self.load(tmp_path / "state")) > 5000
-        assert f"format {FORMAT - 1}, expected {FORMAT})" in caplog.text
-        assert (tmp_path / "state.rejected").read_bytes() == data
-
     def test_a_state_from_which_no_update_follows_is_refused(
         self, tmp_path: Path, monkeypatch, caplog
     ) -> None:
@@ -294,14 +284,6 @@ class TestStateKeeper:
             assert not keeper.is_due(one, now + 99 * SECOND)
             assert keeper.is_due(one, now + 100 * SECOND)
             assert keeper.is_due(two, now + 90 * SECOND)
-
-    def test_the_state_is_written_when_hypotheses_change_and_at_the_end(self, tmp_path: Path) -> None:
-        path, fusion = tmp_path / "state", Fusion(FusionConfig())
-        with StateKeeper(path, 10 * SECOND, fusion) as keeper:
-            keeper.after(frozenset({1}), time.monotonic_ns())
-            fusion.update(20 * SECOND)
-        assert path.read_bytes() == fusion.snapshot(clean=True)
-        assert keeper.error == ""
 
     def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self) -> None:
         fusion = Fusion(FusionConfig())

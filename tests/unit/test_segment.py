@@ -1,15 +1,26 @@
-"""`comotion segment`: every frame, the same labels on every run, a table, a picture and a summary."""
+"""`comotion segment`: labels of every frame, dense regions, and a real video with labels drawn by hand."""
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from comotion import Fusion, FusionConfig
+from comotion_clients.metrics import misclassification, nmi
+from comotion_clients.regions import regions
 from comotion_deploy.cli import run
+from comotion_experiments.labelled import Labelled
+from comotion_experiments.masks import MaskFolder
 from comotion_schemas.colours import COLOURS
+from comotion_schemas.types import UNDETERMINED
+from comotion_sources.cameras import Frame, open_frames
+from comotion_sources.frames import MessageBuilder
+from comotion_sources.klt import Tracker, Tracks
+from comotion_sources.klt.observer import Observer, choose_space
 
 FRAMES, SHAPE = 24, (120, 160)
 
@@ -89,3 +100,113 @@ def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, 
         *(f"{k:06d}.png" for k in range(FRAMES)),
         "mine.png",
     ]
+
+
+def picture():
+    """A bright disc on a dark ground, and the true object of each pixel."""
+    y, x = np.mgrid[0:120, 0:160]
+    disc = (x - 90) ** 2 + (y - 50) ** 2 < 30**2
+    rng = np.random.default_rng(0)
+    image = np.where(disc, 180, 60)[..., None] + rng.normal(0, 6, (120, 160, 3))
+    return image.clip(0, 255).astype(np.uint8), disc.astype(np.int32)
+
+
+def overlap(one, other):
+    """Intersection over union of two masks."""
+    return (one & other).sum() / (one | other).sum()
+
+
+def test_regions_end_at_the_edges_of_the_image():
+    image, true = picture()
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform([0, 0], [159, 119], (60, 2)).astype(np.float32)
+    labels = np.where(true[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] == 1, 7, 3)
+    labels[:5] = -1
+    found = regions(image, pixels, labels)
+    assert set(np.unique(found)) == {3, 7}
+    assert overlap(found == 3, true == 0) > 0.95
+    assert overlap(found == 7, true == 1) > 0.9
+
+
+def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
+    image = np.full((120, 160, 3), 90, np.uint8)
+    image[40:80, 10:50] = 200
+    on_body = np.random.default_rng(0).uniform([14, 44], [46, 76], (20, 2))
+    background = np.array([[x, y] for x in (4, 60, 155) for y in (4, 60, 115)])
+    pixels = np.vstack([on_body, background]).astype(np.float32)
+    true = np.zeros((120, 160), np.int32)
+    true[40:80, 10:50] = 1
+    found = regions(image, pixels, np.repeat([7, 3], [20, 9]))
+    assert overlap(found == 7, true == 1) > 0.9
+
+
+def test_one_wrong_feature_has_no_region_of_its_own():
+    image, true = picture()
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform([0, 0], [159, 119], (120, 2)).astype(np.float32)
+    labels = np.where(true[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] == 1, 7, 3)
+    pixels[-1], labels[-1] = (10, 110), 7
+    found = regions(image, pixels, labels)
+    assert not (found[90:, :30] == 7).any()
+    assert overlap(found == 7, true == 1) > 0.9
+
+
+def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
+    image, _ = picture()
+    pixels = np.array([[5, 5], [90, 50]], np.float32)
+    labels = np.array([1, 300])
+    tracks = Tracks(**dict.fromkeys(Tracks.__dataclass_fields__) | {"pixels": pixels})
+    folder = MaskFolder(tmp_path / "masks", 0.5)
+    for k in range(7):
+        frame = Frame(k * 100_000_000, image)
+        folder.write(Labelled(k, frame, tracks, labels, np.ones(2), []))
+    assert sorted(path.name for path in (tmp_path / "masks").iterdir()) == ["000000.png", "000005.png"]
+    found = cv2.imread(str(tmp_path / "masks" / "000005.png"), cv2.IMREAD_UNCHANGED)
+    assert found.dtype == np.uint16
+    assert (found == regions(image, pixels, labels)).all()
+
+
+NEAR = 8.0  # px
+
+
+def nearest_labels(pixels: np.ndarray, labelled: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Label of the nearest labelled feature, -1 where none is near."""
+    distance = np.linalg.norm(pixels[:, None] - labelled[None], axis=2)
+    nearest = distance.argmin(axis=1)
+    return np.where(distance.min(axis=1) < NEAR, labels[nearest], -1)
+
+
+@pytest.mark.data
+@pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no recordings")
+def test_the_drawers_of_a_real_video_are_separated() -> None:
+    folder = Path(os.environ["COMOTION_DATA"]) / "video"
+    with np.load(folder / "ikeasmall01.npz") as file:
+        times, positions, labels = file["times"], file["positions"], file["labels"]
+    space = choose_space("klt", has_depth=False, intrinsics=None, extrinsics=None)
+    builder = MessageBuilder(source="klt", session="0" * 16, space=space.name, unit="px", dim=2)
+    tracker, observer = Tracker(), Observer(space, builder)
+    fusion = Fusion(FusionConfig(), scene="default", session="1" * 16)
+    scores, errors = [], []
+    for k, frame in enumerate(open_frames(str(folder / "ikeasmall01.avi"))):
+        tracks = tracker.step(Frame(frame.stamp_ns + 1, frame.image))
+        for message in observer.messages(tracks, frame):
+            fusion.ingest(message)
+        # Both drawers have moved by 6.5 s; the updates before keep the engine going.
+        if k % 5 or k < 30:
+            continue
+        update = fusion.update(tracks.stamp_ns)
+        if frame.stamp_ns < 6.6e9:
+            continue
+        row = positions[np.argmin(np.abs(times - frame.stamp_ns / 1e9))]
+        seen = np.isfinite(row).all(axis=1)
+        place = dict(zip(tracks.ids.tolist(), tracks.pixels, strict=True))
+        pixels = np.array([place[i] for i in update.track_id.tolist()])
+        true = nearest_labels(pixels, row[seen], labels[seen])
+        found = update.track_hypothesis.astype(np.int64)
+        found = np.where(found == UNDETERMINED, 2**32 + np.arange(len(found)), found)
+        assert (true >= 0).sum() > 150
+        scores.append(nmi(found[true >= 0], true[true >= 0]))
+        errors.append(misclassification(found[true >= 0], true[true >= 0]))
+    assert len(scores) >= 7
+    assert np.median(scores) > 0.8
+    assert np.median(errors) < 0.06

@@ -1,5 +1,7 @@
 """The one counter of sequence numbers: loss, order, repetition, and how much it remembers."""
 
+from collections import Counter, defaultdict
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,20 +15,28 @@ def sight(numbers, counter=None):
     return [counter.sight("cam", A, seq) for seq in numbers]
 
 
-def test_a_late_joiner_has_lost_nothing_and_every_skipped_number_is_a_loss():
-    assert sight([7, 8, 11]) == [Sighting(0, "newest"), Sighting(0, "newest"), Sighting(2, "newest")]
+streams = st.sampled_from([("cam", A), ("cam", B), ("arm", A)])
 
 
-def test_publishers_and_sessions_are_counted_apart():
-    counter = SequenceCounter()
-    streams = [("cam", A), ("cam", B), ("arm", A)]
-    for seq in (0, 2):
-        assert [counter.sight(*stream, seq).lost for stream in streams] == [seq // 2] * 3
-
-
-def test_a_reader_from_the_start_has_lost_what_came_before_the_first():
-    counter = SequenceCounter(from_zero=True)
-    assert [s.lost for s in sight([3, 4, 1, 6], counter)] == [3, 0, -1, 1]
+@given(st.lists(st.tuples(streams, st.integers(0, 12))), st.booleans(), st.integers(0, 20))
+def test_every_number_of_a_session_is_new_once_and_what_is_missing_since_the_first_was_lost(
+    numbers, from_zero, restart
+):
+    """The counter is saved and restored on the way; from zero on, what came before the first is lost too."""
+    counter, first, seen, lost = SequenceCounter(from_zero=from_zero), {}, defaultdict(set), Counter()
+    for k, (stream, seq) in enumerate(numbers):
+        if k == restart:
+            state, counter = counter.state(), SequenceCounter(from_zero=from_zero)
+            counter.load(state)
+        known = seen[stream]
+        expected = "newest" if seq > max(known, default=-1) else "repeated" if seq in known else "overtaken"
+        found = counter.sight(*stream, seq)
+        known.add(seq)
+        lost[stream] += found.lost
+        begin = 0 if from_zero else first.setdefault(stream, seq)
+        assert found.order == expected
+        assert lost[stream] == len(set(range(begin, max(known))) - known)
+        assert counter.newest(*stream) == max(known)
 
 
 def test_a_jump_that_no_loss_explains_is_counted_apart_and_mutes_nothing():
@@ -34,23 +44,6 @@ def test_a_jump_that_no_loss_explains_is_counted_apart_and_mutes_nothing():
     assert [s.order for s in sightings] == [*["newest"] * 5, "repeated", "newest"]
     assert sum(s.lost for s in sightings) == 0
     assert sight([0, MAX_JUMP])[1].lost == MAX_JUMP - 1
-
-
-def test_a_restored_counter_goes_on():
-    counter, twin = SequenceCounter(from_zero=True), SequenceCounter(from_zero=True)
-    sight([2, 7, 5], counter)
-    twin.load(counter.state())
-    assert sight([9, 6, 5, 0], twin) == sight([9, 6, 5, 0], counter)
-    assert twin.newest("cam", A) == 9
-
-
-@given(st.lists(st.integers(0, 50), min_size=1))
-def test_every_number_is_new_exactly_once_and_what_is_missing_was_lost(numbers):
-    sightings = sight(numbers)
-    fresh = [seq for seq, s in zip(numbers, sightings, strict=True) if s.order != "repeated"]
-    assert sorted(fresh) == sorted(set(numbers))
-    never = set(range(numbers[0], max(numbers) + 1)) - set(numbers)
-    assert sum(s.lost for s in sightings) == len(never)
 
 
 def test_a_flood_of_sessions_leaves_those_seen_last():

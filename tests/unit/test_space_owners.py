@@ -1,5 +1,7 @@
 """What a space is: said by the configuration, else by the first source that observes something in it."""
 
+from functools import partial
+
 import numpy as np
 
 from comotion import Fusion, FusionConfig
@@ -7,7 +9,7 @@ from comotion.config import LimitsConfig, SpaceConfig
 from comotion.runtime.problems import of_fusion
 
 from .. import builders
-from ..builders import MS, T0
+from ..builders import MS, T0, S, play, restored
 
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
 FAR = np.random.default_rng(1).uniform(-1, 1, (40, 3))
@@ -27,11 +29,12 @@ def rejected(fusion):
 
 def test_a_batch_without_rows_claims_no_space():
     fusion = Fusion()
-    for k in range(30):
-        now = T0 + k * 33 * MS
-        fusion.ingest(pixels("claims", k, now - MS, 0))
-        fusion.ingest(batch("honest", k, now))
-        update = fusion.update(now)
+    update = play(
+        fusion,
+        range(30),
+        lambda k, now: pixels("claims", k, now - MS, 0),
+        partial(batch, "honest"),
+    )[-1]
     assert len(update.track_id) == 12
     assert rejected(fusion)["honest"] == {}
     assert rejected(fusion)["claims"]["space-mismatch"] > 25
@@ -42,14 +45,10 @@ def test_a_batch_without_rows_claims_no_space():
 
 def test_the_first_that_observes_something_keeps_the_space_while_it_lives():
     fusion = Fusion()
-    for k in range(300):
-        now = T0 + k * 33 * MS
-        if k < 90:
-            fusion.ingest(batch("first", k, now))
-        fusion.ingest(pixels("other", k, now, 5))
-        fusion.update(now)
-        if k == 100:
-            assert list(fusion.timeline.troubles.lately()["contradicts-space"]) == ["other"]
+    other = partial(pixels, "other", count=5)
+    play(fusion, range(100), lambda k, now: batch("first", k, now) if k < 90 else None, other)
+    assert list(fusion.timeline.troubles.lately()["contradicts-space"]) == ["other"]
+    play(fusion, range(100, 300), other)
     assert rejected(fusion)["first"] == {}
     refused = rejected(fusion)["other"]["space-mismatch"]
     assert 90 < refused < 260, "released 5 s after the first has left"
@@ -57,11 +56,8 @@ def test_the_first_that_observes_something_keeps_the_space_while_it_lives():
 
 def test_a_space_of_a_snapshot_is_not_free_for_the_next_best():
     before = Fusion()
-    for k in range(30):
-        before.ingest(batch("first", k, T0 + k * 33 * MS))
-        before.update(T0 + k * 33 * MS)
-    fusion = Fusion.restore(before.config, before.snapshot())
-    now = T0 + 30 * 33 * MS
+    play(before, range(30), partial(batch, "first"))
+    fusion, now = restored(before), T0 + S
     fusion.advance(now)
     fusion.ingest(pixels("other", 0, now, 5))
     fusion.ingest(batch("first", 30, now))
@@ -80,14 +76,14 @@ def test_the_configuration_decides_before_anybody_observes():
 
 
 def frames(fusion, ticks, *, other):
-    """A source that says nothing of the frame, and another that says `other`, or is gone where None."""
-    for k in ticks:
-        now = T0 + k * 33 * MS
-        fusion.ingest(batch("honest", k, now, POINTS + np.array([0.01 * k, 0, 0])))
-        if other is not None:
-            fusion.ingest(batch("other", k, now, FAR, moving=other))
-        update = fusion.update(now)
-    return update.frames
+    """A source that says nothing of the frame, and another that says `other`."""
+    updates = play(
+        fusion,
+        ticks,
+        lambda k, now: batch("honest", k, now, POINTS + np.array([0.01 * k, 0, 0])),
+        lambda k, now: batch("other", k, now, FAR, moving=other),
+    )
+    return updates[-1].frames
 
 
 def test_a_frame_moves_where_all_sources_say_so_and_until_they_do_not():
@@ -95,17 +91,8 @@ def test_a_frame_moves_where_all_sources_say_so_and_until_they_do_not():
     assert frames(fusion, range(60), other=True) == {}
     assert "is carried" in fusion.timeline.troubles.lately()["contradicts-space"]["other"]
     alone = Fusion()
-    for k in range(60):
-        now = T0 + k * 33 * MS
-        alone.ingest(batch("hand", k, now, moving=True))
-        update = alone.update(now)
-    assert "world" in update.frames
-    alone = Fusion.restore(alone.config, alone.snapshot())
-    for k in range(60, 80):
-        now = T0 + k * 33 * MS
-        alone.ingest(batch("hand", k, now, moving=False))
-        update = alone.update(now)
-    assert update.frames == {}
+    assert "world" in play(alone, range(60), partial(batch, "hand", moving=True))[-1].frames
+    assert play(restored(alone), range(60, 80), partial(batch, "hand", moving=False))[-1].frames == {}
 
 
 def test_the_configuration_has_the_last_word_on_whether_a_frame_moves():
@@ -117,11 +104,12 @@ def test_the_configuration_has_the_last_word_on_whether_a_frame_moves():
 
 def test_one_source_may_open_a_fourth_of_the_spaces():
     fusion = Fusion(FusionConfig(limits=LimitsConfig(spaces=8)))
-    for k in range(10):
-        now = T0 + k * 33 * MS
-        fusion.ingest(batch("many", k, now, space=f"space-{k}", ids=np.arange(12, dtype=np.uint64) + 100 * k))
-        fusion.ingest(batch("honest", k, now, space="world"))
-        fusion.update(now)
+    play(
+        fusion,
+        range(10),
+        lambda k, now: batch("many", k, now, space=f"space-{k}", ids=np.arange(12) + 100 * k),
+        partial(batch, "honest"),
+    )
     assert sorted(fusion.spaces) == ["space-0", "space-1", "world"]
     assert rejected(fusion)["many"] == {"limit": 8}
     assert rejected(fusion)["honest"] == {}

@@ -1,9 +1,13 @@
-"""The method of the thesis over live trajectories: identities, events, motion, confidence."""
+"""The method of the thesis over live trajectories, and its clusterings where the answer is known."""
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
-from comotion.config import HypothesesConfig, ThesisConfig
+from comotion.config import ThesisConfig
+from comotion.thesis.clustering import by_appearance, make_clustering
 
 from ..builders import MS, T0, batch, labels_of
 
@@ -91,17 +95,6 @@ def test_a_body_that_is_hidden_and_comes_back_within_the_window_keeps_its_id():
     assert [kind for kind, _, _ in scene.told()] == ["born", "split", "absent", "returned"]
 
 
-def test_a_body_that_stays_away_for_longer_than_the_memory_has_ended():
-    hypotheses = HypothesesConfig(memory=1.0)
-    scene = Scene(CONFIG.model_copy(update={"window": 2.0, "hypotheses": hypotheses}))
-    scene.run(40, both)
-    gone = scene.labels[10]
-    scene.run(60, REST)
-    assert scene.told()[-2:] == [("absent", gone, []), ("ended", gone, [])]
-    scene.run(40, lambda frame: REST | passing(frame - 60))
-    assert gone not in scene.labels.values()
-
-
 def test_a_forgotten_hypothesis_ends_and_its_features_are_grouped_as_new_ones():
     scene = Scene()
     scene.run(40, both)
@@ -121,3 +114,79 @@ def test_bodies_that_stay_together_for_longer_than_the_window_merge():
     scene.run(60, REST | passing(40))
     assert set(scene.labels.values()) == {one}
     assert scene.told()[-1] == ("merged", one, [other])
+
+
+DIVISIVE = "divisive-kmeans"
+ALL = [DIVISIVE, "gmm-bic", "eigengap", "eigengap-normalized"]
+STOP = 0.4
+
+
+def blocks(sizes, inside=0.9, outside=0.05, noise=0.03, seed=0):
+    """Affinity of clusters of given sizes, in a shuffled order; and who is where."""
+    rng = np.random.default_rng(seed)
+    truth = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    a = np.where(truth[:, None] == truth, inside, outside) + rng.normal(0, noise, (len(truth),) * 2)
+    a = np.clip((a + a.T) / 2, 0, 1)
+    np.fill_diagonal(a, 1.0)
+    return a, by_appearance(truth)
+
+
+def cluster(name, affinity):
+    return clusters(make_clustering(name, STOP), affinity).labels
+
+
+def clusters(clustering, affinity):
+    affinity = np.asarray(affinity, np.float32)
+    return clustering(affinity, np.arange(len(affinity)))
+
+
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("sizes", [(12,), (8, 8), (20, 5, 9), (10, 10, 10, 10)])
+def test_clear_blocks_are_found(name, sizes):
+    affinity, truth = blocks(sizes)
+    np.testing.assert_array_equal(cluster(name, affinity), truth)
+
+
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("value", [0.0, 0.4, 0.5, 1.0])
+@pytest.mark.parametrize("n", [2, 3, 12])
+def test_equal_affinities_give_an_answer(name, value, n):
+    a = np.full((n, n), value)
+    np.fill_diagonal(a, 1.0)
+    labels = cluster(name, a)
+    assert labels.shape == (n,)
+    if name == DIVISIVE:
+        assert len(set(labels.tolist())) == (n if value <= STOP else 1)
+
+
+def test_an_affinity_at_the_stop_divides_and_one_above_does_not():
+    at, above = np.eye(2) + STOP * (1 - np.eye(2)), np.eye(2) + (STOP + 1e-6) * (1 - np.eye(2))
+    assert cluster(DIVISIVE, at).tolist() == [0, 1]
+    assert cluster(DIVISIVE, above).tolist() == [0, 0]
+
+
+def _symmetric(n, seed, values):
+    rng = np.random.default_rng(seed)
+    a = rng.choice(values, (n, n)) if values else rng.uniform(0, 1, (n, n)) ** rng.choice([0.2, 1, 5])
+    a = np.triu(a, 1) + np.triu(a, 1).T
+    np.fill_diagonal(a, 1.0)
+    return a
+
+
+affinities = st.builds(
+    _symmetric,
+    st.integers(0, 14),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([(), (0.0, 1.0), (0.0, 0.5, 1.0), (0.1, 0.4, 0.41)]),
+)
+
+
+@settings(max_examples=150)
+@given(affinity=affinities)
+def test_divisive_kmeans_leaves_no_weak_edge_and_stops(affinity):
+    labels = cluster(DIVISIVE, affinity)
+    for label in set(labels.tolist()):
+        inside = np.ix_(labels == label, labels == label)
+        assert affinity[inside].min() > STOP
+    if len(affinity) and affinity.min() > STOP:
+        assert set(labels.tolist()) == {0}

@@ -9,7 +9,7 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
 from .. import builders
-from ..builders import MS, T0, S
+from ..builders import MS, T0, S, fused
 
 
 def batch(source, seq, stamp_ns, ids=(1,), **fields):
@@ -36,10 +36,7 @@ class Clockwork:
 
     def advance(self, now_ns):
         """What comes out of an advance; all of it is fused."""
-        events = list(self.timeline.advance(T0 + now_ns))
-        for event in events:
-            if isinstance(event, Instants):
-                self.timeline.done(event)
+        events = fused(self.timeline, T0 + now_ns)
         assert self.stats.batches == self.stats.settled()
         return events
 
@@ -214,12 +211,6 @@ class TestAcrossRestarts:
         clock.timeline.ledger.miss(0)
         # The first one waited for the watermark, and did not survive.
         assert clock.timeline.ledger.accounts()["cam", "a" * 16].lost == 4
-
-
-def test_a_repeated_batch_is_a_duplicate_and_is_not_fused(clock):
-    clock.feed(batch("a", 0, T0), batch("a", 0, T0), batch("a", 1, T0 + MS), batch("a", 0, T0))
-    assert len(clock.at(MS)) == 2
-    assert clock.stats.duplicates == 2
 
 
 def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):

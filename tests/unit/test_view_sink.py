@@ -39,17 +39,6 @@ class TestWithRerun:
         monkeypatch.setattr(sys, "platform", "linux")
         assert "use --web (browser) or --save FILE.rrd" in refused(capsys, "view")
 
-    def test_a_file_that_exists_and_a_wrong_name_are_refused(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        (tmp_path / "a.rrd").touch()
-        assert refused(capsys, "view", "--save", tmp_path / "a.rrd").endswith("a.rrd: exists")
-        assert refused(capsys, "view", "--save", tmp_path / "a.png").endswith("ends in .rrd")
-        assert "a.mcap" in refused(capsys, "view", tmp_path / "a.mcap", "--save", tmp_path / "b.rrd")
-        assert "rerun a.rrd" in refused(capsys, "view", "a.rrd", "--web")
-        assert "2GB" in refused(capsys, "view", "--save", tmp_path / "b.rrd", "--memory", "much")
-        assert not (tmp_path / "b.rrd").exists()
-
     def test_page_and_data_are_for_this_machine_alone(self) -> None:
         from comotion_clients.viewing.sink import Destination, RerunSink, free_port
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -125,23 +124,6 @@ def test_a_wrong_camera_name_is_one_clear_line(text: str, complaint: str) -> Non
 
 def states(truck: Scene, stamp_ns: int, seq: int = 0, session: str = "0" * 16) -> JointStates:
     return joint_states(truck, stamp_ns, source="workcell", session=session, seq=seq)
-
-
-def test_tum_folder_reads_back(tmp_path: Path) -> None:
-    camera = WorkcellCamera(parse("shelf/a?size=160x120&rate=5&duration=0.4"))
-    folder = tmp_path / "tum"
-    assert write_tum(camera, folder) == 2
-    frames = list(camera)
-    rows = [line.split() for line in (folder / "depth.txt").read_text().splitlines() if line[0] != "#"]
-    assert [stamp for stamp, _ in rows] == ["0.000000", "0.200000"]
-    raw = cv2.imread(str(folder / rows[1][1]), cv2.IMREAD_UNCHANGED)
-    assert raw.dtype == np.uint16
-    assert np.abs(raw / 5000.0 - frames[1].depth).max() <= 1.01e-4
-    assert np.array_equal(cv2.imread(str(folder / "rgb" / "0.200000.png")), frames[1].image)
-    objects = cv2.imread(str(folder / "objects" / "0.200000.png"), cv2.IMREAD_UNCHANGED).astype(int) - 1
-    assert np.array_equal(objects, frames[1].objects)
-    with pytest.raises(InputError, match="exists already"):
-        write_tum(camera, folder)
 
 
 def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ def files(tmp_path_factory):
     (folder / "cut.npz").write_bytes((folder / "take.npz").read_bytes()[:500])
     np.savez(folder / "ms.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) * 20.0)
     (folder / "empty.npz").touch()
+    (folder / "a.rrd").touch()
     (folder / "text.c3d").write_text("x" * 2000)
     (folder / "text.mp4").write_text("no video")
     for number, content in enumerate((b"", b"nonsense" * 100, b"\x89MCAP0\r\n")):
@@ -42,6 +43,13 @@ OF_ROBOTS = [
     ("source proprioception workcell:arm --csv a --joints b", "name one input"),
     ("source proprioception workcell:arm --link leg", "no body 'leg'"),
     ("source proprioception workcell:arm --base 1,2", "--base 1,2: expected X,Y,Z"),
+]
+OF_VIEWERS = [
+    ("view --save a.rrd", "a.rrd: exists"),
+    ("view --save a.png", "ends in .rrd"),
+    ("view a.mcap --save b.rrd", "a.mcap"),
+    ("view a.rrd --web", "rerun a.rrd"),
+    ("view --save b.rrd --memory much", "2GB"),
 ]
 WRONG = [
     ("confg", "No such command 'confg'"),
@@ -125,12 +133,15 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("command", "words"), WRONG + OF_ROBOTS, ids=[command for command, _ in WRONG + OF_ROBOTS]
-)
+ALL = WRONG + OF_ROBOTS + OF_VIEWERS
+
+
+@pytest.mark.parametrize(("command", "words"), ALL, ids=[command for command, _ in ALL])
 def test_what_cannot_be_done_is_one_line(capsys, monkeypatch, files, command, words):
     if (command, words) in OF_ROBOTS:
         pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
+    if (command, words) in OF_VIEWERS:
+        pytest.importorskip("rerun", reason="needs the extra view")
     monkeypatch.chdir(files)
     before = set(files.iterdir())
     assert words in refused(capsys, *shlex.split(command))

@@ -21,6 +21,7 @@ distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.36, 0.11, 1e-3, 0.0005, 0.0]}
 """
 SCENE = (resources.files("comotion_sources") / "scenes/fig4_1.toml").read_text()
+TRACKS = np.full((9, 4, 2), 9.0)
 TURN = "quaternion = [0, 0, 0, 1]"
 
 
@@ -31,8 +32,12 @@ def changed(text: str, old: str, new: str) -> bytes:
 
 def npz(**changes) -> bytes:
     arrays = {"positions": np.ones((10, 3, 2)), "times": np.arange(10) / 30} | changes
+    return packed(**{name: array for name, array in arrays.items() if array is not None})
+
+
+def packed(**arrays) -> bytes:
     buffer = io.BytesIO()
-    np.savez(buffer, **{name: array for name, array in arrays.items() if array is not None})
+    np.savez(buffer, **arrays)
     return buffer.getvalue()
 
 
@@ -84,6 +89,26 @@ WRONG = {
         (npz(positions=np.ones((10, 3, 3)), units=np.array("furlong")), "unit is 'furlong'"),
         (npz(positions=np.array([[object()]])), "damaged"),
     ],
+    "tracks.npz": [
+        (packed(tracks=TRACKS), "--fps says how many frames per second"),
+        (packed(tracks=np.ones((4, 9, 4, 2))), r"shape \(4, 9, 4, 2\), not \(T, N, 2\)"),
+        (packed(tracks=TRACKS / 18, fps=30), "within 0 to 1: multiply"),
+        (packed(tracks=TRACKS, visibility=np.ones((9, 3))), "'visibility' has the shape"),
+        (packed(tracks=TRACKS, fps=30, sigma=np.zeros((9, 4))), "sigma is not above 0"),
+        (packed(tracks=TRACKS, fps=-1.0), "not above 0"),
+        (packed(tracks=np.full((9, 4, 2), "x")), "'tracks' has no numbers"),
+        (packed(tracks=TRACKS, fps=30, visibility=np.zeros((9, 4))), "no observation"),
+    ],
+    "table.csv": [
+        (b"frame,track,x\n1,2,3\n", "no columns x and y"),
+        (b"track,x,y\n1,2,3\n", "no column 'frame'"),
+        (b"frame,x,y\n1,2,3\n", "no column 'track'"),
+        (b"frame,track,x,y\n1,2,3,4\n1,2,3,4\n", "a frame has a track twice"),
+        (b"frame,track,x,y\n1,2,3\n", "line 2 has 3 cells, the first line 4"),
+        (b"frame,track,x,y\n1,2,3,left\n", "line 2: 'left' is not a number"),
+        (b"frame,track,x,y\n1,-2,3,4\n", "not whole numbers from 0 on"),
+        (b"frame,track,x,y\n,2,3,4\n", "neither frame nor track"),
+    ],
     "take.avi": [(b"RIFF", "its ending is not one of .c3d, .npz, .npy, .csv, .mcap")],
     "joints.csv": [
         (b"lift,time\n1,2\n", "first column must be"),
@@ -105,6 +130,8 @@ READERS = {
     "camera": read_calibration,
     "scene": load_scene,
     "take": read_recording,
+    "tracks": read_recording,
+    "table": lambda path: read_recording(path, 30.0),
     "joints": read_log,
     "poses": read_trajectory,
 }
