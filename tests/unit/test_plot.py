@@ -34,14 +34,7 @@ def palette_of(trace: Trace) -> Palette:
 def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
     done, trace = run(scene, 1.5, keep_truth=keep_truth)
     path = tmp_path / "new" / "run.png"
-    save_plot(
-        path,
-        title="a run",
-        updates=trace.updates,
-        scores=done.scores,
-        truth=done.truth,
-        spaces=done.spaces,
-    )
+    save_plot(path, "a run", trace, done)
     image = cv2.imread(str(path))
     assert image.shape[1] == 1200
     assert image.shape[0] == (960 if keep_truth else 640)

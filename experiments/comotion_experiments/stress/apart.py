@@ -8,9 +8,9 @@ from scipy.sparse.csgraph import connected_components
 
 from comotion_sources.simulator.motion import Poses
 
-from .lives import places_of
 from .motion import Array
 from .scene import Scene
+from .worlds import places_of
 
 SIGMAS = 5.0
 _GRID_S = 0.05

@@ -1,5 +1,6 @@
 """Families in which bodies move in their own way: rest, stop and go, slow, soft, hinged, coupled, hidden."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,9 @@ from comotion_sources.simulator import load_scene
 from comotion_sources.simulator.spec import Body as BodySpec
 from comotion_sources.simulator.spec import Sines
 
-from .lives import cut, replaced
 from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
-from .scene import Body, Happening, Scene, Slip, rng_of
-from .worlds import background, box, made, respawning, swinging, swinging_scene
+from .scene import Body, Happening, Scene, Slip, rng_of, slot_bodies
+from .worlds import background, cut, lasting, made, replaced, respawning, swinging_bodies, swinging_scene
 
 _RAMP_S = 0.3
 
@@ -80,10 +80,8 @@ def object_cover(
 
 def slow(seed: int, *, bodies: int = 3, speed: float = 0.1, duration: float = 30.0) -> list[Scene]:
     """Slow bodies."""
-    names = [f"body {k + 1}" for k in range(bodies)]
-    moving = [Body(n, at_speed(swinging(seed, n), speed), 8, box(seed, n)) for n in names]
-    all_bodies = [background(), *moving]
-    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed))
+    moving = (replace(body, motion=at_speed(body.motion, speed)) for body in swinging_bodies(seed, bodies))
+    return made(seed, [background(), *moving], duration)
 
 
 def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> list[Scene]:
@@ -100,7 +98,7 @@ def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> li
         for body in spec.bodies
     ]
     duration = spec.duration / speed
-    spans = None
+    spans = lasting(bodies)
     if spec.respawn is not None:
         rng = rng_of(seed, "respawn")
         spans = replaced(bodies, duration, rng, share=spec.respawn.share, every=spec.respawn.every / speed)
@@ -117,13 +115,13 @@ def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.01, duration: float = 15.0) -> list[Scene]:
     """Let every feature of a moving body swing about its place by an amplitude (m)."""
     all_bodies = swinging_scene(seed, bodies, features=12)
-    slots, rng = sum(b.features for b in all_bodies), rng_of(seed, "soft")
+    slots, rng = len(slot_bodies(all_bodies)), rng_of(seed, "soft")
     way = rng.normal(size=(slots, 3))
     way *= amplitude / np.linalg.norm(way, axis=1, keepdims=True)
     way[: all_bodies[0].features] = 0.0
     frequency, phase = rng.uniform(0.2, 0.8, slots), rng.uniform(0.0, 2.0 * np.pi, slots)
     slip = Slip(way, frequency, phase, np.zeros((slots, 3)))
-    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed), slip=slip)
+    return made(seed, all_bodies, duration, slip=slip)
 
 
 def hinge(
@@ -142,20 +140,15 @@ def hinge(
     ]
     door = Body("door", key_states(states), 12, np.array([width, 0.02, height]), sigma)
     bodies = [background(24, sigma), door]
-    return made(seed, bodies, at + seconds + 10.0)
+    return made(seed, bodies, at + seconds + 10.0, lasting(bodies))
 
 
 def coupled_pair(seed: int, *, until: float = 8.0, duration: float = 18.0) -> list[Scene]:
     """Let two bodies move as one, then apart."""
-    leader, own = swinging(seed, "body 1"), swinging(seed, "body 2")
+    leader, follower, third = swinging_bodies(seed, 3, features=10)
     offset = rng_of(seed, "offset").uniform(-0.3, 0.3, 3)
-    bodies = [
-        background(),
-        Body("body 1", leader, 10, box(seed, "body 1")),
-        Body("body 2", coupled(leader, own, until, offset), 10, box(seed, "body 2")),
-        Body("body 3", swinging(seed, "body 3"), 10, box(seed, "body 3")),
-    ]
-    return made(seed, bodies, duration, respawning(bodies, duration, seed))
+    follower = replace(follower, motion=coupled(leader.motion, follower.motion, until, offset))
+    return made(seed, [background(), leader, follower, third], duration)
 
 
 def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scene]:
@@ -167,8 +160,7 @@ def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scen
         Body("link 1", chained([first], lengths[:1]), 10, size, sigma),
         Body("link 2", chained([first, second], lengths), 10, size, sigma),
     ]
-    bodies = [background(sigma=sigma), *links]
-    return made(seed, bodies, duration, respawning(bodies, duration, seed))
+    return made(seed, [background(sigma=sigma), *links], duration)
 
 
 def _turning(seed: int, name: str) -> PoseAt:
@@ -184,11 +176,11 @@ def _profiled(
     rate: float = 15.0,
     period: float = 0.2,
 ) -> list[Scene]:
-    names = [f"body {k + 1}" for k in range(len(profiles))]
-    motions: list[PoseAt] = [retimed(swinging(seed, n), *p) for n, p in zip(names, profiles, strict=True)]
-    bodies = [background(), *(Body(n, m, 8, box(seed, n)) for n, m in zip(names, motions, strict=True))]
+    moving = swinging_bodies(seed, len(profiles))
+    pairs = zip(moving, profiles, strict=True)
+    bodies = [background(), *(replace(b, motion=retimed(b.motion, *profile)) for b, profile in pairs)]
     rng = rng_of(seed, "respawn")
-    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else None
+    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else lasting(bodies)
     return made(seed, bodies, duration, spans, rate=rate, period=period)
 
 
@@ -200,9 +192,8 @@ def _with_hidden(
     **how: float,
 ) -> list[Scene]:
     """Hide whole bodies: (begin, end, body)."""
-    of_slot = np.repeat(np.arange(len(bodies)), [b.features for b in bodies])
-    spans = cut(
-        respawning(bodies, duration, seed), [(begin, end, of_slot == body) for begin, end, body in hidden]
-    )
-    happenings = [Happening(begin, end, "object-lost", (body,)) for begin, end, body in hidden]
+    of_slot = slot_bodies(bodies)
+    cuts = [(begin, end, of_slot == body) for begin, end, body in hidden]
+    spans = cut(respawning(bodies, duration, seed), cuts)
+    happenings = [Happening(begin, end, (body,), lost=True) for begin, end, body in hidden]
     return made(seed, bodies, duration, spans, happenings=happenings, **how)

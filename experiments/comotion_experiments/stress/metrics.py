@@ -36,11 +36,6 @@ def mean_nmi_apart(moments: Sequence[Moment], start: float = -np.inf, stop: floa
     return mean([m.nmi_apart for m in moments if start <= m.t < stop])
 
 
-def all_bodies_nmi(moments: Sequence[Moment], apart: Apart) -> float:
-    """Mean NMI against the true bodies from a settling time after all have moved apart; NaN if never."""
-    return mean_nmi(moments, apart.complete + SETTLING_S)
-
-
 def wrong_late(moments: Sequence[Moment]) -> float:
     """1 if the mean NMI from :data:`LATE_S` after the first update on is not good, else 0."""
     late = mean_nmi_apart(moments, moments[0].t + LATE_S)
@@ -136,5 +131,5 @@ def true_events(apart: Apart, end: float, happenings: Sequence[Happening]) -> in
     lost for a time.
     """
     births = int(apart.components(end).max()) + 1
-    returns = sum(2 * len(h.bodies) for h in happenings if h.kind != "change" and h.end > h.begin)
+    returns = sum(2 * len(h.bodies) for h in happenings if h.lost and h.end > h.begin)
     return births + returns
