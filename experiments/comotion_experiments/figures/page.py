@@ -137,20 +137,15 @@ def _table(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _appendix(results: Results) -> str:
     config = json.dumps(results.options.default.model_dump(mode="json"), indent=2)
-    versions = [(escape(name), escape(version)) for name, version in _versions_in_use()]
-    return (
-        '<h2 id="versions">Parameters and versions</h2>\n'
-        "<details><summary>Parameters of the default method</summary>"
-        f"<pre>{escape(config)}</pre></details>\n" + _table(("", ""), versions)
-    )
-
-
-def _versions_in_use() -> list[tuple[str, str]]:
-    """Name and version of what has a part in the figures."""
     versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
     for name in _PACKAGES:
         try:
             versions.append((name, metadata.version(name)))
         except metadata.PackageNotFoundError:
             versions.append((name, "not installed"))
-    return versions
+    return (
+        '<h2 id="versions">Parameters and versions</h2>\n'
+        "<details><summary>Parameters of the default method</summary>"
+        f"<pre>{escape(config)}</pre></details>\n"
+        + _table(("", ""), [tuple(map(escape, version)) for version in versions])
+    )

@@ -10,27 +10,23 @@ from comotion_sources.simulator import load_scene
 from comotion_sources.simulator.spec import Body as BodySpec
 from comotion_sources.simulator.spec import Sines
 
-from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
+from .motion import PoseAt, at_speed, chained, coupled, key_states, simulated, stopping
 from .scene import Body, Happening, Scene, Slip, rng_of, slot_bodies
 from .worlds import background, cut, lasting, made, replaced, respawning, swinging_bodies, swinging_scene
-
-_RAMP_S = 0.3
 
 
 def rest(
     seed: int, *, bodies: int = 3, stop: float = 6.0, seconds: float = 14.0, duration: float = 26.0
 ) -> list[Scene]:
     """Stop all bodies for longer than the window, then let them move on."""
-    profile = speed_profile([stop, stop + seconds], moving=True, ramp=_RAMP_S)
-    return _profiled(seed, [profile] * bodies, duration)
+    return _stopping(seed, [[stop, stop + seconds]] * bodies, duration)
 
 
 def late_movers(
     seed: int, *, bodies: int = 3, first: float = 3.0, every: float = 4.0, duration: float = 18.0
 ) -> list[Scene]:
     """Let bodies that have rested start one after the other."""
-    profiles = [speed_profile([first + every * k], moving=False, ramp=_RAMP_S) for k in range(bodies)]
-    return _profiled(seed, profiles, duration)
+    return _stopping(seed, [[first + every * k] for k in range(bodies)], duration, moving=False)
 
 
 def stop_and_go(
@@ -43,7 +39,7 @@ def stop_and_go(
     period: float = 1 / 3,
 ) -> list[Scene]:
     """Let bodies move for 2 to 6 s and rest for 2 to 25 s, again and again; `renewal`: share a 2 s."""
-    profiles = []
+    all_switches = []
     for k in range(bodies):
         rng = rng_of(seed, "stops", str(k))
         switches, time, moving = [], float(rng.uniform(2.0, 6.0)), True
@@ -51,8 +47,8 @@ def stop_and_go(
             switches.append(time)
             moving = not moving
             time += float(rng.uniform(2.0, 6.0) if moving else rng.uniform(2.0, 25.0))
-        profiles.append(speed_profile(switches, moving=True, ramp=_RAMP_S))
-    return _profiled(seed, profiles, duration, renewal=renewal, rate=rate, period=period)
+        all_switches.append(switches)
+    return _stopping(seed, all_switches, duration, renewal=renewal, rate=rate, period=period)
 
 
 def ten_minutes(
@@ -167,21 +163,22 @@ def _turning(seed: int, name: str) -> PoseAt:
     return simulated(Sines(kind="sines", amplitude=0.0, rotation=1.0), rng_of(seed, "motion", name))
 
 
-def _profiled(
+def _stopping(
     seed: int,
-    profiles: list[tuple[np.ndarray, np.ndarray]],
+    switches: list[list[float]],
     duration: float,
     *,
+    moving: bool = True,
     renewal: float = 0.0,
-    rate: float = 15.0,
-    period: float = 0.2,
+    **how: float,
 ) -> list[Scene]:
-    moving = swinging_bodies(seed, len(profiles))
-    pairs = zip(moving, profiles, strict=True)
-    bodies = [background(), *(replace(b, motion=retimed(b.motion, *profile)) for b, profile in pairs)]
+    """Bodies that stop or start at the times of each."""
+    pairs = zip(swinging_bodies(seed, len(switches)), switches, strict=True)
+    bodies = [replace(body, motion=stopping(body.motion, times, moving=moving)) for body, times in pairs]
+    bodies = [background(), *bodies]
     rng = rng_of(seed, "respawn")
     spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else lasting(bodies)
-    return made(seed, bodies, duration, spans, rate=rate, period=period)
+    return made(seed, bodies, duration, spans, **how)
 
 
 def _with_hidden(

@@ -187,9 +187,9 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[dict[str, float], Arr
     counts = [float(len(m.confirmed)) for m in moments]
     apart_now = [float(len(set(since.components(m.t)[m.bodies].tolist()))) for m in moments]
     figures = {
-        "nmi": metrics.mean_nmi(moments),
-        "nmi_apart": metrics.mean_nmi_apart(moments),
-        "all_bodies": metrics.mean_nmi(moments, since.complete + metrics.SETTLING_S),
+        "nmi": metrics.mean_nmi(moments, apart=False),
+        "nmi_apart": metrics.mean_nmi(moments),
+        "all_bodies": metrics.mean_nmi(moments, since.complete + metrics.SETTLING_S, apart=False),
         "wrong": metrics.wrong_late(moments),
         "delay": mean(metrics.delays(moments, since, last)),
         "healing": mean(healings),

@@ -26,19 +26,19 @@ _KEPT_AFTER_S = 2.0
 _SAME_S = 1e-6
 
 
-def mean_nmi(moments: Sequence[Moment], start: float = -np.inf, stop: float = np.inf) -> float:
-    """Mean NMI against the true bodies over the updates within a time; NaN without any."""
-    return mean([m.nmi for m in moments if start <= m.t < stop])
+def mean_nmi(
+    moments: Sequence[Moment], start: float = -np.inf, stop: float = np.inf, *, apart: bool = True
+) -> float:
+    """Mean NMI over the updates within a time; NaN without any.
 
-
-def mean_nmi_apart(moments: Sequence[Moment], start: float = -np.inf, stop: float = np.inf) -> float:
-    """Mean NMI over a time with bodies as one until they have moved apart; NaN without any update."""
-    return mean([m.nmi_apart for m in moments if start <= m.t < stop])
+    With bodies as one until they have moved `apart`, or against the true bodies.
+    """
+    return mean([m.nmi_apart if apart else m.nmi for m in moments if start <= m.t < stop])
 
 
 def wrong_late(moments: Sequence[Moment]) -> float:
     """1 if the mean NMI from :data:`LATE_S` after the first update on is not good, else 0."""
-    late = mean_nmi_apart(moments, moments[0].t + LATE_S)
+    late = mean_nmi(moments, moments[0].t + LATE_S)
     return float("nan") if np.isnan(late) else float(late < GOOD)
 
 
@@ -104,7 +104,7 @@ def healing(moments: Sequence[Moment], event: Happening, until: float) -> float:
     if not fallen:
         return 0.0
     for m in after:
-        steady = mean_nmi_apart(after, m.t, m.t + _STEADY_S)
+        steady = mean_nmi(after, m.t, m.t + _STEADY_S)
         if m.t > fallen[0] and m.nmi_apart >= GOOD and steady >= GOOD:
             return m.t - event.end
     return until - event.end

@@ -11,7 +11,7 @@ from comotion_schemas import ObservationBatch, TruthBatch
 
 from ..offline import Arrived
 from .motion import Array
-from .scene import OUTLIER_FACTOR, Scene, Source, rng_of
+from .scene import OUTLIER_FACTOR, Scene, Source, rng_of, slot_bodies
 
 EPOCH_NS = 1_000_000_000_000
 """Acquisition time of a scene's second 0; stamps stay positive where a clock is behind."""
@@ -87,7 +87,9 @@ class _View:
         poses = [body.motion(times) for body in scene.bodies]
         rotations = np.stack([p.rotations for p in poses], axis=1)
         translations = np.stack([p.translations for p in poses], axis=1)
-        hidden = _hidden(scene, times)
+        hidden = np.zeros((len(times), len(slot_bodies(scene.bodies))), np.bool_)
+        for slot, begin, end in scene.hidden:
+            hidden[(begin <= times) & (times < end), slot] = True
         before: NDArray[np.intp] = np.empty(0, np.intp)
         for number, t in enumerate(times.tolist()):
             session = int(np.searchsorted(self._begins, t, side="right")) - 1
@@ -196,11 +198,3 @@ class _View:
 
 def _session_name(number: int) -> str:
     return f"{number:016x}"
-
-
-def _hidden(scene: Scene, times: Array) -> NDArray[np.bool_]:
-    """Which slots are hidden when, bool [T, slots]."""
-    alive = np.zeros((len(times), scene.slots), np.bool_)
-    for slot, begin, end in scene.hidden:
-        alive[(begin <= times) & (times < end), slot] = True
-    return alive

@@ -206,11 +206,6 @@ class Scene:
     period: float = 0.2
     sigma_switch: float = 0.01
 
-    @property
-    def slots(self) -> int:
-        """Number of features observed at once when none is lost."""
-        return sum(body.features for body in self.bodies)
-
 
 def slot_bodies(bodies: list[Body]) -> NDArray[np.intp]:
     """Body of each slot, intp [slots]: the slots of the first body come first."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .motion import SWINGING, Array, PoseAt, resting, simulated
+from .motion import SWINGING, resting, simulated
 from .scene import Body, Lives, Scene, Source, rng_of, slot_bodies
 
 _BACKGROUND_SIZE = (1.6, 1.6, 1.0)
@@ -126,32 +126,19 @@ def dropouts(
     return gaps
 
 
-def places_of(lives: Lives, body: int) -> Array:
-    """First place of every slot of a body, float64 [features, dim]."""
-    mine = np.flatnonzero(lives.body == body)
-    _, first = np.unique(lives.slot[mine], return_index=True)
-    return lives.local[mine[first]]
-
-
 def background(features: int = 20, sigma: float = 0.003) -> Body:
     """What rests: points all over the scene."""
     return Body("background", resting(), features, np.array(_BACKGROUND_SIZE), sigma)
 
 
-def swinging(seed: int, name: str) -> PoseAt:
-    """Draw a motion of the simulator's 3-D set."""
-    return simulated(SWINGING, rng_of(seed, "motion", name))
-
-
 def swinging_bodies(seed: int, bodies: int, features: int = 8, sigma: float = 0.003) -> list[Body]:
     """Draw bodies of the simulator's 3-D set, in place, size and motion: body 1, body 2 and so on."""
-    names = [f"body {k + 1}" for k in range(bodies)]
-    return [Body(name, swinging(seed, name), features, _box(seed, name), sigma) for name in names]
-
-
-def _box(seed: int, name: str) -> Array:
-    """Draw the edges of a body, float64 [3]."""
-    return rng_of(seed, "size", name).uniform(_SMALLEST, _LARGEST, 3)
+    drawn = []
+    for name in (f"body {k + 1}" for k in range(bodies)):
+        motion = simulated(SWINGING, rng_of(seed, "motion", name))
+        size = rng_of(seed, "size", name).uniform(_SMALLEST, _LARGEST, 3)
+        drawn.append(Body(name, motion, features, size, sigma))
+    return drawn
 
 
 def swinging_scene(seed: int, bodies: int = 4, features: int = 8, sigma: float = 0.003) -> list[Body]:
