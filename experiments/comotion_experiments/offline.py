@@ -119,6 +119,17 @@ class _Offline:
         self.count += 1
         self.on_update(update, self.tally.add(update, self.observed))
 
+    def run(self, truth: Truth) -> Run:
+        return Run(
+            summary=self.tally.summary(),
+            scores=self.tally.scores,
+            update_ms=np.array(self.times),
+            start_ns=self.start_ns,
+            truth=truth,
+            spaces=dict(self.observed.spaces),
+            last=self.last,
+        )
+
 
 def run_offline(
     messages: Iterable[Incoming],
@@ -180,15 +191,7 @@ def run_offline(
     warn_of(offline.fusion.faults(), stacklevel=2)
     if not offline.times:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
-    return Run(
-        summary=offline.tally.summary(),
-        scores=offline.tally.scores,
-        update_ms=np.array(offline.times),
-        start_ns=start_ns,
-        truth=truth,
-        spaces=dict(offline.observed.spaces),
-        last=offline.last,
-    )
+    return offline.run(truth)
 
 
 def _start(batch: ObservationBatch) -> int:

@@ -19,20 +19,6 @@ from ..offline import Message, run_offline
 from ..trace import objects_of, rightly_assigned
 
 THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
-SPATIAL_SCENES = (
-    "3d_2",
-    "3d_3",
-    "3d_4",
-    "3d_5",
-    "3d_rotation",
-    "3d_outliers",
-    "3d_gaps",
-    "3d_async",
-    "3d_camera",
-    "3d_pose",
-    "3d_late",
-    "3d_static",
-)
 # Extrinsics (mm, degrees) and clock (ms) of the second source.
 DISPLACEMENTS = ((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0), (0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20))
 _DISPLACED_SCENE = "3d_3"
@@ -73,9 +59,11 @@ class Case:
 
 
 def scene_cases() -> list[Case]:
-    """List the scenes of the thesis and the 3-D set."""
-    return [_scene(name, "thesis scenes") for name in THESIS_SCENES] + [
-        _scene(name, "3-D set") for name in SPATIAL_SCENES
+    """List the scenes of the thesis, and all 3-D scenes of the simulator."""
+    spatial = (name for name in simulator.scene_names() if name.startswith("3d_"))
+    return [
+        *(_scene(name, "thesis scenes") for name in THESIS_SCENES),
+        *(_scene(name, "3-D set") for name in spatial),
     ]
 
 
