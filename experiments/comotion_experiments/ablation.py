@@ -21,7 +21,7 @@ WHOLE = "whole"
 """Stands for the method with all its rules."""
 SCATTER = 0.003
 """NMI; changes below it are those of chance."""
-_SHOWN = 4
+_SHOWN = 2
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ _HEAD = """# Ablation
 
 Made by `comotion dev reproduce ablation`. Each rule of the default method is left out alone; mean NMI
 over all updates. Stress families with seeds {seeds}, and recordings.
-The last column names scenes that change by more than {scatter:.3f}, the largest changes first."""
+The last column names the two scenes that change most, by more than {scatter:.3f}."""
 
 
 def markdown(results: Results) -> str:

@@ -44,16 +44,12 @@ PAGE_COLUMNS = (
 IMAGE_COLUMNS = (
     # Misclassified features; undetermined ones are wrong.
     Column("error", "error, %", 1),
-    # Share of sequences with the right number of objects, with more, with fewer; mean numbers of objects.
+    # Share of sequences with the right number of objects, with more, with fewer.
     Column("exact", "K exact, %", 0, 100.0),
     Column("over", "K over, %", 0, 100.0),
     Column("under", "K under, %", 0, 100.0),
-    Column("found", "K", 1),
-    Column("true", "true K", 1),
     Column("nmi", "NMI", 3),
     # Error of spectral clustering of shape interaction, with K given, and of one object for all.
     Column("given", "K given, %", 1),
     Column("one", "one, %", 1),
-    # Median time of the update.
-    Column("ms", "ms", 0),
 )

@@ -101,8 +101,8 @@ the pixel method with K unknown, one update at the end. **Error**: misclassified
 hypothesis are wrong. **K given**: spectral clustering of shape interaction, which is given K. **one**: all
 features are one object."""
 
-_OF_BOTH = {"nmi_apart", "delay"}
-_BOTH = ", of NMI and delay the default method before the thesis method"
+_OF_BOTH = {"nmi_apart"}
+_BOTH = " of the default method; NMI also of the thesis method"
 
 
 def _head(results: Results) -> list[str]:
