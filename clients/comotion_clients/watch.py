@@ -20,7 +20,7 @@ from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .feed import BATCHES_KEPT, SceneFeed
 from .scene_model import SceneModel
-from .scene_rows import EventRow
+from .scene_rows import EventRow, Snapshot
 from .watch_view import SORTS, WHOLE, Sort, as_json, describe, plain_line, render
 
 REFRESH_S = 0.25  # of the screen
@@ -103,7 +103,8 @@ def watch(
             _screen(feed, component, options)
 
 
-def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
+def snapshot_of(scene: str, settings: SessionSettings, options: WatchOptions) -> Snapshot:
+    """Collect messages for a moment, and say how the scene is; errors as of :func:`watch`."""
     with (
         connect(settings, timeout=options.timeout) as session,
         _Watched(session, scene, options) as feed,
@@ -111,7 +112,11 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
         _wait_for_message(feed, settings, options.timeout)
         time.sleep(ONCE_S)
         feed.poll()
-    snapshot = feed.model.snapshot(time.monotonic())
+    return feed.model.snapshot(time.monotonic())
+
+
+def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
+    snapshot = snapshot_of(scene, settings, options)
     if options.json:
         _emit(json.dumps(as_json(snapshot), indent=2))
         return

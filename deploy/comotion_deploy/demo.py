@@ -171,10 +171,7 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
     (out / "demo.json").write_text(json.dumps(as_json(run), indent=2))
     files = [str(out / "demo.json")]
     try:
-        save_plot(
-            out / "demo.png", title=f"{simulated}, live from three sources", updates=trace.updates,
-            scores=run.scores, truth=run.truth, spaces=run.spaces,
-        )  # fmt: skip
+        save_plot(out / "demo.png", f"{simulated}, live from three sources", trace, run)
         files.insert(0, str(out / "demo.png"))
     except ModuleNotFoundError:
         lines.append("no plot: pip install 'comotion[plot]'")

@@ -2,10 +2,10 @@
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,21 +23,7 @@ from .brox_malik import compare
 from .inputs import Input
 from .offline import OnUpdate, Run, run_offline
 from .plot import Trace, save_plot
-from .tables import Table, mean, number
-
-_MEANS = (
-    "mean_nmi",
-    "final_nmi",
-    "mean_misclassification",
-    "final_misclassification",
-    "mean_hypotheses",
-    "mean_objects",
-    "switches_per_100",
-    "hota",
-    "idf1",
-    "id_switches",
-    "ms_per_update",
-)
+from .tables import Column, Table, means
 
 
 @dataclass(frozen=True)
@@ -95,6 +81,7 @@ def evaluate_inputs(
         If an input has no observation, or is shorter than a period.
     """
     results: list[Evaluated] = []
+    several = len(inputs) > 1
     for count, given in enumerate(inputs, 1):
         trace, digest = Trace(), hashlib.sha256()
         name = f"{count}/{len(inputs)} {_label(given.name, 30)}"
@@ -104,13 +91,12 @@ def evaluate_inputs(
                 run = run_offline(given.open(), config, period=period, duration=duration, on_update=on_update)
         except ValueError as error:
             raise KnownError(f"{given.name}: {error}") from None
-        compared = compare(given.open(), duration).means() if comparator else {}
+        compared = compare(given.open(), duration) if comparator else {}
         results.append(_evaluated(given, run, digest.hexdigest(), compared))
         if paths is not None:
-            several = len(inputs) > 1
             save_paths(plot_path(paths / "paths", given, several=True) if several else paths, trace.updates)
         if plot is not None:
-            _plot(plot_path(plot, given, several=len(inputs) > 1), given, config, run, trace)
+            save_plot(plot_path(plot, given, several=several), _title(given, config), trace, run)
     return results
 
 
@@ -137,10 +123,10 @@ def _evaluated(given: Input, run: Run, digest: str, compared: dict[str, float]) 
     )
 
 
-def _plot(path: Path, given: Input, config: FusionConfig, run: Run, trace: Trace) -> None:
-    seed = "" if given.seed is None else f", seed {given.seed}"
-    title = f"{Path(given.name).stem if given.seed is None else given.name}{seed}, method {config.method}"
-    save_plot(path, title=title, updates=trace.updates, scores=run.scores, truth=run.truth, spaces=run.spaces)
+def _title(given: Input, config: FusionConfig) -> str:
+    if given.seed is None:
+        return f"{Path(given.name).stem}, method {config.method}"
+    return f"{given.name}, seed {given.seed}, method {config.method}"
 
 
 def plot_path(path: Path, given: Input, *, several: bool) -> Path:
@@ -162,14 +148,12 @@ def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
 
 def averages(results: Sequence[Evaluated]) -> dict[str, float]:
     """Mean of every number over the results that have it; NaN if none has."""
-    rows = [result.values() for result in results]
-    return {name: mean([row[name] for row in rows]) for name in _MEANS}
+    return means([result.values() for result in results])
 
 
 def overall(results: Sequence[Evaluated]) -> dict[str, float]:
     """Mean over files of the mean over seeds."""
-    files = [averages(members) for members in group(results).values()]
-    return {name: mean([file[name] for file in files]) for name in _MEANS}
+    return means([averages(members) for members in group(results).values()])
 
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
@@ -202,62 +186,55 @@ def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
     Not wider than 80 characters unless `everything` is asked for, or a comparator was scored.
     """
     groups = group(results)
-    spreads = {name: [m.summary.mean_nmi for m in members] for name, members in groups.items()}
-    seeded = any(len(values) > 1 for values in spreads.values())
+    comparators = list(results[0].compared) if results else []
+    seeded = any(len(members) > 1 for members in groups.values())
     shown = [
-        column for column in _COLUMNS if (everything or column.main) and (seeded or column.title != _SPREAD)
+        column
+        for column in _COLUMNS
+        if (everything or column.key in _MAIN) and (seeded or column.key != _SPREAD)
     ]
-    drawn = Table(["file", *(column.title for column in shown), *_compared_titles(results)])
-    for name, members in groups.items():
-        row = averages(members) | {_SPREAD: _deviation(spreads[name])}
-        drawn.add(_label(name, 28 if everything else 16), *_cells(row, shown), *_compared(members))
+    shown += [Column(name, f"Brox-Malik, {name}", 3) for name in comparators]
+    drawn = Table(["file", *(column.title for column in shown)])
+    rows = {name: _row(members) for name, members in groups.items()}
+    for name, row in rows.items():
+        drawn.add(_label(name, 28 if everything else 16), *(column.of(row) for column in shown))
     if len(groups) > 1:
         drawn.end_section()
-        drawn.add("overall", *_cells(overall(results) | {_SPREAD: math.nan}, shown), strong=True)
+        row = means(list(rows.values())) | {_SPREAD: math.nan}
+        drawn.add("overall", *(column.of(row) for column in shown), strong=True)
     return drawn
 
 
-class _Column(NamedTuple):
-    """A column of the table: which value, in how many digits, and whether it is among the main ones."""
-
-    title: str
-    value: str
-    digits: int
-    main: bool = False
-    times: float = 1.0
-
-
-_SPREAD = "± seeds"
+_SPREAD = "spread"
 _COLUMNS = (
-    _Column("mean NMI", "mean_nmi", 3, main=True),
-    _Column(_SPREAD, _SPREAD, 3, main=True),
-    _Column("final NMI", "final_nmi", 3),
-    _Column("error %", "mean_misclassification", 1, main=True, times=100),
-    _Column("K found", "mean_hypotheses", 2, main=True),
-    _Column("K true", "mean_objects", 2, main=True),
-    _Column("switches/100", "switches_per_100", 2),
-    _Column("HOTA", "hota", 3, main=True),
-    _Column("IDF1", "idf1", 3),
-    _Column("ID switches", "id_switches", 1),
-    _Column("ms/update", "ms_per_update", 1, main=True),
+    Column("mean_nmi", "mean NMI", 3),
+    Column(_SPREAD, "± seeds", 3),
+    Column("final_nmi", "final NMI", 3),
+    Column("mean_misclassification", "error %", 1, 100.0),
+    Column("mean_hypotheses", "K found", 2),
+    Column("mean_objects", "K true", 2),
+    Column("switches_per_100", "switches/100", 2),
+    Column("hota", "HOTA", 3),
+    Column("idf1", "IDF1", 3),
+    Column("id_switches", "ID switches", 1),
+    Column("ms_per_update", "ms/update", 1),
 )
+_MAIN = {
+    "mean_nmi",
+    _SPREAD,
+    "mean_misclassification",
+    "mean_hypotheses",
+    "mean_objects",
+    "hota",
+    "ms_per_update",
+}
 
 
-def _cells(row: Mapping[str, float], columns: Sequence[_Column]) -> list[str]:
-    return [number(column.times * row[column.value], column.digits) for column in columns]
-
-
-def _deviation(values: Sequence[float]) -> float:
-    return float(np.std(values)) if len(values) > 1 else math.nan
-
-
-def _compared_titles(results: Sequence[Evaluated]) -> list[str]:
-    return [f"Brox-Malik, {name}" for name in results[0].compared] if results else []
-
-
-def _compared(members: Sequence[Evaluated]) -> list[str]:
-    """Mean NMI of the comparator over seeds, by clustering."""
-    return [number(mean([member.compared[name] for member in members]), 3) for name in members[0].compared]
+def _row(members: Sequence[Evaluated]) -> dict[str, float]:
+    """Means over the seeds of a file, those of the comparator too, and the spread of the mean NMI."""
+    nmi = [member.summary.mean_nmi for member in members]
+    spread = float(np.std(nmi)) if len(nmi) > 1 else math.nan
+    return averages(members) | means([member.compared for member in members]) | {_SPREAD: spread}
 
 
 def _label(name: str, width: int) -> str:

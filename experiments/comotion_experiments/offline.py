@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from comotion import Fusion, FusionConfig
 from comotion.config import ThesisConfig
 from comotion.event_time.faults import warn_of
-from comotion.event_time.stats import Stats
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
@@ -54,8 +53,6 @@ class Run:
         The true objects.
     spaces
         Coordinate space of every source.
-    stats
-        The core's counters at the end.
     last
         The last update.
     """
@@ -66,7 +63,6 @@ class Run:
     start_ns: int
     truth: Truth
     spaces: dict[str, SpaceRef]
-    stats: Stats
     last: HypothesisUpdate
 
     @property
@@ -87,13 +83,27 @@ def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
 
 @dataclass
 class _Offline:
+    """A run so far; updates are due every period after the start."""
+
     fusion: Fusion
     tally: Tally
     on_update: OnUpdate
+    start_ns: int
+    period: float
+    count: int = 1
     observed: Observed = field(default_factory=Observed)
     times: list[float] = field(default_factory=list)
     busy: float = 0.0
     last: HypothesisUpdate = field(init=False)
+
+    @property
+    def due_ns(self) -> int:
+        """When the next update is due."""
+        return self.start_ns + round(self.count * self.period * 1e9)
+
+    def skip_to(self, ns: int) -> None:
+        """Leave out what is due before a time."""
+        self.count = max(self.count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
 
     def ingest(self, batch: ObservationBatch) -> None:
         begun = time.perf_counter()
@@ -101,45 +111,24 @@ class _Offline:
         self.busy += time.perf_counter() - begun
         self.observed.add(batch)
 
-    def update(self, now_ns: int) -> None:
+    def update(self) -> None:
         begun = time.perf_counter()
-        self.last = update = self.fusion.update(now_ns)
+        self.last = update = self.fusion.update(self.due_ns)
         self.times.append((self.busy + time.perf_counter() - begun) * 1e3)
         self.busy = 0.0
+        self.count += 1
         self.on_update(update, self.tally.add(update, self.observed))
 
-    def run(self, start_ns: int, truth: Truth) -> Run:
+    def run(self, truth: Truth) -> Run:
         return Run(
             summary=self.tally.summary(),
             scores=self.tally.scores,
             update_ms=np.array(self.times),
-            start_ns=start_ns,
+            start_ns=self.start_ns,
             truth=truth,
             spaces=dict(self.observed.spaces),
-            stats=self.fusion.stats,
             last=self.last,
         )
-
-
-@dataclass
-class _Due:
-    """Instants of updates, every period after the start."""
-
-    start_ns: int
-    period: float
-    count: int = 1
-
-    @property
-    def ns(self) -> int:
-        return self.start_ns + round(self.count * self.period * 1e9)
-
-    def next(self) -> int:
-        now_ns = self.ns
-        self.count += 1
-        return now_ns
-
-    def skip_to(self, ns: int) -> None:
-        self.count = max(self.count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
 
 
 def run_offline(
@@ -187,23 +176,22 @@ def run_offline(
     first = next(batches, None)
     if first is None:
         raise KnownError("there is no observation")
-    offline = _Offline(fusion or Fusion(config), Tally(truth), on_update)
     start_ns = _start(first.batch)
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
-    due = _Due(start_ns, period)
+    offline = _Offline(fusion or Fusion(config), Tally(truth), on_update, start_ns, period)
     for arrived in chain([first], batches):
-        due.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
-        while due.ns < arrived.now_ns and due.ns <= end_ns:
-            offline.update(due.next())
+        offline.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
+        while offline.due_ns < arrived.now_ns and offline.due_ns <= end_ns:
+            offline.update()
         if arrived.now_ns > end_ns:
             break
         offline.ingest(arrived.batch)
-    if due.ns <= end_ns:
-        offline.update(due.ns)
+    if offline.due_ns <= end_ns:
+        offline.update()
     warn_of(offline.fusion.faults.take(), stacklevel=2)
     if not offline.times:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
-    return offline.run(start_ns, truth)
+    return offline.run(truth)
 
 
 def _start(batch: ObservationBatch) -> int:

@@ -6,20 +6,25 @@ Needs the extra ``plot`` (matplotlib), which is imported only when a picture is 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_clients.metrics import Score, Truth
-from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, HUES, RGB, Palette, colour, marker
 from comotion_schemas.errors import KnownError
 
-from .trace import Moment, Trace, main_space, matched, moment_of
+from .trace import Moment, Trace, main_space, matched, moment_of, trails_of
+
+if TYPE_CHECKING:
+    from comotion_clients import evaluate as live
+
+    from . import offline
 
 __all__ = ["Trace", "save_plot"]
+
+Scored: TypeAlias = "offline.Run | live.LiveRun"
 
 PANELS = 3
 Rgb = tuple[float, float, float]
@@ -43,15 +48,7 @@ def new_figure(width: float, height: float, *, dpi: int = 100, layout: Any = "co
     return figure
 
 
-def save_plot(
-    path: Path,
-    *,
-    title: str,
-    updates: Sequence[HypothesisUpdate],
-    scores: Sequence[Score],
-    truth: Truth,
-    spaces: Mapping[str, SpaceRef],
-) -> None:
+def save_plot(path: Path, title: str, trace: Trace, run: Scored) -> None:
     """Draw a run to a file; the suffix determines the format.
 
     Three moments of the run, the tracks coloured by hypothesis and, below, by true object; then
@@ -64,12 +61,8 @@ def save_plot(
         File to write; its folder is made if need be.
     title
         Heading.
-    updates, scores
-        Of one run, both in order; see :class:`Trace`.
-    truth
-        True objects; without any the row of the truth is left out.
-    spaces
-        Coordinate space of every source.
+    trace, run
+        The updates of a run, and the run.
 
     Raises
     ------
@@ -78,19 +71,7 @@ def save_plot(
     ValueError
         If there is no update with a track.
     """
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    space = main_space(updates, spaces)
-    if space is None:
-        raise KnownError("there is nothing to plot: no update lists a track")
-    moments = [moment_of(update, truth, spaces, space) for update in updates]
-    colours = _colours(updates)
-    has_truth = any((moment.objects >= 0).any() for moment in moments)
-    # The layout does not see the labels of 3-D axes.
-    layout = ConstrainedLayoutEngine(hspace=0.02 if space.dim == 2 else 0.08)
-    figure = new_figure(12, 9.6 if has_truth else 6.4, layout=layout)
-    figure.suptitle(title, fontsize=14)
-    _RunFigure(figure, space, moments, colours, scores, truth, has_truth).draw()
+    figure = _RunFigure(trace, run).draw(title)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 
@@ -126,25 +107,26 @@ def unit(rgb: RGB) -> Rgb:
 
 
 class _RunFigure:
-    def __init__(
-        self,
-        figure: Any,
-        space: SpaceRef,
-        moments: Sequence[Moment],
-        colours: Sequence[Mapping[int, RGB]],
-        scores: Sequence[Score],
-        truth: Truth,
-        has_truth: bool,
-    ) -> None:
-        self._figure, self._space, self._moments = figure, space, moments
-        self._colours = colours
-        self._scores, self._truth, self._has_truth = scores, truth, has_truth
-        filled = [m.stamp_ns for m in moments if m.tracks]
-        self._start_ns = min([*filled, *(score.stamp_ns for score in scores if score.scored)])
-        self._limits = _limits([m.positions for m in moments])
+    def __init__(self, trace: Trace, run: Scored) -> None:
+        space = main_space(trace.updates, run.spaces)
+        if space is None:
+            raise KnownError("there is nothing to plot: no update lists a track")
+        self._run, self._space = run, space
+        self._moments = [moment_of(update, run.truth, run.spaces, space) for update in trace.updates]
+        self._colours = _colours(trace.updates)
+        self._has_truth = any((moment.objects >= 0).any() for moment in self._moments)
+        filled = [m.stamp_ns for m in self._moments if m.tracks]
+        self._start_ns = min([*filled, *(score.stamp_ns for score in run.scores if score.scored)])
+        self._limits = _limits([m.positions for m in self._moments])
 
-    def draw(self) -> None:
+    def draw(self, title: str) -> Any:
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
+
         rows = 2 if self._has_truth else 1
+        # The layout does not see the labels of 3-D axes.
+        layout = ConstrainedLayoutEngine(hspace=0.02 if self._space.dim == 2 else 0.08)
+        self._figure = new_figure(12, 3.2 * (rows + 1), layout=layout)
+        self._figure.suptitle(title, fontsize=14)
         grid = self._figure.add_gridspec(rows + 1, PANELS, height_ratios=[*[3] * rows, 2])
         chosen = self._chosen()
         for column, index in enumerate(chosen):
@@ -153,6 +135,7 @@ class _RunFigure:
             if self._has_truth:
                 self._panel(grid[1, column], index, "truth", truth=True)
         self._curve(self._figure.add_subplot(grid[rows, :]), chosen)
+        return self._figure
 
     def _chosen(self) -> list[int]:
         """Choose moments with tracks, evenly spread over the run, including its end."""
@@ -186,20 +169,13 @@ class _RunFigure:
     def _object_style(self, number: int, colours: Mapping[int, Rgb]) -> tuple[Rgb, str, str]:
         if number < 0:
             return unit(GREY), "x", "not scored"
-        return colours[number], "o", self._truth.names.get(number, f"object {number}")
+        return colours[number], "o", self._run.truth.names.get(number, f"object {number}")
 
     def _trails(self, index: int) -> list[NDArray[np.float32]]:
         """Positions of each track in the last second, float32 [steps, dim] each."""
-        end = self._moments[index].stamp_ns
-        rows = {track: k for k, track in enumerate(self._moments[index].tracks)}
-        ways: list[list[NDArray[np.float32]]] = [[] for _ in rows]
-        for moment in self._moments[: index + 1]:
-            if moment.stamp_ns < end - TRAIL_S * 1e9:
-                continue
-            for track, position in zip(moment.tracks, moment.positions, strict=True):
-                if track in rows:
-                    ways[rows[track]].append(position)
-        return [np.array(way) for way in ways]
+        now = self._moments[index]
+        late = [m for m in self._moments[: index + 1] if m.stamp_ns >= now.stamp_ns - TRAIL_S * 1e9]
+        return trails_of(now, [(moment.tracks, moment.positions) for moment in late])
 
     def _frame(self, axes: Any) -> None:
         names = "xyz"[: self._space.dim]
@@ -232,9 +208,9 @@ class _RunFigure:
         )
 
     def _curve(self, axes: Any, chosen: Sequence[int]) -> None:
-        times = [self._seconds(score.stamp_ns) for score in self._scores]
+        times = [self._seconds(score.stamp_ns) for score in self._run.scores]
         if self._has_truth:
-            values = np.array([score.nmi for score in self._scores])
+            values = np.array([score.nmi for score in self._run.scores])
             axes.set_ylim(-0.03, 1.05)
             axes.set_ylabel("NMI")
             axes.set_title(f"NMI against the truth: mean {np.nanmean(values):.3f}", fontsize=11)

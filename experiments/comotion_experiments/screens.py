@@ -1,7 +1,7 @@
 """Pictures of viewer, terminal and pages: real processes on a free port, looked at by a headless browser."""
 
+import io
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.terminal_theme import TerminalTheme
-from rich.text import Text
+from rich.terminal_theme import SVG_EXPORT_THEME
 
 from comotion_schemas import Message
+from comotion_schemas.transport import SessionSettings
 
 CHROMIUM = "COMOTION_CHROMIUM"
 """Names the browser; without one there are no such pictures."""
@@ -29,18 +29,6 @@ _ANSWER_MS = 120_000.0  # of a browser that draws in software
 _IN_SOFTWARE = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader")
 _BAR = 34  # px; Rerun's says how late its data are
 _SETTLED_S = 60.0  # a page drawn in software takes some seconds, and loads its data after that
-_BLACK, _WHITE = (30, 30, 30), (212, 212, 212)
-_DIM = [
-    _BLACK,
-    (205, 49, 49),
-    (13, 188, 121),
-    (229, 229, 16),
-    (36, 114, 200),
-    (188, 63, 188),
-    (17, 168, 205),
-    _WHITE,
-]
-_THEME = TerminalTheme(_BLACK, _WHITE, _DIM)
 
 
 def take(folder: Path, name: str) -> Path:
@@ -61,7 +49,8 @@ def take(folder: Path, name: str) -> Path:
             case "watch.png":
                 image = _watched(work)
             case _:
-                _run(work, "dev", "reproduce", "--quick", "--out", work / "figures")
+                command = _command("dev", "reproduce", "--quick", "--out", work / "figures")
+                subprocess.run(command, cwd=work, check=True, capture_output=True)  # noqa: S603
                 image = _page((work / "figures" / "index.html").as_uri(), (1000, 1400))
     cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else [])
     return path
@@ -71,21 +60,15 @@ def _command(*words: object) -> list[str]:
     return [sys.executable, "-m", "comotion_deploy", *map(str, words)]
 
 
-def _run(folder: Path, *words: object) -> str:
-    """Run a command to its end; returns what it printed."""
-    done = subprocess.run(_command(*words), cwd=folder, check=True, capture_output=True, text=True)  # noqa: S603
-    return done.stdout
+class _Scene(ExitStack):
+    """Processes at one router, which end with it."""
 
-
-class _Scene:
-    """A router and other processes, which end with it."""
-
-    def __init__(self, stack: ExitStack, folder: Path) -> None:
+    def __init__(self, folder: Path) -> None:
         from comotion_clients.viewing.sink import free_port
 
-        self._stack, self._folder, self._count = stack, folder, 0
+        super().__init__()
+        self._folder, self._count = folder, 0
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        self.start("router", "--listen", self.endpoint)
 
     def start(self, *words: object) -> subprocess.Popen[bytes]:
         """Start a command and wait until it is ready."""
@@ -98,15 +81,9 @@ class _Scene:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        self._stack.callback(stop, process)
+        self.callback(stop, process)
         _until(ready.exists, f"comotion {' '.join(map(str, words))}")
         return process
-
-
-@contextmanager
-def _scene(folder: Path) -> Iterator[_Scene]:
-    with ExitStack() as stack:
-        yield _Scene(stack, folder)
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
@@ -179,7 +156,11 @@ def _changed(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
 
 def _watched(folder: Path) -> NDArray[np.uint8]:
     """What ``comotion watch`` shows in a terminal of 80 columns after one of three sources has left."""
-    with _scene(folder) as scene:
+    from comotion_clients.watch import WatchOptions, snapshot_of
+    from comotion_clients.watch_view import WHOLE, render
+
+    with _Scene(folder) as scene:
+        scene.start("router", "--listen", scene.endpoint)
         scene.start("serve", "--no-state")
         begin = time.time() + 30.0  # all parts must agree on when the scene starts, and be there by then
         parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}", "--time-scale", 0.3)
@@ -190,36 +171,13 @@ def _watched(folder: Path) -> NDArray[np.uint8]:
         time.sleep(max(0.0, begin - time.time() + 13.0))  # a problem is shown for 10 s after it has ended
         stop(sources[0])
         time.sleep(2.0)
-        shown = _terminal(folder, "watch", "--once", "--connect", scene.endpoint)
-    console = Console(record=True, width=80, file=(folder / "out").open("w"), force_terminal=True)
-    console.print(Text.from_ansi(shown.rstrip()), end="")
+        snapshot = snapshot_of("default", SessionSettings(connect=(scene.endpoint,)), WatchOptions())
+    console = Console(record=True, width=80, file=io.StringIO(), force_terminal=True)
+    console.print(render(snapshot, 80, WHOLE, "size", keys=False))
     page = folder / "watch.html"
-    style = "body{margin:0;background:#1e1e1e;color:#d4d4d4;padding:8px}"
+    style = "body{margin:0;background:#292929;color:#c5c8c6;padding:8px}"
     style += "pre{margin:0;font:15px/1.3 'DejaVu Sans Mono'}"
-    body = console.export_html(theme=_THEME, inline_styles=True, code_format="<pre>{code}</pre>")
+    body = console.export_html(theme=SVG_EXPORT_THEME, inline_styles=True, code_format="<pre>{code}</pre>")
     page.write_text(f"<meta charset=utf-8><style>{style}</style>{body}", encoding="utf-8")
-    lines = shown.rstrip().count("\n") + 1
+    lines = body.count("\n") + 1
     return _page(page.as_uri(), (740, 20 * lines + 24))
-
-
-def _terminal(folder: Path, *words: object) -> str:
-    """Run a command in a terminal of 80 columns; returns what it wrote, with its colours."""
-    import pty
-
-    master, end = pty.openpty()
-    env = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor", "COLUMNS": "80", "LINES": "24"}
-    process = subprocess.Popen(_command(*words), cwd=folder, stdout=end, stderr=end, env=env)  # noqa: S603
-    os.close(end)
-    written = b""
-    while block := _read(master):
-        written += block
-    os.close(master)
-    process.wait(_END_S)
-    return re.sub(r"\r", "", written.decode())
-
-
-def _read(descriptor: int) -> bytes:
-    try:
-        return os.read(descriptor, 65536)
-    except OSError:  # the other end is closed
-        return b""

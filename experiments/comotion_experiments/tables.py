@@ -1,9 +1,9 @@
-"""Results as tables, built once for a terminal and for Markdown."""
+"""Results as tables, built once for a terminal and for Markdown, and pages of them."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 import rich.table
@@ -57,6 +57,25 @@ class Table:
         return "\n".join([head, f"|{'|'.join(rule)}|", *rows])
 
 
+def document(parts: Iterable[str | Table]) -> str:
+    """Write a page in Markdown: texts and tables in order; empty ones are left out."""
+    texts = (part.markdown() if isinstance(part, Table) else part for part in parts)
+    return "\n\n".join(text for text in texts if text) + "\n"
+
+
+class Column(NamedTuple):
+    """A column of numbers: which value of a row it shows, its title, digits, and what it is multiplied by."""
+
+    key: str
+    title: str
+    digits: int
+    times: float = 1.0
+
+    def of(self, row: Mapping[str, float]) -> str:
+        """The cell of a row."""
+        return number(self.times * row[self.key], self.digits)
+
+
 def number(value: float, digits: int) -> str:
     """Write a number; a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
@@ -78,6 +97,6 @@ def mean(values: Iterable[float]) -> float:
     return float(np.mean(known)) if known else math.nan
 
 
-def means(rows: Sequence[Any]) -> dict[str, float]:
-    """Mean of every field over dataclasses of one type, by :func:`mean`."""
-    return {member.name: mean([getattr(row, member.name) for row in rows]) for member in fields(rows[0])}
+def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Mean of every value over rows of the same names, by :func:`mean`."""
+    return {name: mean([row[name] for row in rows]) for name in rows[0]}

@@ -61,17 +61,7 @@ def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | Obs
         reading = JointSample(round(1e9 * t), scene.joints, scene.configuration(t))
         pack = packer.add(kinematics.encoded(reading))
         if pack is not None:
-            yield (
-                pack.stamp_ns,
-                builder.observation(
-                    stamp_ns=pack.stamp_ns,
-                    ids=pack.ids,
-                    positions=pack.positions,
-                    sigma=pack.sigma,
-                    quaternions=pack.quaternions,
-                    stamps_ns=pack.stamps_ns,
-                ),
-            )
+            yield pack.stamp_ns, builder.observation(**pack.columns())
 
 
 def _links(scene: Scene) -> Status:

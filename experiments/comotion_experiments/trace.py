@@ -1,7 +1,7 @@
 """Trace of a run for plots: updates -> tracks of one space at each update."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,16 @@ class Moment:
     hypotheses: NDArray[np.int64]
     objects: NDArray[np.int64]
 
+    def of(self, rows: NDArray[np.bool_]) -> "Moment":
+        """Some of the tracks, by a mask bool [N]."""
+        return Moment(
+            self.stamp_ns,
+            [track for track, chosen in zip(self.tracks, rows, strict=True) if chosen],
+            self.positions[rows],
+            self.hypotheses[rows],
+            self.objects[rows],
+        )
+
 
 def main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRef]) -> SpaceRef | None:
     """Find the space with most tracks; None without tracks."""
@@ -59,22 +69,30 @@ def moment_of(
     update: HypothesisUpdate, truth: Truth, spaces: Mapping[str, SpaceRef], space: SpaceRef
 ) -> Moment:
     """Select the tracks of a space in an update, with their true objects."""
-    picked, tracks, objects = [np.zeros(0, np.intp)], [], [np.zeros(0, np.int32)]
-    for index, source in enumerate(update.sources):
-        if spaces.get(source.name) == space:
-            rows = np.flatnonzero(update.track_source == index)
-            ids = update.track_id[rows]
-            picked.append(rows)
-            tracks += [(source.name, source.session, identity) for identity in ids.tolist()]
-            objects.append(truth.objects((source.name, source.session), ids))
-    chosen = np.concatenate(picked)
+    mine = [index for index, source in enumerate(update.sources) if spaces.get(source.name) == space]
+    rows = np.flatnonzero(np.isin(update.track_source, mine))
+    rows = rows[np.argsort(update.track_source[rows], kind="stable")]
+    refs = (update.sources[index] for index in update.track_source[rows].tolist())
     return Moment(
         stamp_ns=update.stamp_ns,
-        tracks=tracks,
-        positions=update.track_position[chosen, : space.dim],
-        hypotheses=update.track_hypothesis[chosen].astype(np.int64),
-        objects=np.concatenate(objects).astype(np.int64),
+        tracks=[(r.name, r.session, n) for r, n in zip(refs, update.track_id[rows].tolist(), strict=True)],
+        positions=update.track_position[rows, : space.dim],
+        hypotheses=update.track_hypothesis[rows].astype(np.int64),
+        objects=objects_of(update, truth)[rows].astype(np.int64),
     )
+
+
+def trails_of(
+    moment: Moment, seen: Iterable[tuple[Sequence[tuple[str, str, int]], NDArray[np.float32]]]
+) -> list[NDArray[np.float32]]:
+    """Past positions of each track of a moment, float32 [steps, dim], from tracks and positions in order."""
+    ways: dict[tuple[str, str, int], list[NDArray[np.float32]]] = {track: [] for track in moment.tracks}
+    for tracks, positions in seen:
+        for track, position in zip(tracks, positions, strict=True):
+            if track in ways:
+                ways[track].append(position)
+    dim = moment.positions.shape[1]
+    return [np.array(way, np.float32).reshape(-1, dim) for way in ways.values()]
 
 
 def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:

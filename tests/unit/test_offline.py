@@ -146,14 +146,7 @@ def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
     pytest.importorskip("matplotlib")
     done, trace = traced(scene, 1.5, keep_truth=keep_truth)
     path = tmp_path / "new" / "run.png"
-    save_plot(
-        path,
-        title="a run",
-        updates=trace.updates,
-        scores=done.scores,
-        truth=done.truth,
-        spaces=done.spaces,
-    )
+    save_plot(path, "a run", trace, done)
     image = cv2.imread(str(path))
     assert image.shape[1] == 1200
     assert image.shape[0] == (960 if keep_truth else 640)

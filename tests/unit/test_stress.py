@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
-from comotion_experiments.stress import FAMILIES, IMAGE_FAMILIES, catalogue, run_image_family
+from comotion_experiments.stress import FAMILIES, run_family
 from comotion_experiments.stress.observe import EPOCH_NS, messages_of
 from comotion_experiments.stress.scene import Scene
 from comotion_schemas import encode
@@ -21,11 +21,15 @@ SHORT = {
 }
 
 
+SCENES = [name for name, family in FAMILIES.items() if not family.of_images]
+IMAGES = [name for name, family in FAMILIES.items() if family.of_images]
+
+
 def scenes_of(name: str) -> list[Scene]:
     return FAMILIES[name].scenes(2, **SHORT.get(name, {}))
 
 
-@pytest.mark.parametrize("name", list(FAMILIES)[::3])
+@pytest.mark.parametrize("name", SCENES[::3])
 def test_a_family_gives_the_same_messages_twice_and_every_feature_has_a_truth(name: str) -> None:
     scene, same = (scenes_of(name)[-1] for _ in range(2))
     first, again = messages_of(scene), messages_of(same)
@@ -50,8 +54,7 @@ def test_a_family_gives_the_same_messages_twice_and_every_feature_has_a_truth(na
 def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) -> None:
     out = tmp_path / "out"
     short = replace(FAMILIES["late_movers"], parameters={"first": 1.0, "every": 1.0, "duration": 4.0})
-    for families in (catalogue.FAMILIES, catalogue.ALL):
-        monkeypatch.setitem(families, "late_movers", short)
+    monkeypatch.setitem(FAMILIES, "late_movers", short)
     options = ["--family", "late_movers", "--family", "image_planar", "--seeds", "2", "--jobs", "1", "--json"]
     assert run(["dev", "reproduce", "stress", *options, "--out", str(out)]) == 0
     shown = json.loads(capsys.readouterr().out)
@@ -69,19 +72,18 @@ def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) 
     assert (out / "images" / "stress.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("name", list(IMAGE_FAMILIES)[::4])
+@pytest.mark.parametrize("name", IMAGES[::4])
 def test_a_family_gives_the_same_sequences_twice(name: str) -> None:
-    one, again = (IMAGE_FAMILIES[name].sequences(2, scenes=1)[0] for _ in range(2))
-    other = IMAGE_FAMILIES[name].sequences(0, scenes=1)[0]
+    one, again = (FAMILIES[name].scenes(2, scenes=1)[0] for _ in range(2))
+    other = FAMILIES[name].scenes(0, scenes=1)[0]
     assert np.array_equal(one.positions, again.positions, equal_nan=True)
     assert not np.array_equal(one.truth, other.truth)
     assert one.positions.shape[1] == len(one.truth) >= 20
     assert (np.isfinite(one.positions[..., 0]).sum(axis=0) >= 5).all()
-    bodies = IMAGE_FAMILIES[name].parameters.get("bodies", (2, 2))
+    bodies = FAMILIES[name].parameters.get("bodies", (2, 2))
     assert 1 <= one.objects() <= bodies[1] + 1
 
 
 def test_a_still_scene_is_one_object() -> None:
-    found = run_image_family("image_still", 0, scenes=1)
-    assert found.errors == [0.0]
-    assert (found.figures.found, found.figures.true, found.figures.exact) == (1.0, 1.0, 1.0)
+    found = run_family("image_still", 0, scenes=1)
+    assert (found["error"], found["found"], found["true"], found["exact"]) == (0.0, 1.0, 1.0, 1.0)

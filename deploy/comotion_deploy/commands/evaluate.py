@@ -115,13 +115,6 @@ Examples:
         if self.paths is not None:
             save_paths(self.paths, trace.updates)
         if self.plot is not None:
-            save_plot(
-                self.plot,
-                title=f"scene {self.scene}, live",
-                updates=trace.updates,
-                scores=run.scores,
-                truth=run.truth,
-                spaces=run.spaces,
-            )
+            save_plot(self.plot, f"scene {self.scene}, live", trace, run)
         plots = [] if self.plot is None else [f"plot: {self.plot}"]
         self.show(as_json(run), *summary_lines(run), *plots)

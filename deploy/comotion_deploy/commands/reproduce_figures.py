@@ -5,7 +5,7 @@ import shlex
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import UserError
 from ..fusion_options import Assignments
@@ -14,6 +14,7 @@ from .experiments import Experiment, check, progress, write_values
 
 if TYPE_CHECKING:
     from comotion_experiments.figures import Results
+    from comotion_experiments.tables import Table
 
 
 @dataclass(kw_only=True)
@@ -88,15 +89,13 @@ Examples:
         return shlex.join(words)
 
 
-def _table(results: "Results") -> Any:
-    from rich.table import Table
+def _table(results: "Results") -> "Table":
+    from comotion_experiments.tables import Table
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
-    for title in ("figure", "", "the thesis says", "thesis method here", "default method here"):
-        table.add_column(title)
-    for made in results.made:
-        for k, row in enumerate(made.drawn.rows):
-            name = made.figure.name if k == 0 else ""
-            table.add_row(name, row.quantity, row.printed, row.thesis, row.default)
-        table.add_section()
+    titles = ("figure", "", "the thesis says", "thesis method here", "default method here")
+    table = Table(titles, words=len(titles))
+    for figure, drawn in results.made:
+        for k, row in enumerate(drawn.rows):
+            table.add(figure.name if k == 0 else "", row.quantity, row.printed, row.thesis, row.default)
+        table.end_section()
     return table

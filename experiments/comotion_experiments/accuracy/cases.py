@@ -1,34 +1,24 @@
-"""Cases of the accuracy report: scenes, scenes with badly calibrated sources, and recordings."""
+"""Cases of the accuracy report: scenes, scenes with wrong calibrations, recordings; and their runs."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import ObservationBatch
+from comotion import FusionConfig
+from comotion_clients.metrics import Score, Truth
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 from comotion_schemas.errors import KnownError
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
-from ..offline import Message
+from ..offline import Message, run_offline
+from ..trace import objects_of, rightly_assigned
 
 THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
-SPATIAL_SCENES = (
-    "3d_2",
-    "3d_3",
-    "3d_4",
-    "3d_5",
-    "3d_rotation",
-    "3d_outliers",
-    "3d_gaps",
-    "3d_async",
-    "3d_camera",
-    "3d_pose",
-    "3d_late",
-    "3d_static",
-)
 # Extrinsics (mm, degrees) and clock (ms) of the second source.
 DISPLACEMENTS = ((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0), (0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20))
 _DISPLACED_SCENE = "3d_3"
@@ -37,6 +27,9 @@ _RECORDED_SECONDS = 60.0
 # σ_switch of the thesis method, m: the best value for each scene.
 _SWITCH = {"fig4_1": 0.02}
 _SWITCH_ELSE = 0.01
+PERIOD = 1 / 3
+"""s between updates."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -66,9 +59,11 @@ class Case:
 
 
 def scene_cases() -> list[Case]:
-    """List the scenes of the thesis and the 3-D set."""
-    return [_scene(name, "thesis scenes") for name in THESIS_SCENES] + [
-        _scene(name, "3-D set") for name in SPATIAL_SCENES
+    """List the scenes of the thesis, and all 3-D scenes of the simulator."""
+    spatial = (name for name in simulator.scene_names() if name.startswith("3d_"))
+    return [
+        *(_scene(name, "thesis scenes") for name in THESIS_SCENES),
+        *(_scene(name, "3-D set") for name in spatial),
     ]
 
 
@@ -135,3 +130,47 @@ def _recorded(path: Path) -> Case:
         seeded=False,
         duration=_RECORDED_SECONDS,
     )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Results of a run.
+
+    `seconds`, `nmi` float64 [updates]; `confidence` float64 [n] and `right` bool [n] of
+    every assignment of a track with known object.
+    """
+
+    seconds: Array
+    nmi: Array
+    switches: float
+    confidence: Array
+    right: NDArray[np.bool_]
+
+    @property
+    def mean(self) -> float:
+        """Mean NMI over all updates."""
+        return float(np.nanmean(self.nmi))
+
+
+def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> Outcome:
+    """Run a case through the core."""
+    truth = Truth()
+    confidence, right = [np.zeros(0)], [np.zeros(0, np.bool_)]
+
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
+        objects, labels = objects_of(update, truth), update.track_hypothesis
+        known = (objects >= 0) & (labels != UNDETERMINED)
+        if known.any():
+            confidence.append(update.track_confidence[known].astype(np.float64))
+            right.append(rightly_assigned(labels[known], objects[known]))
+
+    run = run_offline(
+        case.open(seed),
+        config,
+        truth=truth,
+        period=PERIOD,
+        duration=case.duration if duration is None else duration,
+        on_update=on_update,
+    )
+    switches = run.summary.switches_per_100
+    return Outcome(run.seconds, run.nmi, switches, np.concatenate(confidence), np.concatenate(right))

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, spread
+from ..tables import Table, document, spread
+from .cases import PERIOD, Outcome
 from .experiment import DEFAULT, ROBUST_SCENES, THESIS, Results
-from .study import PERIOD, Array, Outcome
 
 _BINS = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9])
 # Scenes in which the truth separates bodies that have not moved yet, so no method can.
@@ -18,16 +18,15 @@ _GROUPS = ("thesis scenes", "3-D set", "two sources", "recordings")
 
 def markdown(results: Results, picture: str) -> str:
     """Format the report; `picture` is the path of the reliability diagram."""
-    present = {case.group for case in results.experiment.cases}
-    scored = "scores" in results.experiment.parts
-    seeds = ", ".join(map(str, results.experiment.seeds))
-    parts = [_HEAD.format(seeds=seeds)]
-    if scored:
-        parts += [_table(results, group) for group in _GROUPS if group in present]
-    parts += [_compared(results), _motion(results)]
-    parts += [_reliability(results, picture)] if scored else []
-    parts += [_robustness(results)]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    seeds = ", ".join(map(str, results.seeds))
+    parts: list[str | Table] = [_HEAD.format(seeds=seeds)]
+    scored = "scores" in results.parts
+    for group in _GROUPS if scored else ():
+        if any(case.group == group for case in results.cases):
+            parts += [f"## {group[0].upper()}{group[1:]}", _table(results, group)]
+    parts += [*_compared(results), *_motion(results)]
+    parts += _reliability(results, picture) if scored else []
+    return document([*parts, *_robustness(results)])
 
 
 _HEAD = """# Accuracy
@@ -49,9 +48,9 @@ def as_json(results: Results) -> Any:
     scores: dict[str, dict[str, list[float]]] = {}
     for (name, method), outcomes in results.outcomes.items():
         scores.setdefault(name, {})[method] = [o.mean for o in outcomes]
-    moved = "motion" in results.experiment.parts
+    moved = "motion" in results.parts
     return {
-        "seeds": results.experiment.seeds,
+        "seeds": results.seeds,
         "nmi": scores,
         "comparator": results.compared,
         "motion": results.motion.medians() if moved else None,
@@ -59,14 +58,15 @@ def as_json(results: Results) -> Any:
     }
 
 
-def _table(results: Results, group: str) -> str:
+def _table(results: Results, group: str) -> Table:
     table = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
-    names = [case.name for case in results.experiment.cases if case.group == group]
+    names = [case.name for case in results.cases if case.group == group]
     for name in names:
         table.add(*_row(results, name))
     if group == "recordings":
-        table.add(*_means(results, names))
-    return f"## {group[0].upper()}{group[1:]}\n\n{table.markdown()}"
+        ours, thesis = (np.mean([results.outcomes[n, m][0].mean for n in names]) for m in (DEFAULT, THESIS))
+        table.add("**mean**", f"**{ours:.3f}**", "", "", f"{thesis:.3f}", "")
+    return table
 
 
 def _row(results: Results, name: str) -> list[str]:
@@ -74,22 +74,11 @@ def _row(results: Results, name: str) -> list[str]:
     return [
         name,
         spread([o.mean for o in ours]),
-        spread([_late(o) for o in ours]),
+        spread([np.nanmean(o.nmi[o.seconds >= 0.99]) for o in ours]),
         f"{np.mean([o.switches for o in ours]):.2f}",
         spread([o.mean for o in thesis]),
         f"{np.mean([o.switches for o in thesis]):.2f}",
     ]
-
-
-def _means(results: Results, names: list[str]) -> list[str]:
-    ours, thesis = (
-        f"{np.mean([results.outcomes[n, m][0].mean for n in names]):.3f}" for m in (DEFAULT, THESIS)
-    )
-    return ["**mean**", f"**{ours}**", "", "", thesis, ""]
-
-
-def _late(outcome: Outcome) -> float:
-    return float(np.nanmean(outcome.nmi[outcome.seconds >= 0.99]))
 
 
 _COMPARED = """## The affinity of Brox and Malik
@@ -104,14 +93,13 @@ made for pixels: in metres, lengths are scaled to a width of the scene that was 
 `comotion dev reproduce accuracy --part comparator` makes this table alone."""
 
 
-def _compared(results: Results) -> str:
+def _compared(results: Results) -> list[str | Table]:
     """The comparator, mean over the cases of a group, beside both methods at the same times."""
     if not results.compared:
-        return ""
-    clusterings = list(next(iter(results.compared.values())))
-    groups = {case.name: case.group for case in results.experiment.cases}
+        return []
+    groups = {case.name: case.group for case in results.cases}
     rows = {name: _compared_means(results, name) for name in results.compared}
-    table = Table(("", "default", "thesis", *clusterings))
+    table = Table(("", "default", "thesis", *next(iter(results.compared.values()))))
     for group in dict.fromkeys(groups[name] for name in rows):
         some = [row for name, row in rows.items() if groups[name] == group]
         table.add(f"{group} ({len(some)})", *(f"{score:.3f}" for score in np.mean(some, 0)))
@@ -121,7 +109,7 @@ def _compared(results: Results) -> str:
         for name, row in rows.items()
         if max(row[2:]) > row[0]
     )
-    return f"{_COMPARED}\n\n{table.markdown()}\n\nBetter than the default: {better or 'nowhere'}."
+    return [_COMPARED, table, f"Better than the default: {better or 'nowhere'}."]
 
 
 def _compared_means(results: Results, name: str) -> list[float]:
@@ -141,35 +129,29 @@ _POSES = """## Pose since birth and twist
 Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bodies and seeds."""
 
 
-def _motion(results: Results) -> str:
-    if "motion" not in results.experiment.parts:
-        return ""
+def _motion(results: Results) -> list[str | Table]:
+    if "motion" not in results.parts:
+        return []
     medians = results.motion.medians().items()
-    table = Table(("error", "median"), rows=[(name, f"{value:.2f}") for name, value in medians])
-    return f"{_POSES}\n\n{table.markdown()}"
+    return [_POSES, Table(("error", "median"), rows=[(name, f"{value:.2f}") for name, value in medians])]
 
 
-def pooled(results: Results) -> tuple[Array, Array]:
-    """Confidence and correctness (0 or 1) of all simulated assignments with known truth, [n] each."""
+def bins(results: Results) -> list[tuple[float, float, int]]:
+    """Mean confidence, share of right assignments and count of each bin that is not empty.
+
+    Of all simulated assignments with known truth.
+    """
     chosen = [
         outcome
-        for case in results.experiment.cases
+        for case in results.cases
         if case.group in _GROUPS[:2] and case.name not in _UNKNOWABLE
         for outcome in results.outcomes[case.name, DEFAULT]
     ]
     confidence = np.concatenate([np.zeros(0), *(o.confidence for o in chosen)])
-    return confidence, np.concatenate([np.zeros(0), *(o.right.astype(np.float64) for o in chosen)])
-
-
-def bins(results: Results) -> list[tuple[float, float, int]]:
-    """Mean confidence, share of right assignments and count of each bin that is not empty."""
-    confidence, right = pooled(results)
+    right = np.concatenate([np.zeros(0), *(o.right for o in chosen)])
     place = np.digitize(confidence, _BINS) - 1
-    return [
-        (float(confidence[place == k].mean()), float(right[place == k].mean()), int((place == k).sum()))
-        for k in range(len(_BINS) - 1)
-        if (place == k).any()
-    ]
+    masks = [place == k for k in range(len(_BINS) - 1)]
+    return [(float(confidence[m].mean()), float(right[m].mean()), int(m.sum())) for m in masks if m.any()]
 
 
 _CONFIDENCE = """## Confidence
@@ -178,11 +160,11 @@ How often an assignment of a given confidence is right, on the simulated scenes 
 bodies rest before they move, because bodies at rest cannot be distinguished."""
 
 
-def _reliability(results: Results, picture: str) -> str:
+def _reliability(results: Results, picture: str) -> list[str | Table]:
     table = Table(("confidence", "right", "assignments"), words=0)
     for confidence, right, count in bins(results):
         table.add(f"{confidence:.3f}", f"{right:.3f}", f"{count}")
-    return f"{_CONFIDENCE}\n\n![reliability]({picture})\n\n{table.markdown()}"
+    return [_CONFIDENCE, f"![reliability]({picture})", table]
 
 
 _ROBUSTNESS = """## Robustness
@@ -191,9 +173,9 @@ Mean NMI over {scenes} (first seed) and the first 10 s of the recordings,
 each parameter of the method halved and doubled; as they are {as_it_is:.3f}."""
 
 
-def _robustness(results: Results) -> str:
+def _robustness(results: Results) -> list[str | Table]:
     if not results.variations:
-        return ""
+        return []
     base, *scaled = results.variations
     halved = {v.parameter: v.mean for v in scaled if v.factor < 1}
     doubled = {v.parameter: v.mean for v in scaled if v.factor > 1}
@@ -201,7 +183,7 @@ def _robustness(results: Results) -> str:
     for name, value in halved.items():
         table.add(name, f"{value:.3f}", f"{doubled[name]:.3f}")
     text = _ROBUSTNESS.format(scenes=", ".join(ROBUST_SCENES), as_it_is=base.mean)
-    return f"{text}\n\n{table.markdown()}{_leave_one_out(results)}"
+    return [text, table, _leave_one_out(results)]
 
 
 _LEFT_OUT = """Where the setting of this table with the best mean on all other recordings is chosen for each
@@ -210,13 +192,13 @@ recording, it scores {there:.3f} there on average, as it is {as_it_is:.3f}."""
 
 def _leave_one_out(results: Results) -> str:
     """Cross-validation: choose the setting on the other recordings, score it on the one left out."""
-    names = [c.name for c in results.experiment.cases if c.group == "recordings"]
+    names = [c.name for c in results.cases if c.group == "recordings"]
     if len(names) < 2:
         return ""
     scores = np.array([[v.scores[name] for name in names] for v in results.variations])
     chosen = [int(np.delete(scores, k, axis=1).mean(axis=1).argmax()) for k in range(len(names))]
     there = scores[chosen, np.arange(len(names))].mean()
-    return f"\n\n{_LEFT_OUT.format(there=there, as_it_is=scores[0].mean())}"
+    return _LEFT_OUT.format(there=there, as_it_is=scores[0].mean())
 
 
 def save_reliability(path: Path, results: Results) -> None:

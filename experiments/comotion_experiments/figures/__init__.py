@@ -1,8 +1,7 @@
 """Reproduces the figures of the thesis, with the thesis method and the default method side by side."""
 
 from .catalogue import FIGURES, select
-from .experiment import Made, Results, reproduce
-from .figure import Figure, Row
-from .study import Options
+from .experiment import Results, reproduce
+from .study import Figure, Options, Row
 
-__all__ = ["FIGURES", "Figure", "Made", "Options", "Results", "Row", "reproduce", "select"]
+__all__ = ["FIGURES", "Figure", "Options", "Results", "Row", "reproduce", "select"]

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from comotion_schemas.errors import KnownError
 
-from . import affinity, clusters, respawning, switching, weighting, workcell
-from .figure import Figure
+from . import affinity, clusters, simulated, workcell
+from .study import Figure
 
 FIGURES = (
     Figure(
@@ -23,7 +23,7 @@ FIGURES = (
         "Choosing the number of clusters by BIC",
         "Bayesian information criterion of Gaussian mixtures on the affinities of figure 3.3, by number "
         "of components and kind of covariance. The thesis rejects it: the minimum (star) suggests more "
-        "clusters than there are. Right: what each way of counting finds.",
+        "clusters than there are.",
         clusters.draw_bic,
     ),
     Figure(
@@ -48,20 +48,20 @@ FIGURES = (
         "0.5, from one hypothesis per trajectory to an object found late; right: the affinities at t = "
         "5 s. The last row is the default method, which has no σ to choose. Of the five σ the thesis "
         "names 0.02 alone; the others are chosen so that the rows show what it says of them.",
-        switching.draw_scenes,
+        simulated.draw_switches,
     ),
     Figure(
         "4.2",
         "The effect of γ over time",
         "NMI of figure 4.1. The best choice is σ = 0.02, twice the largest noise.",
-        switching.draw_nmi,
+        simulated.draw_switch_curves,
     ),
     Figure(
         "4.3",
         "Weights by velocity",
         "The object rests for 10 s and then crosses the scene at 0.3 per second. Weights by velocity "
         "make the thesis method see it sooner; a small threshold v is no different from equal weights.",
-        weighting.draw_weights,
+        simulated.draw_weights,
     ),
     Figure(
         "4.4",
@@ -69,13 +69,13 @@ FIGURES = (
         "G moves to the left and spins about its centre in changing directions, P turns by 90 degrees, "
         "and every 2 s 20 % of the features of each object are replaced. At t = 2.2, 4.2 and 6.2 s "
         "there are newborn features: the thesis method tends to put them into the background.",
-        respawning.draw_scenes,
+        simulated.draw_respawning,
     ),
     Figure(
         "4.5",
         "New features over time",
         "NMI of figure 4.4. It drops when features are replaced and slowly comes back.",
-        respawning.draw_nmi,
+        simulated.draw_respawning_curves,
     ),
     Figure(
         "4.6",

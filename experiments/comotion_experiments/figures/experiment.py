@@ -8,27 +8,21 @@ from typing import Any
 import numpy as np
 
 from ..processes import Progress, quiet
-from .figure import Drawn, Figure
 from .panels import mean_and_spread
 from .runs import SceneRuns
-from .study import Options, Study
-
-
-@dataclass(frozen=True)
-class Made:
-    """A figure, its picture, and what else came of drawing it."""
-
-    figure: Figure
-    picture: Path
-    drawn: Drawn
+from .study import Drawn, Figure, Options, Study
 
 
 @dataclass
 class Results:
-    """Figures made, figures left out for want of the workcell, and the options of the run."""
+    """Figures with what came of drawing them, figures left out for want of the workcell, and the options.
+
+    The pictures are in the folder `out`.
+    """
 
     options: Options
-    made: list[Made] = field(default_factory=list)
+    out: Path
+    made: list[tuple[Figure, Drawn]] = field(default_factory=list)
     left_out: list[Figure] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
@@ -40,14 +34,14 @@ class Results:
             "default_method": self.options.default.model_dump(mode="json"),
             "left_out": [figure.name for figure in self.left_out],
             "figures": {
-                made.figure.name: {
-                    "title": made.figure.title,
-                    "picture": made.picture.name,
-                    "numbers": made.drawn.rows,
-                    "parameters": made.drawn.parameters,
-                    "curves": {label: _curve(take) for label, take in made.drawn.curves.items()},
+                figure.name: {
+                    "title": figure.title,
+                    "picture": figure.file,
+                    "numbers": drawn.rows,
+                    "parameters": drawn.parameters,
+                    "curves": {label: _curve(take) for label, take in drawn.curves.items()},
                 }
-                for made in self.made
+                for figure, drawn in self.made
             },
         }
 
@@ -76,26 +70,22 @@ def reproduce(
         Called with the name of the next run.
     """
     out.mkdir(parents=True, exist_ok=True)
-    results = Results(options, left_out=[figure for figure in figures if figure.workcell and not workcell])
-    chosen = [figure for figure in figures if figure not in results.left_out]
+    left_out = [figure for figure in figures if figure.workcell and not workcell]
+    results = Results(options, out, left_out=left_out)
+    chosen = [figure for figure in figures if figure not in left_out]
     study = Study(options)
     for number, figure in enumerate(chosen, 1):
         place = f"[{number}/{len(chosen)}] figure {figure.name}"
         note(place)
         study.note = lambda what, place=place: note(f"{place}: {what}")  # type: ignore[misc]
         drawn = figure.draw(study)
-        picture = out / figure.file
-        drawn.figure.savefig(picture)
-        results.made.append(Made(figure, picture, drawn))
+        drawn.figure.savefig(out / figure.file)
+        results.made.append((figure, drawn))
     return results
 
 
 def _curve(take: SceneRuns) -> dict[str, list[float]]:
-    mean, spread = mean_and_spread(take.nmi)
-    return {"t": _rounded(take.t), "mean": _rounded(mean), "std": _rounded(spread)}
-
-
-def _rounded(values: Any) -> list[float]:
     """To four digits; NaN where a value is masked."""
-    rounded: list[float] = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan).round(4).tolist()
-    return rounded
+    mean, spread = mean_and_spread(take.nmi)
+    columns = {"t": take.t, "mean": mean, "std": spread}
+    return {name: np.ma.filled(column, np.nan).round(4).tolist() for name, column in columns.items()}

@@ -1,7 +1,6 @@
 """Workcell footage: scene and seed -> tracked features, kept on disk, and still images."""
 
 import hashlib
-import importlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,81 +8,67 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion import FusionConfig
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
+from comotion_sources import klt, workcell
 from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.camera import CameraSpec
-from comotion_sources.workcell.scene import scene_folder
 from comotion_sources.workcell.sensor import SensorNoise
 
 from ..offline import Message
 from ..rendered import filmed
-from .runs import SceneRuns, ViewRequest, run_seed
-from .study import Study, describe
+from .study import Study
 
 CAMERA = "a"
 _SOURCE = "klt-a"
-_SPAWN_LIMIT = 100
-PERIOD = 1 / 3
+SECONDS = 18.0
 PICTURE = (320, 240)
-# What tracked features depend on, beside the set-up and the files of the scenes.
-_PRODUCERS = (
-    *(f"klt.{name}" for name in ("config", "corners", "depth", "flow", "observer", "template", "tracker")),
-    *(
-        f"workcell.{name}"
-        for name in ("atlas", "drawing", "render", "scene", "sensor", "shapes", "textures", "viewpoint")
-    ),
-)
+# Packages that tracked features depend on, beside the set-up.
+_PRODUCERS = (klt, workcell)
 
 
 @dataclass(frozen=True)
-class FilmSetup:
-    """Image size in px, rate in Hz, duration in s, and parameters of the tracker."""
+class Shot:
+    """One scene of the thesis.
 
-    size: tuple[int, int]
-    rate: float
-    seconds: float
-    tracker: TrackerConfig
+    Attributes
+    ----------
+    scene
+        Its name here.
+    respawn_every
+        Frames between two looks for new features.
+    times
+        Moments to show, seconds.
+    apart, said
+        Two objects, and what the thesis says about telling them apart.
+    """
+
+    scene: str
+    respawn_every: int
+    times: tuple[float, ...]
+    apart: tuple[str, str]
+    said: str
 
 
-def film_setup(study: Study, respawn_every: int) -> FilmSetup:
+def film_setup(study: Study, shot: Shot, seed: int = 0) -> tuple[CameraSpec, TrackerConfig]:
     """Choose the set-up of the thesis: every n-th frame new features at the 100 best corners."""
     size, features = ((320, 240), 100) if study.options.quick else ((480, 360), 200)
-    tracker = TrackerConfig(max_features=features, spawn_limit=_SPAWN_LIMIT, respawn_every=respawn_every)
-    return FilmSetup(size, 30.0, 18.0, tracker)
+    camera = CameraSpec(scene=shot.scene, camera=CAMERA, size=size, rate=30.0, seed=seed, duration=SECONDS)
+    return camera, TrackerConfig(max_features=features, spawn_limit=100, respawn_every=shot.respawn_every)
 
 
-def takes_of(
-    study: Study, scene: str, respawn_every: int, config: FusionConfig, times: tuple[float, ...]
-) -> SceneRuns:
-    """Run all seeds of a workcell scene."""
-
-    def make() -> SceneRuns:
-        close = ViewRequest(times, trail=0.7)
-        runs = []
-        for seed in study.options.workcell_seeds:
-            messages = _messages(study, scene, seed, respawn_every)
-            study.note(f"{scene}, {describe(config)}, seed {seed}")
-            runs.append(run_seed(messages, config, PERIOD, close))
-        return SceneRuns(runs)
-
-    return study.once((scene, respawn_every, config.model_dump_json(), times), make)
-
-
-def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Message]:
+def filmed_messages(study: Study, shot: Shot, seed: int) -> list[Message]:
     """Read the messages of a scene from the cache, or film it and keep them there."""
-    how, cache = film_setup(study, respawn_every), study.options.cache
-    path = None if cache is None else cache / f"film-{name}-{seed}-{_fingerprint(how)}.msgpack"
+    camera, tracker = film_setup(study, shot, seed)
+    name, cache = f"film-{shot.scene}-{seed}-{_fingerprint(camera, tracker)}.msgpack", study.options.cache
+    path = None if cache is None else cache / name
     if path is not None and path.is_file():
         kept = (decode(raw) for raw in msgpack.unpackb(path.read_bytes()))
         return [message for message in kept if isinstance(message, TruthBatch | ObservationBatch)]
-    study.note(f"{name}, seed {seed}: rendering and tracking {round(how.seconds * how.rate)} frames")
-    spec = CameraSpec(
-        scene=name, camera=CAMERA, size=how.size, rate=how.rate, seed=seed, duration=how.seconds
-    )
-    messages = [message for image in filmed(spec, _SOURCE, how.tracker) for message in image.messages]
+    frames = round(SECONDS * camera.rate)
+    study.note(f"{shot.scene}, seed {seed}: rendering and tracking {frames} frames")
+    messages = [message for image in filmed(camera, _SOURCE, tracker) for message in image.messages]
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial")
@@ -92,12 +77,13 @@ def _messages(study: Study, name: str, seed: int, respawn_every: int) -> list[Me
     return messages
 
 
-def _fingerprint(how: FilmSetup) -> str:
+def _fingerprint(*how: object) -> str:
     """Digest of the set-up, and of all code and scenes that the messages depend on."""
     digest = hashlib.sha256(repr(how).encode())
-    modules = [importlib.import_module(f"comotion_sources.{name}").__file__ for name in _PRODUCERS]
-    for path in (*map(Path, filter(None, modules)), *sorted(scene_folder().glob("*.xml"))):
-        digest.update(path.read_bytes())
+    folders = [Path(str(package.__file__)).parent for package in _PRODUCERS]
+    for path in sorted(path for folder in folders for path in folder.rglob("*.[px][ym]*")):
+        if path.suffix in {".py", ".xml"}:
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 

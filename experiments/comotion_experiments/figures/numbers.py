@@ -1,5 +1,7 @@
 """Numbers that several figures report."""
 
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,10 +10,8 @@ from comotion_schemas import UNDETERMINED
 
 from ..tables import spread
 from ..trace import rightly_assigned
-from .runs import SceneRuns, View
-from .study import Study, describe, spec_of
-
-DEFAULT = "default method"
+from .runs import SceneRuns
+from .study import DEFAULT, Row, Simulated, Study, spec_of
 
 
 def count(values: Any) -> str:
@@ -23,12 +23,28 @@ def count(values: Any) -> str:
     return f"{known.mean():g}" if len(known) else "-"
 
 
-def view_at(take: SceneRuns, t: float, seed: int = 0) -> View:
-    """The view of a seed nearest to a time."""
-    return min(take.seeds[seed].views, key=lambda view: abs(view.t - t))
+def row_of(
+    quantity: str, printed: str, takes: Mapping[str, SceneRuns], value: Callable[[SceneRuns], str]
+) -> Row:
+    """What the thesis says of a quantity, and its value for the thesis method and for the default one."""
+    thesis, default = (value(take) for take in takes.values())
+    return Row(quantity, printed, thesis, default)
 
 
-def right_at(take: SceneRuns, view: int) -> str:
+def count_at(take: SceneRuns, t: float) -> str:
+    """Number of hypotheses at the update nearest to a time."""
+    return count(take.hypotheses_at(t))
+
+
+def right_rows(takes: Mapping[str, SceneRuns], times: Sequence[float], printed: str) -> list[Row]:
+    """Features with the hypothesis of their object in each view."""
+    what = "features in the right hypothesis at t ="
+    return [
+        row_of(f"{what} {t:.3g} s", printed, takes, partial(_right_at, view=k)) for k, t in enumerate(times)
+    ]
+
+
+def _right_at(take: SceneRuns, view: int) -> str:
     """Share of features with the hypothesis of their object, in one view of every seed."""
     shares = []
     for seed in take.seeds:
@@ -57,24 +73,32 @@ def format_times(seconds: Any) -> str:
     return f"{spread(seconds, 1)} s" + (f" (never in {never} of {len(seconds)} seeds)" if never else "")
 
 
-def best(takes: dict[str, SceneRuns]) -> str:
+def best(takes: Mapping[str, SceneRuns]) -> str:
     """Label of the thesis parameters with the best mean NMI."""
     return max((label for label in takes if label != DEFAULT), key=lambda k: takes[k].mean_nmi().mean())
 
 
-def summary(takes: dict[str, SceneRuns]) -> tuple[str, str]:
+def summary(takes: Mapping[str, SceneRuns]) -> tuple[str, str]:
     """Mean NMI of the thesis method at its best, and of the default method."""
     label = best(takes)
     return f"{spread(takes[label].mean_nmi())} ({label})", spread(takes[DEFAULT].mean_nmi())
 
 
-def parameters(scene: str, config: Any, study: Study, period: float) -> dict[str, str]:
-    """What a figure of a simulated scene was made with."""
+def mean_rows(takes: Mapping[str, SceneRuns], said: Sequence[str]) -> list[Row]:
+    """Mean NMI of each take, with what the thesis says of each; the default method last."""
+    *tried, default = (spread(take.mean_nmi()) for take in takes.values())
+    columns = zip(takes, said, tried, strict=False)
+    rows = [Row(f"{label}: mean NMI", text, mean, "") for label, text, mean in columns]
+    return [*rows, Row("mean NMI", "-", "", default)]
+
+
+def parameters(how: Simulated, study: Study, thesis: str = "", *, drawn: bool = True) -> dict[str, str]:
+    """What a figure of a simulated scene was made with; `drawn`: it shows one seed of these."""
     seeds = study.options.seeds
-    return {
-        "scene": f"sim:{scene}, {spec_of(scene).rate:g} Hz",
-        "thesis method": describe(config).removeprefix("thesis method, "),
-        "update every": f"{period:.3g} s",
+    made_with = {
+        "scene": f"sim:{how.scene}, {spec_of(how.scene).rate:g} Hz",
+        "thesis method": thesis or next(iter(how.configs)).removeprefix("thesis method, "),
+        "update every": f"{how.period:.3g} s",
         "seeds": ", ".join(map(str, seeds)),
-        "drawn": f"seed {seeds[0]}",
     }
+    return made_with | ({"drawn": f"seed {seeds[0]}"} if drawn else {})

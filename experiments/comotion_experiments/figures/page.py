@@ -6,9 +6,11 @@ import platform
 from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import metadata
+from pathlib import Path
 
-from .experiment import Made, Results
-from .figure import Row
+from .experiment import Results
+from .numbers import summary
+from .study import Drawn, Figure
 
 _PACKAGES = (
     "comotion",
@@ -20,7 +22,6 @@ _PACKAGES = (
     "mujoco",
     "matplotlib",
 )
-WITHOUT_WORKCELL = "they need the workcell: pip install 'comotion[sim3d]'"
 _LEAD = """Inferring object hypotheses from how features move: the method of the thesis beside the default
 method of comotion, on the same data."""
 _MEANS = """Mean over updates and, after ±, the standard deviation over seeds. The thesis method's parameters
@@ -68,14 +69,16 @@ def page(results: Results, command: str) -> str:
     command
         The command line that makes it again.
     """
+    missing = left_out(results)
+    links = " · ".join(_link(figure) for figure, _ in results.made)
     body = [
         "<h1>The figures of the thesis, made again</h1>",
         f'<p class="lead">{_LEAD}</p>',
         f"<p>Made by <code>{escape(command)}</code></p>",
-        _notice(results),
+        f'<p class="notice">{escape(missing[0].upper() + missing[1:])}.</p>' if missing else "",
         _summary(results),
-        _reading(results),
-        *(_section(made) for made in results.made),
+        f"<p>Figures: {links}</p><p>{_KEY}</p>",
+        *(_section(figure, drawn, results.out) for figure, drawn in results.made),
         _appendix(results),
     ]
     return (
@@ -93,19 +96,14 @@ def left_out(results: Results) -> str:
     if not names:
         return ""
     which = f"figure {names[0]} is" if len(names) == 1 else f"figures {', '.join(names)} are"
-    return f"{which} left out; {WITHOUT_WORKCELL}"
-
-
-def _notice(results: Results) -> str:
-    line = left_out(results)
-    return f'<p class="notice">{escape(line[0].upper() + line[1:])}.</p>' if line else ""
+    return f"{which} left out; they need the workcell: pip install 'comotion[sim3d]'"
 
 
 def _summary(results: Results) -> str:
     rows = [
-        (_link(made), *(escape(text) for text in (made.figure.title, *made.drawn.summary)))
-        for made in results.made
-        if made.drawn.summary is not None
+        (_link(figure), *(escape(text) for text in (figure.title, *summary(drawn.curves))))
+        for figure, drawn in results.made
+        if drawn.curves
     ]
     if not rows:
         return ""
@@ -113,36 +111,21 @@ def _summary(results: Results) -> str:
     return f"{_table(head, rows)}<p>{_MEANS}</p>"
 
 
-def _link(made: Made) -> str:
-    return f'<a href="#{_anchor(made)}">{escape(made.figure.name)}</a>'
+def _link(figure: Figure) -> str:
+    return f'<a href="#{figure.anchor}">{escape(figure.name)}</a>'
 
 
-def _anchor(made: Made) -> str:
-    return made.picture.stem
-
-
-def _reading(results: Results) -> str:
-    links = " · ".join(_link(made) for made in results.made)
-    return f"<p>Figures: {links}</p><p>{_KEY}</p>"
-
-
-def _section(made: Made) -> str:
-    image = base64.b64encode(made.picture.read_bytes()).decode("ascii")
-    figure = made.figure
-    parameters = [f"<b>{escape(name)}</b> {escape(text)}" for name, text in made.drawn.parameters.items()]
+def _section(figure: Figure, drawn: Drawn, folder: Path) -> str:
+    image = base64.b64encode((folder / figure.file).read_bytes()).decode("ascii")
+    parameters = [f"<b>{escape(name)}</b> {escape(text)}" for name, text in drawn.parameters.items()]
+    rows = [tuple(map(escape, (row.quantity, row.printed, row.thesis, row.default))) for row in drawn.rows]
     return (
-        f'<h2 id="{_anchor(made)}"><span class="no">{escape(figure.name)}</span>{escape(figure.title)}</h2>\n'
+        f'<h2 id="{figure.anchor}"><span class="no">{escape(figure.name)}</span>{escape(figure.title)}</h2>\n'
         f"<p>{escape(figure.shows)}</p>\n"
         f'<img alt="{escape(figure.title)}" src="data:image/png;base64,{image}">\n'
-        + numbers(made.drawn.rows)
+        + _table(("", "the thesis says", "thesis method here", "default method here"), rows)
         + f'<p class="with">{" · ".join(parameters)}</p>'
     )
-
-
-def numbers(rows: Sequence[Row]) -> str:
-    """Table of numbers beside the thesis."""
-    cells = [tuple(map(escape, (r.quantity, r.printed, r.thesis, r.default))) for r in rows]
-    return _table(("", "the thesis says", "thesis method here", "default method here"), cells)
 
 
 def _table(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
@@ -154,20 +137,15 @@ def _table(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _appendix(results: Results) -> str:
     config = json.dumps(results.options.default.model_dump(mode="json"), indent=2)
-    versions = [(escape(name), escape(version)) for name, version in versions_in_use()]
-    return (
-        '<h2 id="versions">Parameters and versions</h2>\n'
-        "<details><summary>Parameters of the default method</summary>"
-        f"<pre>{escape(config)}</pre></details>\n" + _table(("", ""), versions)
-    )
-
-
-def versions_in_use() -> list[tuple[str, str]]:
-    """Name and version of what has a part in the figures."""
     versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
     for name in _PACKAGES:
         try:
             versions.append((name, metadata.version(name)))
         except metadata.PackageNotFoundError:
             versions.append((name, "not installed"))
-    return versions
+    return (
+        '<h2 id="versions">Parameters and versions</h2>\n'
+        "<details><summary>Parameters of the default method</summary>"
+        f"<pre>{escape(config)}</pre></details>\n"
+        + _table(("", ""), [tuple(map(escape, version)) for version in versions])
+    )

@@ -1,17 +1,21 @@
-"""The kinds of panels that figures are made of. Needs matplotlib, imported when first drawn."""
+"""The kinds of panels that figures are made of, and their colours. Imports matplotlib when first drawn."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas import UNDETERMINED
+from comotion_schemas.colours import BACKGROUND, GREY, HUES, MARKERS, RGB, colour
 from comotion_sources.simulator import SceneSpec, simulate
 
 from .. import plot
-from .colouring import LETTERS, Styles, object_colours
+from ..plot import Rgb, unit
+from ..trace import matched
 from .runs import SceneRuns, View
+from .study import DEFAULT, Study, spec_of
 
 new_figure = partial(plot.new_figure, dpi=110)
 DEFAULT_COLOUR = "black"
@@ -22,20 +26,73 @@ RAMP = ("#440154", "#31688e", "#1f9e89", "#e69f00", "#d55e00")
 DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (4, 1, 1, 1, 1, 1)))
 
 
-def halves(figure: Any, left: str, right: str) -> tuple[Any, Any]:
-    """Split a figure in two, the thesis method left and the default method right."""
-    parts = figure.subfigures(1, 2, wspace=0.03)
-    for part, title in zip(parts, (left, right), strict=True):
-        part.suptitle(title, fontsize=11, fontweight="bold")
-    return parts[0], parts[1]
+# The thesis's letters G, P, Y, B as the nearest hues of Okabe and Ito. R is its background: grey.
+LETTERS: dict[str, RGB] = {
+    "R": BACKGROUND,
+    "G": (0, 158, 115),
+    "P": (204, 121, 167),
+    "Y": (240, 228, 66),
+    "B": (0, 114, 178),
+}
+_SURPLUS = MARKERS[1:]
 
 
-def scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: int) -> None:
+def object_colours(names: Mapping[int, str]) -> dict[int, RGB]:
+    """Colour of every true object: of its letter if it has one, else of its number."""
+    return {number: LETTERS.get(name, colour(number)) for number, name in names.items()}
+
+
+class Styles:
+    """How the hypotheses of one run are drawn.
+
+    Parameters
+    ----------
+    names
+        Names of the true objects by number.
+    votes
+        (hypothesis, object) -> tracks that they share, over the whole run; hypotheses are assigned to objects
+        one to one by these.
+    """
+
+    def __init__(self, names: Mapping[int, str], votes: Mapping[tuple[int, int], int]) -> None:
+        self.objects = object_colours(names)
+        self._matched = matched(votes)
+        self._free = [hue for hue in HUES if hue not in self.objects.values()] or list(HUES)
+        others = sorted({h for h, _ in votes} - set(self._matched) - {UNDETERMINED})
+        self._ranks = {h: rank for rank, h in enumerate(others)}
+
+    def of(self, hypothesis: int) -> tuple[Rgb, str]:
+        """Colour and marker of a hypothesis; a surplus one never has a circle."""
+        if hypothesis == UNDETERMINED:
+            return unit(GREY), "x"
+        number = self._matched.get(hypothesis)
+        if number is not None:
+            return unit(self.objects.get(number, GREY)), "o"
+        turn, place = divmod(self._ranks[hypothesis], len(self._free))
+        return unit(self._free[place]), _SURPLUS[turn % len(_SURPLUS)]
+
+
+def halves(figure: Any, takes: Mapping[str, SceneRuns]) -> Iterator[tuple[Any, SceneRuns]]:
+    """Split a figure in two, a take in each half under its label."""
+    for part, (label, take) in zip(figure.subfigures(1, 2, wspace=0.03), takes.items(), strict=True):
+        part.suptitle(label, fontsize=11, fontweight="bold")
+        yield part, take
+
+
+def scene_panels(row: Sequence[Any], take: SceneRuns, scene: str, study: Study) -> None:
+    """Draw the views of the first seed of a simulated scene, one in each of the axes."""
+    first = take.seeds[0]
+    styles = Styles(first.names, first.votes())
+    for axes, view in zip(row, first.views, strict=False):
+        _scene_panel(axes, view, styles, spec_of(scene), study.options.seeds[0])
+
+
+def _scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: int) -> None:
     """Draw trajectories in the colours of their hypotheses, over the outlines of the true objects."""
     from matplotlib.patches import Polygon
 
-    for name, corners in outlines(spec, seed, view.t):
-        rgb = plot.unit(LETTERS[name])
+    for name, corners in _outlines(spec, seed, view.t):
+        rgb = unit(LETTERS[name])
         axes.add_patch(Polygon(corners, facecolor=(*rgb, 0.10), edgecolor=(*rgb, 0.9), linewidth=1.0))
     draw_tracks(axes, view, styles, size=3.4)
     axes.set_xlim(-0.08, 1.14)
@@ -82,7 +139,7 @@ def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float 
         )
 
 
-def outlines(spec: SceneSpec, seed: int, t: float) -> list[tuple[str, NDArray[np.float64]]]:
+def _outlines(spec: SceneSpec, seed: int, t: float) -> list[tuple[str, NDArray[np.float64]]]:
     """Name and corners [4, 2] of every rectangle of a 2-D scene at a time."""
     (simulation,) = simulate(spec, seed=seed)
     squares = []
@@ -124,7 +181,7 @@ def object_legend(figure: Any, names: Mapping[int, str]) -> None:
 
     colours = object_colours(names)
     handles: list[Any] = [
-        Patch(facecolor=(*plot.unit(colours[n]), 0.35), edgecolor=plot.unit(colours[n]), label=name)
+        Patch(facecolor=(*unit(colours[n]), 0.35), edgecolor=unit(colours[n]), label=name)
         for n, name in sorted(names.items())
     ]
     style: dict[str, Any] = {"linestyle": "", "color": "0.6", "markeredgecolor": "black", "markersize": 5}
@@ -161,10 +218,10 @@ def curve(
         )
 
 
-def switch_curves(axes: Any, takes: Mapping[str, SceneRuns], default: str) -> None:
+def switch_curves(axes: Any, takes: Mapping[str, SceneRuns]) -> None:
     """Draw NMI over time for several σ of the thesis method, and for the default one, by their labels."""
     for k, (label, take) in enumerate(takes.items()):
-        if label == default:
+        if label == DEFAULT:
             curve(axes, take, label, colour=DEFAULT_COLOUR, width=2.6, order=5)
         else:
             curve(axes, take, f"thesis, {label}", colour=RAMP[k], dashes=DASHES[k])
@@ -186,8 +243,8 @@ def nmi_axes(axes: Any, *, duration: float, legend: str = "lower right", columns
     axes.legend(loc=legend, fontsize=8.5, ncols=columns, framealpha=0.9)
 
 
-def spread_note(seeds: Sequence[int], mark: str = "band") -> str:
-    """Say what curves, and bands or bars, are."""
+def spread_note(seeds: Sequence[int]) -> str:
+    """Say what curves and bands are."""
     if len(seeds) == 1:
         return f"seed {seeds[0]}"
-    return f"mean over {len(seeds)} seeds, {mark}: ± 1 standard deviation"
+    return f"mean over {len(seeds)} seeds, band: ± 1 standard deviation"

@@ -1,8 +1,8 @@
 """Runs for figures: messages -> scores over time, and detailed views of some moments."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 
 from ..offline import Message, run_offline
-from ..trace import Moment, moment_of
+from ..trace import Moment, moment_of, trails_of
 
 Floats = NDArray[np.float64]
 
@@ -55,12 +55,10 @@ class SeedRun:
         float64 [U] over the observed tracks; NaN where there is none with a truth.
     hypotheses
         int64 [U], distinct hypotheses among the scored tracks.
+    moments
+        The tracks of every update.
     views
         The requested views, in order.
-    votes
-        (hypothesis, object) -> tracks times updates that they share.
-    main
-        Hypothesis that holds most of each object's tracks at every update, int64 [U]; -1 where none does.
     names
         Names of the objects.
     """
@@ -68,15 +66,28 @@ class SeedRun:
     t: Floats
     nmi: Floats
     hypotheses: NDArray[np.int64]
+    moments: list[Moment]
     views: list[View]
-    votes: dict[tuple[int, int], int]
-    main: dict[int, NDArray[np.int64]]
     names: dict[int, str]
 
+    def votes(self) -> Counter[tuple[int, int]]:
+        """(hypothesis, object) -> tracks times updates that they share."""
+        votes = Counter[tuple[int, int]]()
+        for moment in self.moments:
+            votes.update(zip(moment.hypotheses.tolist(), moment.objects.tolist(), strict=True))
+        return votes
+
     def main_of(self, name: str) -> NDArray[np.int64]:
-        """`main` of an object by its name; -1 throughout where nothing of it was ever seen."""
-        numbers = (number for number, known in self.names.items() if known == name)
-        return self.main.get(next(numbers, -1), np.full(len(self.t), -1))
+        """Hypothesis that holds most of an object's tracks at every update, int64 [U]; -1 where none does."""
+        numbers = [number for number, known in self.names.items() if known == name]
+        return np.array([_main(m.hypotheses[np.isin(m.objects, numbers)]) for m in self.moments])
+
+
+def _main(labels: NDArray[np.int64]) -> int:
+    """The most frequent hypothesis, of two as frequent the smaller id; -1 if that is none."""
+    ids, counts = np.unique(labels, return_counts=True)
+    main = int(ids[counts.argmax()]) if len(ids) else UNDETERMINED
+    return -1 if main == UNDETERMINED else main
 
 
 @dataclass(frozen=True)
@@ -99,6 +110,10 @@ class SceneRuns:
     def hypotheses(self) -> NDArray[np.int64]:
         """int64 [seeds, U]."""
         return np.array([seed.hypotheses[: len(self.t)] for seed in self.seeds])
+
+    def hypotheses_at(self, t: float) -> NDArray[np.int64]:
+        """Of every seed at the update nearest to a time, int64 [seeds]."""
+        return self.hypotheses[:, np.abs(self.t - t).argmin()]
 
     def mean_nmi(self) -> Floats:
         """Mean over time of every seed, float64 [seeds]."""
@@ -126,87 +141,40 @@ def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, c
     ValueError
         If there is no observation.
     """
-    watch = _Watch(messages, Fusion(config), period, close)
-    run = run_offline(
-        messages, config, truth=watch.truth, period=period, fusion=watch.fusion, on_update=watch.see
+    batches = [m for m in messages if isinstance(m, ObservationBatch)]
+    spaces = {b.source: SpaceRef(b.space, b.unit, b.dim) for b in batches}
+    start_ns, fusion, truth = batches[0].stamp_ns if batches else 0, Fusion(config), Truth()
+    moments: list[Moment] = []
+    views: list[View] = []
+
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
+        (space,) = set(spaces.values())
+        moments.append(moment_of(update, truth, spaces, space))
+        t = (update.stamp_ns - start_ns) / 1e9
+        due = close.times[len(views) : len(views) + 1]
+        if due and t >= due[0] - period / 4:
+            first_ns, now = update.stamp_ns - round(close.trail * 1e9), moments[-1]
+            seen = [b for b in batches if first_ns <= b.stamp_ns <= update.stamp_ns]
+            trails = trails_of(now, [(_tracks(b), b.positions) for b in seen])
+            views.append(View(t, now, trails, *_affinity(fusion, truth, space.name, close)))
+
+    run = run_offline(messages, config, truth=truth, period=period, fusion=fusion, on_update=on_update)
+    hypotheses = np.array([score.hypotheses for score in run.scores])
+    return SeedRun(run.seconds, run.nmi, hypotheses, moments, views, dict(truth.names))
+
+
+def _affinity(
+    fusion: Fusion, truth: Truth, space: str, close: ViewRequest
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    if not close.affinity:
+        return np.zeros((0, 0), np.float32), np.zeros(0, np.int64)
+    affinity = fusion.affinity(space)
+    objects = np.array(
+        [truth.objects((s, n), np.array([i], np.uint64))[0] for s, n, i in affinity.tracks], np.int64
     )
-    return SeedRun(
-        t=run.seconds,
-        nmi=run.nmi,
-        hypotheses=np.array([score.hypotheses for score in run.scores]),
-        views=watch.views,
-        votes=watch.votes,
-        main=watch.main(),
-        names=dict(run.truth.names),
-    )
+    order = np.argsort(objects, kind="stable")
+    return affinity.matrix[np.ix_(order, order)], objects[order]
 
 
-@dataclass
-class _Watch:
-    """Collects views and votes at every update."""
-
-    messages: Sequence[Message]
-    fusion: Fusion
-    period: float
-    close: ViewRequest
-    truth: Truth = field(default_factory=Truth)
-    views: list[View] = field(default_factory=list)
-    votes: Counter[tuple[int, int]] = field(default_factory=Counter)
-
-    def __post_init__(self) -> None:
-        batches = [m for m in self.messages if isinstance(m, ObservationBatch)]
-        self._start_ns = batches[0].stamp_ns if batches else 0
-        self._spaces = {b.source: SpaceRef(b.space, b.unit, b.dim) for b in batches}
-        self._trails = Trails(batches)
-        self._main: list[dict[int, int]] = []
-
-    def see(self, update: HypothesisUpdate, _: Score) -> None:
-        (space,) = set(self._spaces.values())
-        moment = moment_of(update, self.truth, self._spaces, space)
-        now = Counter(zip(moment.hypotheses.tolist(), moment.objects.tolist(), strict=True))
-        self.votes.update(now)
-        # The last one stays: the most frequent, and of two as frequent the smaller id.
-        ranked = sorted(now.items(), key=lambda item: (item[1], -item[0][0]))
-        self._main.append({number: hypothesis for (hypothesis, number), _ in ranked})
-        t = (update.stamp_ns - self._start_ns) / 1e9
-        due = self.close.times[len(self.views) : len(self.views) + 1]
-        if due and t >= due[0] - self.period / 4:
-            trails = self._trails.until(moment, round(self.close.trail * 1e9))
-            self.views.append(View(t, moment, trails, *self._affinity(space.name)))
-
-    def main(self) -> dict[int, NDArray[np.int64]]:
-        """Hypothesis that holds most of each object's tracks, by update."""
-        numbers = sorted({number for row in self._main for number in row if number >= 0})
-        rows = {n: [row.get(n, UNDETERMINED) for row in self._main] for n in numbers}
-        return {n: np.array([-1 if h == UNDETERMINED else h for h in row]) for n, row in rows.items()}
-
-    def _affinity(self, space: str) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        if not self.close.affinity:
-            return np.zeros((0, 0), np.float32), np.zeros(0, np.int64)
-        affinity = self.fusion.affinity(space)
-        objects = np.array(
-            [self.truth.objects((s, n), np.array([i], np.uint64))[0] for s, n, i in affinity.tracks], np.int64
-        )
-        order = np.argsort(objects, kind="stable")
-        return affinity.matrix[np.ix_(order, order)], objects[order]
-
-
-class Trails:
-    """Past positions of tracks, from the observations."""
-
-    def __init__(self, batches: Sequence[ObservationBatch]) -> None:
-        self._batches = batches
-
-    def until(self, moment: Moment, length_ns: int) -> list[NDArray[np.float32]]:
-        """Positions [steps, dim] of each track of a moment within `length_ns` before it."""
-        ways: dict[tuple[str, str, int], list[NDArray[np.float32]]] = {key: [] for key in moment.tracks}
-        for batch in self._within(moment.stamp_ns - length_ns, moment.stamp_ns):
-            for identity, position in zip(batch.ids.tolist(), batch.positions, strict=True):
-                way = ways.get((batch.source, batch.session, identity))
-                if way is not None:
-                    way.append(position)
-        dim = moment.positions.shape[1]
-        return [np.array(way, np.float32).reshape(-1, dim) for way in ways.values()]
-
-    def _within(self, first_ns: int, last_ns: int) -> Iterator[ObservationBatch]:
-        return (batch for batch in self._batches if first_ns <= batch.stamp_ns <= last_ns)
+def _tracks(batch: ObservationBatch) -> list[tuple[str, str, int]]:
+    return [(batch.source, batch.session, identity) for identity in batch.ids.tolist()]

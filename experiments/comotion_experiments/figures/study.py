@@ -1,16 +1,18 @@
-"""Runs the scenes of the figures, each one once."""
+"""What figures are, and the scenes that they are drawn from, each one run once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from comotion import FusionConfig
-from comotion_sources import simulator
-from comotion_sources.simulator import SceneSpec
+from comotion_sources.simulator import SceneSpec, batches, load_scene, simulate
 
+from ..offline import Message
 from ..processes import Progress, quiet
 from .runs import SceneRuns, ViewRequest, run_seed
+
+DEFAULT = "default method"
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,28 @@ class Options:
     default: FusionConfig = field(default_factory=FusionConfig)
 
 
+@dataclass(frozen=True)
+class Simulated:
+    """A simulated scene of some figures, and how it is run.
+
+    Attributes
+    ----------
+    scene
+        One that ships with the simulator.
+    configs
+        Parameters of the thesis method, by label.
+    period
+        s between updates.
+    close
+        The requested views.
+    """
+
+    scene: str
+    configs: Mapping[str, FusionConfig]
+    period: float
+    close: ViewRequest = field(default_factory=ViewRequest)
+
+
 class Study:
     """Runs scenes through the core; a run that two figures share is done once.
 
@@ -54,48 +78,109 @@ class Study:
         self.note = note
         self._takes: dict[Any, SceneRuns] = {}
 
-    def simulated(
-        self, scene: str, config: FusionConfig, *, period: float, close: ViewRequest | None = None
-    ) -> SceneRuns:
-        """Run all seeds of a simulated scene."""
-        close = close or ViewRequest()
-        spec = spec_of(scene)
+    def simulated(self, how: Simulated) -> dict[str, SceneRuns]:
+        """Run all seeds of a simulated scene, as :meth:`takes`."""
+        spec = spec_of(how.scene)
+        return self.takes(how, lambda seed: list(batches(simulate(spec, seed=seed))), self.options.seeds)
 
-        def make() -> SceneRuns:
-            runs = []
-            for seed in self.options.seeds:
-                self.note(f"{scene}, {describe(config)}, seed {seed}")
-                messages = list(simulator.batches(simulator.simulate(spec, seed=seed)))
-                runs.append(run_seed(messages, config, period, close))
-            return SceneRuns(runs)
-
-        return self.once((scene, config.model_dump_json(), period, close), make)
-
-    def both(
-        self, scene: str, config: FusionConfig, *, period: float, close: ViewRequest
-    ) -> tuple[SceneRuns, SceneRuns]:
-        """Run all seeds with parameters of the thesis method, and with the default method."""
-        first, second = (
-            self.simulated(scene, method, period=period, close=close)
-            for method in (config, self.options.default)
-        )
-        return first, second
-
-    def once(self, key: Any, make: Callable[[], SceneRuns]) -> SceneRuns:
-        """SceneRuns from memory, or make and keep."""
-        if key not in self._takes:
-            self._takes[key] = make()
-        return self._takes[key]
+    def takes(
+        self, how: Simulated, messages: Callable[[int], list[Message]], seeds: Sequence[int]
+    ) -> dict[str, SceneRuns]:
+        """Run the messages of all seeds with each of the parameters, by label; the default method last."""
+        takes = {}
+        for label, config in {**how.configs, DEFAULT: self.options.default}.items():
+            key = (how.scene, config.model_dump_json(), how.period, how.close)
+            if key not in self._takes:
+                runs = []
+                for seed in seeds:
+                    given = messages(seed)
+                    self.note(f"{how.scene}, {describe(config)}, seed {seed}")
+                    runs.append(run_seed(given, config, how.period, how.close))
+                self._takes[key] = SceneRuns(runs)
+            takes[label] = self._takes[key]
+        return takes
 
 
 def spec_of(scene: str) -> SceneSpec:
     """A scene that ships with the simulator."""
-    return simulator.load_scene(scene)
+    return load_scene(scene)
+
+
+def alone(config: FusionConfig) -> dict[str, FusionConfig]:
+    """One set of parameters of the thesis method, by its description."""
+    return {describe(config): config}
 
 
 def describe(config: FusionConfig) -> str:
     """Name a set of parameters in a few words."""
     if config.method == "comotion":
-        return "default method"
+        return DEFAULT
     weights = "equal weights" if config.thesis.v_move is None else f"v = {config.thesis.v_move:g}"
     return f"thesis method, σ = {config.thesis.sigma_switch:g}, {weights}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number, or claim, of the thesis beside what both methods give here."""
+
+    quantity: str
+    printed: str
+    thesis: str
+    default: str
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A drawn figure.
+
+    Attributes
+    ----------
+    figure
+        The matplotlib figure.
+    rows
+        Numbers beside those of the thesis.
+    parameters
+        What it was made with, by name.
+    curves
+        What is drawn as a curve, by its label.
+    """
+
+    figure: Any
+    rows: Sequence[Row]
+    parameters: Mapping[str, str]
+    curves: Mapping[str, SceneRuns] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the thesis.
+
+    Attributes
+    ----------
+    name
+        Its number there, e.g. ``4.4``.
+    title
+        One line.
+    shows
+        What is to be seen, and what the thesis says about it.
+    draw
+        Runs what is needed and draws.
+    workcell
+        Whether it needs the workcell (extra ``sim3d``).
+    """
+
+    name: str
+    title: str
+    shows: str
+    draw: Callable[[Study], Drawn]
+    workcell: bool = False
+
+    @property
+    def anchor(self) -> str:
+        """Its place in the page."""
+        return f"fig{self.name.replace('.', '_')}"
+
+    @property
+    def file(self) -> str:
+        """Name of its picture."""
+        return f"{self.anchor}.png"

@@ -1,7 +1,8 @@
 """Figures 4.6 to 4.11: features of a KLT tracker on three scenes of the workcell."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,12 @@ import numpy as np
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .colouring import Styles
-from .figure import Drawn, Row
-from .footage import PERIOD, PICTURE, Stills, film_setup, takes_of
-from .numbers import DEFAULT, best, right_at, summary
-from .runs import SceneRuns, View
-from .study import Study
+from .footage import PICTURE, SECONDS, Shot, Stills, film_setup, filmed_messages
+from .numbers import best, mean_rows, right_rows, row_of
+from .runs import SceneRuns, View, ViewRequest
+from .study import DEFAULT, Drawn, Row, Simulated, Study
 
+PERIOD = 1 / 3
 SWITCHES = (0.0025, 0.005, 0.01, 0.02, 0.04)
 _START_S = 4.0
 _SHADE = 8
@@ -23,48 +23,15 @@ _SHADE = 8
 _OPENING_S, _CLOSING_S = (3.0, 5.0), (6.4, 8.8)
 
 
-@dataclass(frozen=True)
-class Shot:
-    """One scene of the thesis.
-
-    Attributes
-    ----------
-    scene
-        Its name here.
-    respawn_every
-        Frames between two looks for new features.
-    times
-        Moments to show, seconds.
-    apart, said
-        Two objects, and what the thesis says about telling them apart.
-    """
-
-    scene: str
-    respawn_every: int
-    times: tuple[float, ...]
-    apart: tuple[str, str]
-    said: str
-
-
-TRUCK = Shot(
-    "truck",
-    15,
-    (4.0, 6.0, 8.0, 14.0),
-    apart=("truck", "gripper"),
-    said="different, if observed for long",
-)
-TOWER = Shot("truck-tower", 30, (4.0, 6.0, 8.0, 14.0), apart=("truck", "tower"), said="nicely separated")
-SHELF = Shot(
-    "shelf", 15, (10 / 3, 16 / 3, 22 / 3, 37 / 3), apart=("door", "drawer"), said="a hypothesis each"
-)
+TRUCK = Shot("truck", 15, (4.0, 6.0, 8.0, 14.0), ("truck", "gripper"), "different, if observed for long")
+TOWER = Shot("truck-tower", 30, (4.0, 6.0, 8.0, 14.0), ("truck", "tower"), "nicely separated")
+SHELF = Shot("shelf", 15, (10 / 3, 16 / 3, 22 / 3, 37 / 3), ("door", "drawer"), "a hypothesis each")
 
 
 def _takes(study: Study, shot: Shot) -> dict[str, SceneRuns]:
-    configs = {f"σ = {s:g} m": thesis(s) for s in SWITCHES} | {DEFAULT: study.options.default}
-    return {
-        label: takes_of(study, shot.scene, shot.respawn_every, config, shot.times)
-        for label, config in configs.items()
-    }
+    configs = {f"σ = {s:g} m": thesis(s) for s in SWITCHES}
+    how = Simulated(shot.scene, configs, PERIOD, ViewRequest(shot.times, trail=0.7))
+    return study.takes(how, partial(filmed_messages, study, shot), study.options.workcell_seeds)
 
 
 def pictures(shot: Shot) -> Callable[[Study], Drawn]:
@@ -78,7 +45,7 @@ def pictures(shot: Shot) -> Callable[[Study], Drawn]:
         figure = panels.new_figure(3.25 * len(shot.times), 7.9)
         rows = figure.subplots(3, len(shot.times))
         for row, (label, take) in zip(rows, shown.items(), strict=False):
-            styles = Styles(take.seeds[0])
+            styles = panels.Styles(take.seeds[0].names, take.seeds[0].votes())
             for axes, view in zip(row, take.seeds[0].views, strict=True):
                 _picture(axes, stills, view, styles)
             row[0].set_ylabel(label, fontsize=11, fontweight="bold")
@@ -96,16 +63,16 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
         takes = _takes(study, shot)
         figure = panels.new_figure(9.5, 4.8)
         axes = figure.subplots()
-        panels.switch_curves(axes, takes, DEFAULT)
-        panels.nmi_axes(axes, duration=film_setup(study, shot.respawn_every).seconds, columns=2)
+        panels.switch_curves(axes, takes)
+        panels.nmi_axes(axes, duration=SECONDS, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
         made_with = _parameters(study, shot, drawn=False)
-        return Drawn(figure, _mean_rows(takes), made_with, takes, summary(takes))
+        return Drawn(figure, mean_rows(takes, "-" * len(SWITCHES)), made_with, takes)
 
     return draw
 
 
-def _picture(axes: Any, stills: Stills, view: View, styles: Styles) -> None:
+def _picture(axes: Any, stills: Stills, view: View, styles: panels.Styles) -> None:
     # Paler than it was, so that the features stand out; in fewer shades, so that the file is small.
     image = stills.picture(view.t).astype(np.float32)
     pale = 0.45 * image + 0.2 * image.mean(axis=2, keepdims=True) + 0.35 * 255
@@ -128,52 +95,34 @@ def _picture(axes: Any, stills: Stills, view: View, styles: Styles) -> None:
 def _truth(row: Any, stills: Stills, take: SceneRuns) -> None:
     """Draw the true objects of the same features; those that are not scored are undetermined here."""
     first = take.seeds[0]
-    votes = {(number, number): 1 for number in first.names}
-    styles = Styles(replace(first, votes=votes))
+    styles = panels.Styles(first.names, {(number, number): 1 for number in first.names})
     for axes, view in zip(row, first.views, strict=True):
-        objects = view.moment.objects
-        scored = np.flatnonzero(objects >= 0)
-        moment = replace(
-            view.moment,
-            tracks=[view.moment.tracks[k] for k in scored.tolist()],
-            positions=view.moment.positions[scored],
-            hypotheses=objects[scored],
-            objects=objects[scored],
-        )
-        trails = [view.trails[k] for k in scored.tolist()]
+        scored = view.moment.objects >= 0
+        moment = view.moment.of(scored)
+        moment = replace(moment, hypotheses=moment.objects)
+        trails = [trail for trail, shown in zip(view.trails, scored, strict=True) if shown]
         _picture(axes, stills, replace(view, moment=moment, trails=trails), styles)
     row[0].set_ylabel("truth", fontsize=11, fontweight="bold")
 
 
 def _moment_rows(takes: dict[str, SceneRuns], shot: Shot) -> list[Row]:
-    rows = [
-        Row(
-            f"features in the right hypothesis at t = {t:.3g} s",
-            "-",
-            *(right_at(take, k) for take in takes.values()),
-        )
-        for k, t in enumerate(shot.times)
-    ]
+    rows = right_rows(takes, shot.times, "-")
     name, other = shot.apart
-    apart = (f"{spread(_apart(take, name, other), 0)} % of updates" for take in takes.values())
-    rows.append(
-        Row(f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on", shot.said, *apart)
-    )
+    what = f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on"
+    rows.append(row_of(what, shot.said, takes, lambda take: _apart(take, name, other)))
     if shot is SHELF:
-        rows.append(
-            Row("the door's hypothesis, closing", "another than opening", *map(_door, takes.values()))
-        )
+        rows.append(row_of("the door's hypothesis, closing", "another than opening", takes, _door))
     return rows
 
 
-def _apart(take: SceneRuns, name: str, other: str) -> Any:
-    """Share of updates in which most of two objects' features are in different hypotheses, %, per seed."""
+def _apart(take: SceneRuns, name: str, other: str) -> str:
+    """Share of updates in which most of two objects' features are in different hypotheses."""
     shares = []
     for seed in take.seeds:
         first, second = seed.main_of(name), seed.main_of(other)
         known = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
         shares.append(100 * np.mean(first[known] != second[known]) if known.any() else np.nan)
-    return np.array(shares)
+    return f"{spread(shares, 0)} % of updates"
 
 
 def _door(take: SceneRuns) -> str:
@@ -191,18 +140,13 @@ def _most(ids: Any) -> int:
     return int(np.bincount(known).argmax()) if len(known) else -1
 
 
-def _mean_rows(takes: dict[str, SceneRuns]) -> list[Row]:
-    rows = [Row(f"{label}: mean NMI", "-", spread(take.mean_nmi()), "") for label, take in takes.items()]
-    return [*rows[:-1], Row("mean NMI", "-", "", spread(takes[DEFAULT].mean_nmi()))]
-
-
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
-    how = film_setup(study, shot.respawn_every)
+    camera, tracker = film_setup(study, shot)
     seeds = study.options.workcell_seeds
     made_with = {
-        "scene": f"workcell:{shot.scene}, camera a, {how.size[0]}x{how.size[1]} at {how.rate:g} Hz",
-        "tracker": f"new features every {how.tracker.respawn_every} frames at the {how.tracker.spawn_limit} "
-        f"best corners, at most {how.tracker.max_features} at once",
+        "scene": f"workcell:{shot.scene}, camera a, {camera.size[0]}x{camera.size[1]} at {camera.rate:g} Hz",
+        "tracker": f"new features every {tracker.respawn_every} frames at the {tracker.spawn_limit} "
+        f"best corners, at most {tracker.max_features} at once",
         "thesis method": f"σ = {', '.join(f'{s:g}' for s in SWITCHES)} m, equal weights",
         "update every": f"{PERIOD:.3g} s",
         "seeds": ", ".join(map(str, seeds)),

@@ -1,7 +1,6 @@
 """Grouping in pixel space on labelled recordings: error, number of objects, time."""
 
-from . import report
-from .benchmark import LENGTHS, Benchmark, run_benchmark
-from .sequences import DATA_SETS, Sequence, find_data_sets
+from .benchmark import lines, markdown, run_benchmark, table
+from .sequences import find_data_sets
 
-__all__ = ["DATA_SETS", "LENGTHS", "Benchmark", "Sequence", "find_data_sets", "report", "run_benchmark"]
+__all__ = ["find_data_sets", "lines", "markdown", "run_benchmark", "table"]

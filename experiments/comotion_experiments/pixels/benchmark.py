@@ -1,8 +1,7 @@
 """Runs the pixel benchmark: data sets -> scores of the method."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from comotion.config import PixelsConfig
 from comotion_clients.metrics import isolate, misclassification, nmi
 
 from ..processes import Progress, quiet
+from ..tables import Table, document
 from .methods import engine
 from .sequences import Sequence
 
@@ -37,20 +37,21 @@ class Row:
 
 @dataclass
 class Benchmark:
-    """Results of the benchmark."""
+    """Results of the benchmark.
+
+    Attributes
+    ----------
+    rows
+        Of every data set, method and length.
+    error_of_halves
+        Mean error on every other scene of a data set, and on the rest.
+    single_objects
+        Of so many motions alone how many are one hypothesis: `one_hypothesis`, `of`.
+    """
 
     rows: list[Row] = field(default_factory=list)
-    halves: dict[str, tuple[float, float]] = field(default_factory=dict)
-    singles: tuple[int, int] = (0, 0)
-
-    def as_json(self) -> dict[str, Any]:
-        """Convert to plain values."""
-        good, count = self.singles
-        return {
-            "rows": [asdict(row) for row in self.rows],
-            "error_of_halves": self.halves,
-            "single_objects": {"one_hypothesis": good, "of": count},
-        }
+    error_of_halves: dict[str, tuple[float, float]] = field(default_factory=dict)
+    single_objects: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,12 @@ def run_benchmark(data_sets: Mapping[str, list[Sequence]], progress: Progress = 
                 ours = [score(part, *engine(part, PixelsConfig())) for part in tried]
                 found.rows.append(_row(name, title, frames, ours))
                 if frames is None and len({s.scene for s in sequences}) > 1:
-                    found.halves[name if title == OURS else f"{name}, {title}"] = _halves(sequences, ours)
+                    found.error_of_halves[name if title == OURS else f"{name}, {title}"] = _halves(
+                        sequences, ours
+                    )
     if "Hopkins155" in data_sets:
         progress("single objects")
-        found.singles = _singles(data_sets["Hopkins155"])
+        found.single_objects = _singles(data_sets["Hopkins155"])
     return found
 
 
@@ -123,14 +126,55 @@ def _halves(sequences: list[Sequence], scored: list[Scored]) -> tuple[float, flo
     return float(errors[~second].mean()), float(errors[second].mean())
 
 
-def _singles(sequences: list[Sequence]) -> tuple[int, int]:
+def _singles(sequences: list[Sequence]) -> dict[str, int]:
     """Count the motions that are one hypothesis when they are alone, and all motions."""
-    good = count = 0
+    alone = []
     for sequence in sequences:
-        if sequence.scene != sequence.name:
-            continue
-        for motion in np.unique(sequence.truth[sequence.truth > 0]).tolist():
-            labels, _ = engine(sequence.of(sequence.truth == motion), PixelsConfig())
-            good += len(np.unique(labels)) == 1
-            count += 1
-    return good, count
+        if sequence.scene == sequence.name:
+            for motion in np.unique(sequence.truth[sequence.truth > 0]).tolist():
+                labels, _ = engine(sequence.of(sequence.truth == motion), PixelsConfig())
+                alone.append(len(np.unique(labels)) == 1)
+    return {"one_hypothesis": sum(alone), "of": len(alone)}
+
+
+_LENGTH_TITLES = ("all frames", *(f"first {n}" for n in LENGTHS if n is not None))
+TITLES = ("data set", "method", *_LENGTH_TITLES, "median", "NMI", "K exact", "ms")
+
+
+def table(benchmark: Benchmark) -> Table:
+    """Build the table: mean error in per cent per length; the rest is of all frames."""
+    by_method: dict[tuple[str, str], dict[int | None, Row]] = {}
+    for row in benchmark.rows:
+        by_method.setdefault((row.data_set, row.method), {})[row.frames] = row
+    drawn = Table(TITLES, words=2)
+    for (name, method), lengths in by_method.items():
+        drawn.add(
+            f"{name} ({lengths[None].sequences})",
+            method,
+            *(f"{lengths[n].error:.1f}" for n in LENGTHS),
+            f"{lengths[None].median_error:.1f}",
+            f"{lengths[None].nmi:.3f}",
+            f"{lengths[None].k_exact:.0f} %",
+            f"{lengths[None].ms:.0f}" if method == OURS else "-",
+            strong=method == OURS,
+        )
+    return drawn
+
+
+def lines(benchmark: Benchmark) -> list[str]:
+    """Format the results that are not in the table."""
+    alone = benchmark.single_objects
+    texts = [
+        f"{name}: {first:.1f} % on every other scene by name, {second:.1f} % on the rest"
+        for name, (first, second) in benchmark.error_of_halves.items()
+    ]
+    if alone.get("of"):
+        texts.append(
+            f"Hopkins155, each motion alone: one hypothesis in {alone['one_hypothesis']} of {alone['of']}"
+        )
+    return texts
+
+
+def markdown(benchmark: Benchmark) -> str:
+    """Format the results as Markdown."""
+    return document([table(benchmark), "\n".join(f"- {line}" for line in lines(benchmark))])

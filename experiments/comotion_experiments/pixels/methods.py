@@ -1,8 +1,6 @@
 """The pixel method of the core over a whole sequence, and two baselines of the stress report."""
 
 import time
-import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +13,7 @@ from comotion.pixels.method import PixelMethod
 from comotion.pixels.similarity import subspace
 from comotion.trajectories.window import Window
 
+from ..brox_malik import spectral
 from .sequences import Sequence
 
 Labels = NDArray[np.int64]
@@ -55,7 +54,8 @@ def spectral_interaction(sequence: Sequence) -> Labels:
     frames = _key_frames(sequence)
     vectors = subspace(frames, min(4 * sequence.objects(), 2 * len(frames.positions)), 6, 60)
     vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), 1e-12)
-    return _spectral(np.abs(vectors.T @ vectors).astype(np.float64) ** 4, sequence.objects())
+    affinity = np.abs(vectors.T @ vectors).astype(np.float64) ** 4
+    return spectral(affinity, sequence.objects(), assign_labels="cluster_qr").astype(np.int64)
 
 
 def _key_frames(sequence: Sequence) -> KeyFrames:
@@ -63,17 +63,3 @@ def _key_frames(sequence: Sequence) -> KeyFrames:
     seen: NDArray[np.bool_] = np.isfinite(x[..., 0]) & np.isfinite(x[..., 1])
     nothing = np.zeros(x.shape[1], np.float32)
     return KeyFrames(np.where(seen[..., None], x, 0).astype(np.float32), seen, nothing)
-
-
-def _spectral(affinity: NDArray[Any], count: int) -> Labels:
-    from sklearn.cluster import SpectralClustering
-
-    if count < 2:
-        return np.zeros(len(affinity), np.int64)
-    with warnings.catch_warnings():
-        # A graph in several parts is a fair result of a baseline, not a reason to stop.
-        warnings.simplefilter("ignore")
-        found = SpectralClustering(
-            count, affinity="precomputed", assign_labels="cluster_qr", random_state=0
-        ).fit_predict(affinity)
-    return np.asarray(found, np.int64)

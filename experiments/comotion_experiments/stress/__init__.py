@@ -2,11 +2,9 @@
 
 from .catalogue import FAMILIES, Family, find_families
 from .experiment import METHODS, REPORTED_SEEDS, Results, run_experiment, run_family
-from .image_experiment import IMAGE_FAMILIES, run_image_family
 
 __all__ = [
     "FAMILIES",
-    "IMAGE_FAMILIES",
     "METHODS",
     "REPORTED_SEEDS",
     "Family",
@@ -14,5 +12,4 @@ __all__ = [
     "find_families",
     "run_experiment",
     "run_family",
-    "run_image_family",
 ]

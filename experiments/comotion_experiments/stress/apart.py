@@ -8,7 +8,6 @@ from scipy.sparse.csgraph import connected_components
 
 from comotion_sources.simulator.motion import Poses
 
-from .lives import places_of
 from .motion import Array
 from .scene import Scene
 
@@ -62,5 +61,8 @@ def _moved(scene: Scene, poses: list[Poses], body: int, frame: int) -> Array:
     back = np.swapaxes(poses[frame].rotations, 1, 2)
     turn = back @ poses[body].rotations
     shift = np.einsum("tij,tj->ti", back, poses[body].translations - poses[frame].translations)
-    places = np.einsum("tij,nj->tni", turn, places_of(scene.lives, body)) + shift[:, None]
+    # The first place of every slot of the body.
+    mine = np.flatnonzero(scene.lives.body == body)
+    _, first = np.unique(scene.lives.slot[mine], return_index=True)
+    places = np.einsum("tij,nj->tni", turn, scene.lives.local[mine[first]]) + shift[:, None]
     return np.asarray(np.sqrt(((places - places[0]) ** 2).sum(axis=2).mean(axis=1)), np.float64)

@@ -1,5 +1,6 @@
 """Families in which bodies move in their own way: rest, stop and go, slow, soft, hinged, coupled, hidden."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,28 +10,23 @@ from comotion_sources.simulator import load_scene
 from comotion_sources.simulator.spec import Body as BodySpec
 from comotion_sources.simulator.spec import Sines
 
-from .lives import cut, replaced
-from .motion import PoseAt, at_speed, chained, coupled, key_states, retimed, simulated, speed_profile
-from .scene import Body, Happening, Scene, Slip, rng_of
-from .worlds import background, box, made, respawning, swinging, swinging_scene
-
-_RAMP_S = 0.3
+from .motion import PoseAt, at_speed, chained, coupled, key_states, simulated, stopping
+from .scene import Body, Happening, Scene, Slip, rng_of, slot_bodies
+from .worlds import background, cut, lasting, made, replaced, respawning, swinging_bodies, swinging_scene
 
 
 def rest(
     seed: int, *, bodies: int = 3, stop: float = 6.0, seconds: float = 14.0, duration: float = 26.0
 ) -> list[Scene]:
     """Stop all bodies for longer than the window, then let them move on."""
-    profile = speed_profile([stop, stop + seconds], moving=True, ramp=_RAMP_S)
-    return _profiled(seed, [profile] * bodies, duration)
+    return _stopping(seed, [[stop, stop + seconds]] * bodies, duration)
 
 
 def late_movers(
     seed: int, *, bodies: int = 3, first: float = 3.0, every: float = 4.0, duration: float = 18.0
 ) -> list[Scene]:
     """Let bodies that have rested start one after the other."""
-    profiles = [speed_profile([first + every * k], moving=False, ramp=_RAMP_S) for k in range(bodies)]
-    return _profiled(seed, profiles, duration)
+    return _stopping(seed, [[first + every * k] for k in range(bodies)], duration, moving=False)
 
 
 def stop_and_go(
@@ -43,7 +39,7 @@ def stop_and_go(
     period: float = 1 / 3,
 ) -> list[Scene]:
     """Let bodies move for 2 to 6 s and rest for 2 to 25 s, again and again; `renewal`: share a 2 s."""
-    profiles = []
+    all_switches = []
     for k in range(bodies):
         rng = rng_of(seed, "stops", str(k))
         switches, time, moving = [], float(rng.uniform(2.0, 6.0)), True
@@ -51,8 +47,8 @@ def stop_and_go(
             switches.append(time)
             moving = not moving
             time += float(rng.uniform(2.0, 6.0) if moving else rng.uniform(2.0, 25.0))
-        profiles.append(speed_profile(switches, moving=True, ramp=_RAMP_S))
-    return _profiled(seed, profiles, duration, renewal=renewal, rate=rate, period=period)
+        all_switches.append(switches)
+    return _stopping(seed, all_switches, duration, renewal=renewal, rate=rate, period=period)
 
 
 def ten_minutes(
@@ -80,10 +76,8 @@ def object_cover(
 
 def slow(seed: int, *, bodies: int = 3, speed: float = 0.1, duration: float = 30.0) -> list[Scene]:
     """Slow bodies."""
-    names = [f"body {k + 1}" for k in range(bodies)]
-    moving = [Body(n, at_speed(swinging(seed, n), speed), 8, box(seed, n)) for n in names]
-    all_bodies = [background(), *moving]
-    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed))
+    moving = (replace(body, motion=at_speed(body.motion, speed)) for body in swinging_bodies(seed, bodies))
+    return made(seed, [background(), *moving], duration)
 
 
 def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> list[Scene]:
@@ -100,7 +94,7 @@ def slowed_figure(seed: int, *, scene: str = "fig4_4", speed: float = 0.2) -> li
         for body in spec.bodies
     ]
     duration = spec.duration / speed
-    spans = None
+    spans = lasting(bodies)
     if spec.respawn is not None:
         rng = rng_of(seed, "respawn")
         spans = replaced(bodies, duration, rng, share=spec.respawn.share, every=spec.respawn.every / speed)
@@ -117,13 +111,13 @@ def _size(body: BodySpec) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 def soft(seed: int, *, bodies: int = 3, amplitude: float = 0.01, duration: float = 15.0) -> list[Scene]:
     """Let every feature of a moving body swing about its place by an amplitude (m)."""
     all_bodies = swinging_scene(seed, bodies, features=12)
-    slots, rng = sum(b.features for b in all_bodies), rng_of(seed, "soft")
+    slots, rng = len(slot_bodies(all_bodies)), rng_of(seed, "soft")
     way = rng.normal(size=(slots, 3))
     way *= amplitude / np.linalg.norm(way, axis=1, keepdims=True)
     way[: all_bodies[0].features] = 0.0
     frequency, phase = rng.uniform(0.2, 0.8, slots), rng.uniform(0.0, 2.0 * np.pi, slots)
     slip = Slip(way, frequency, phase, np.zeros((slots, 3)))
-    return made(seed, all_bodies, duration, respawning(all_bodies, duration, seed), slip=slip)
+    return made(seed, all_bodies, duration, slip=slip)
 
 
 def hinge(
@@ -142,20 +136,15 @@ def hinge(
     ]
     door = Body("door", key_states(states), 12, np.array([width, 0.02, height]), sigma)
     bodies = [background(24, sigma), door]
-    return made(seed, bodies, at + seconds + 10.0)
+    return made(seed, bodies, at + seconds + 10.0, lasting(bodies))
 
 
 def coupled_pair(seed: int, *, until: float = 8.0, duration: float = 18.0) -> list[Scene]:
     """Let two bodies move as one, then apart."""
-    leader, own = swinging(seed, "body 1"), swinging(seed, "body 2")
+    leader, follower, third = swinging_bodies(seed, 3, features=10)
     offset = rng_of(seed, "offset").uniform(-0.3, 0.3, 3)
-    bodies = [
-        background(),
-        Body("body 1", leader, 10, box(seed, "body 1")),
-        Body("body 2", coupled(leader, own, until, offset), 10, box(seed, "body 2")),
-        Body("body 3", swinging(seed, "body 3"), 10, box(seed, "body 3")),
-    ]
-    return made(seed, bodies, duration, respawning(bodies, duration, seed))
+    follower = replace(follower, motion=coupled(leader.motion, follower.motion, until, offset))
+    return made(seed, [background(), leader, follower, third], duration)
 
 
 def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scene]:
@@ -167,29 +156,29 @@ def arm(seed: int, *, duration: float = 15.0, sigma: float = 0.003) -> list[Scen
         Body("link 1", chained([first], lengths[:1]), 10, size, sigma),
         Body("link 2", chained([first, second], lengths), 10, size, sigma),
     ]
-    bodies = [background(sigma=sigma), *links]
-    return made(seed, bodies, duration, respawning(bodies, duration, seed))
+    return made(seed, [background(sigma=sigma), *links], duration)
 
 
 def _turning(seed: int, name: str) -> PoseAt:
     return simulated(Sines(kind="sines", amplitude=0.0, rotation=1.0), rng_of(seed, "motion", name))
 
 
-def _profiled(
+def _stopping(
     seed: int,
-    profiles: list[tuple[np.ndarray, np.ndarray]],
+    switches: list[list[float]],
     duration: float,
     *,
+    moving: bool = True,
     renewal: float = 0.0,
-    rate: float = 15.0,
-    period: float = 0.2,
+    **how: float,
 ) -> list[Scene]:
-    names = [f"body {k + 1}" for k in range(len(profiles))]
-    motions: list[PoseAt] = [retimed(swinging(seed, n), *p) for n, p in zip(names, profiles, strict=True)]
-    bodies = [background(), *(Body(n, m, 8, box(seed, n)) for n, m in zip(names, motions, strict=True))]
+    """Bodies that stop or start at the times of each."""
+    pairs = zip(swinging_bodies(seed, len(switches)), switches, strict=True)
+    bodies = [replace(body, motion=stopping(body.motion, times, moving=moving)) for body, times in pairs]
+    bodies = [background(), *bodies]
     rng = rng_of(seed, "respawn")
-    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else None
-    return made(seed, bodies, duration, spans, rate=rate, period=period)
+    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else lasting(bodies)
+    return made(seed, bodies, duration, spans, **how)
 
 
 def _with_hidden(
@@ -200,9 +189,8 @@ def _with_hidden(
     **how: float,
 ) -> list[Scene]:
     """Hide whole bodies: (begin, end, body)."""
-    of_slot = np.repeat(np.arange(len(bodies)), [b.features for b in bodies])
-    spans = cut(
-        respawning(bodies, duration, seed), [(begin, end, of_slot == body) for begin, end, body in hidden]
-    )
-    happenings = [Happening(begin, end, "object-lost", (body,)) for begin, end, body in hidden]
+    of_slot = slot_bodies(bodies)
+    cuts = [(begin, end, of_slot == body) for begin, end, body in hidden]
+    spans = cut(respawning(bodies, duration, seed), cuts)
+    happenings = [Happening(begin, end, (body,), lost=True) for begin, end, body in hidden]
     return made(seed, bodies, duration, spans, happenings=happenings, **how)

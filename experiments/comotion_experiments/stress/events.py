@@ -1,35 +1,43 @@
 """Families in which something happens to the sources: restarts, covers, rebirths, late starts, loops."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from .lives import cut
 from .motion import at_speed, looped
-from .scene import Body, Event, Happening, Scene, Source, rng_of
-from .worlds import background, displaced, made, respawning, swinging_body, swinging_scene
+from .scene import Happening, Scene, Source, rng_of
+from .worlds import background, cut, displaced, made, respawning, swinging_scene
 
 _DEMO_SPEED = 12.0 / 38.0
 _RATES = (15.0, 30.0, 100.0)
 _PHASE_STEP = 0.37
-_PHASES = 10
 
 
-def rebirth(seed: int, *, share: float = 1.0, at: float = 6.0, duration: float = 14.0) -> list[Scene]:
-    """Lose a share of all features at one instant; new ones come at once under new ids."""
-    return _lost(seed, at, at, share=share, duration=duration)
+def lost(
+    seed: int,
+    *,
+    share: float = 1.0,
+    seconds: float = 0.0,
+    restarts: bool = False,
+    at: float = 6.0,
+    duration: float = 14.0,
+) -> list[Scene]:
+    """Lose a share of all features for a time; then there are new ones under new ids.
 
-
-def cover(seed: int, *, seconds: float = 1.0, at: float = 6.0, duration: float = 16.0) -> list[Scene]:
-    """Lose all features for a time; then there are new ones."""
-    return _lost(seed, at, at + seconds, share=1.0, duration=duration)
-
-
-def restart(seed: int, *, silent: float = 0.3, at: float = 6.0, duration: float = 14.0) -> list[Scene]:
-    """Restart the tracker: silence, then a new session whose ids count from 0 again."""
-    source = Source("simulator", sessions=(at,), off=((at, at + silent),))
-    return _lost(seed, at, at + silent, share=1.0, duration=duration, sources=[source])
+    Where the tracker `restarts`, it is silent for this time, and its new session counts ids from 0 again.
+    """
+    bodies, end = swinging_scene(seed), at + seconds
+    spans = respawning(bodies, duration, seed)
+    # The same share of every body.
+    rng, gone = rng_of(seed, "lost"), np.zeros(len(spans), np.bool_)
+    place = 0
+    for body in bodies:
+        gone[place + rng.permutation(body.features)[: round(share * body.features)]] = True
+        place += body.features
+    happening = Happening(at, end, tuple(range(len(bodies))), lost=share == 1.0)
+    source = Source("simulator", sessions=(at,), off=((at, end),)) if restarts else Source("simulator")
+    spans = cut(spans, [(at, end, gone)])
+    return made(seed, bodies, duration, spans, sources=[source], happenings=[happening])
 
 
 def loop(seed: int, *, length: float = 8.0, times: int = 2) -> list[Scene]:
@@ -40,7 +48,7 @@ def loop(seed: int, *, length: float = 8.0, times: int = 2) -> list[Scene]:
     everything = np.ones(len(spans), np.bool_)
     spans = cut(spans, [(end, end, everything) for end in ends])
     sources = [Source("simulator", sessions=tuple(ends))]
-    happenings = [Happening(end, end, "lost", tuple(range(len(bodies)))) for end in ends]
+    happenings = [Happening(end, end, tuple(range(len(bodies))), lost=True) for end in ends]
     return made(seed, bodies, length * times, spans, sources=sources, happenings=happenings)
 
 
@@ -48,72 +56,42 @@ def late_start(
     seed: int,
     *,
     longest: float = 6.0,
-    phases: int = _PHASES,
+    phases: int = 10,
     duration: float = 8.0,
     mm: float = 0.0,
     degrees: float = 0.0,
     ms: float = 0.0,
 ) -> list[Scene]:
     """Join three sources of 15, 30 and 100 Hz late, at several times; bodies move as in the demo."""
-    bodies = [background(), *(_slowly(swinging_body(seed, k + 1, 12)) for k in range(2))]
+    moving = swinging_scene(seed, bodies=2, features=12)[1:]
+    bodies = [background(), *(replace(body, motion=at_speed(body.motion, _DEMO_SPEED)) for body in moving)]
+    sources = [Source("simulator-1", _RATES[0])]
+    for k, rate in enumerate(_RATES[1:], start=1):
+        phase = (_PHASE_STEP * k) % 1.0
+        sources.append(displaced(seed, f"simulator-{k + 1}", rate, phase, mm=mm, degrees=degrees, ms=ms))
     spans = respawning(bodies, longest + duration, seed)
-    (whole,) = made(seed, bodies, duration, spans, sources=_three_sources(seed, mm, degrees, ms))
+    (whole,) = made(seed, bodies, duration, spans, sources=sources)
     starts = np.linspace(0.0, longest, phases).tolist()
     return [replace(whole, start=start, duration=start + duration) for start in starts]
 
 
-def _slowly(body: Body) -> Body:
-    return replace(body, motion=at_speed(body.motion, _DEMO_SPEED))
-
-
-def _three_sources(seed: int, mm: float, degrees: float, ms: float) -> list[Source]:
-    first = Source("simulator-1", _RATES[0])
-    others = enumerate(_RATES[1:], start=1)
-    errors = {"mm": mm, "degrees": degrees, "ms": ms}
-    return [
-        first,
-        *(displaced(seed, f"simulator-{k + 1}", r, (_PHASE_STEP * k) % 1.0, **errors) for k, r in others),
-    ]
-
-
-def source_joins(seed: int, *, at: float = 6.0, duration: float = 14.0) -> list[Scene]:
-    """Let a second source join a running scene."""
-    return _two_sources(seed, duration, ((0.0, at),), at)
-
-
-def source_leaves(seed: int, *, at: float = 6.0, away: float = 4.0, duration: float = 16.0) -> list[Scene]:
-    """Let the second of two sources leave for a time, and come back with the features it had."""
-    return _two_sources(seed, duration, ((at, at + away),), at, at + away)
-
-
-def clock_step(seed: int, *, step: float = 0.2, at: float = 6.0, duration: float = 16.0) -> list[Scene]:
-    """Set the clock of the second of two sources while it runs."""
-    (scene,) = _two_sources(seed, duration, (), at)
-    first, second = scene.sources
-    return [replace(scene, sources=[first, replace(second, clock=(*second.clock, (at, step)))])]
-
-
-def _two_sources(
-    seed: int, duration: float, off: tuple[tuple[float, float], ...], begin: float, end: float | None = None
+def two_sources(
+    seed: int,
+    *,
+    at: float = 6.0,
+    away: float = 0.0,
+    joins: bool = False,
+    step: float = 0.0,
+    duration: float = 16.0,
 ) -> list[Scene]:
+    """Let the second of two sources join a running scene, be away for a time, or set its clock by a step (s).
+
+    After its time away it comes back with the features it had.
+    """
     bodies = swinging_scene(seed, bodies=3, features=12)
     second = displaced(seed, "simulator-2", 30.0, _PHASE_STEP, mm=2.0, degrees=0.5, ms=5.0)
-    sources = [Source("simulator-1", 15.0), replace(second, off=off)]
-    last = begin if end is None else end
-    happenings = [Happening(begin, last, "change", tuple(range(len(bodies))))]
-    spans = respawning(bodies, duration, seed)
-    return made(seed, bodies, duration, spans, sources=sources, happenings=happenings)
-
-
-def _lost(seed: int, begin: float, end: float, *, share: float, duration: float, **what: Any) -> list[Scene]:
-    bodies = swinging_scene(seed)
-    spans = respawning(bodies, duration, seed)
-    # The same share of every body.
-    rng, lost = rng_of(seed, "lost"), np.zeros(len(spans), np.bool_)
-    place = 0
-    for body in bodies:
-        lost[place + rng.permutation(body.features)[: round(share * body.features)]] = True
-        place += body.features
-    kind: Event = "lost" if share == 1.0 else "change"
-    happenings = [Happening(begin, end, kind, tuple(range(len(bodies))))]
-    return made(seed, bodies, duration, cut(spans, [(begin, end, lost)]), happenings=happenings, **what)
+    off = (0.0, at) if joins else (at, at + away)
+    clock = (*second.clock, (at, step)) if step else second.clock
+    sources = [Source("simulator-1", 15.0), replace(second, off=(off,), clock=clock)]
+    happenings = [Happening(at, at + away, tuple(range(len(bodies))))]
+    return made(seed, bodies, duration, sources=sources, happenings=happenings)

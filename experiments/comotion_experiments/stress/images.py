@@ -1,18 +1,17 @@
 """Families of image sequences: bodies with depth before a moving camera, few features, degenerate motion."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..pixels.sequences import Sequence
 from .motion import Array
 from .scene import rng_of
-from .solids import Glide, ImageScene, Pinhole, Solid, observe_images
+from .solids import Filming, Glide, ImageScene, Solid, observe_images
 
 # Three points and a few more: an affine motion is known and can be checked.
 _FEWEST = 6
-_ZERO = np.zeros(3)
 # Where bodies of 0.3 to 0.6 m stand; the camera looks at what is this much farther than the nearest.
 _NEAR_M, _LOOKS_AT = 1.5, 1.5
 _FOCAL_PX = 525.0
@@ -24,8 +23,8 @@ Span: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageParameters:
-    """What image sequences of a family have in common; pairs are ranges.
+class ImageParameters(Filming):
+    """What image sequences of a family have in common, beside how they are taken; pairs are ranges.
 
     Attributes
     ----------
@@ -46,8 +45,6 @@ class ImageParameters:
     zoom
         The camera stands so many times as far away, with so many times the focal length: the image stays,
         its perspective weakens.
-    frames, complete, returns, dropout, sigma, drift
-        As in :class:`~~.solids.ImageScene`.
     """
 
     scenes: int = 6
@@ -62,19 +59,14 @@ class ImageParameters:
     axial: bool = False
     flat: bool = False
     zoom: Span = (1.0, 1.0)
-    frames: int = 30
-    complete: bool = True
-    returns: bool = False
-    dropout: float = 0.0
-    sigma: float = 0.3
-    drift: float = 0.0
 
 
-def image_sequences(seed: int, name: str, how: ImageParameters) -> list[Sequence]:
-    """Make labelled sequences; the same for the same seed, name and parameters.
+def image_sequences(name: str, seed: int, **parameters: Any) -> list[Sequence]:
+    """Make labelled sequences; the same for the same seed, name and :class:`ImageParameters`.
 
     A sequence of which nothing is seen in enough frames is left out.
     """
+    how = ImageParameters(**parameters)
     made = [
         _sequence(f"{name}_{seed}_{k}", rng_of(seed, "images", name, str(k)), how) for k in range(how.scenes)
     ]
@@ -88,18 +80,8 @@ def _sequence(name: str, rng: np.random.Generator, how: ImageParameters) -> Sequ
     camera = _camera(rng, how, zoom)
     solids = _background(rng, how)
     solids += [_body(rng, how, number, count) for number in range(count)]
-    scene = ImageScene(
-        solids=solids,
-        camera=Pinhole(motion=camera, focal=zoom * _FOCAL_PX),
-        frames=how.frames,
-        complete=how.complete,
-        returns=how.returns,
-        dropout=how.dropout,
-        sigma=how.sigma,
-        drift=how.drift,
-    )
-    tracks = observe_images(scene, int(rng.integers(2**31)))
-    return _seen_enough(Sequence(name, tracks.positions, tracks.times, tracks.objects))
+    scene = ImageScene(solids, camera, zoom * _FOCAL_PX, how)
+    return _seen_enough(observe_images(name, scene, int(rng.integers(2**31))))
 
 
 def _seen_enough(sequence: Sequence) -> Sequence:
@@ -113,31 +95,31 @@ def _camera(rng: np.random.Generator, how: ImageParameters, zoom: float) -> Glid
     target = _LOOKS_AT * how.depth[0]
     place = np.array([0.0, 0.0, (1.0 - zoom) * target])
     if how.axial:
-        return _glide(place, np.array([0.0, 0.0, rng.uniform(*how.camera_speed)]))
+        return Glide(place, np.array([0.0, 0.0, rng.uniform(*how.camera_speed)]))
     velocity = _direction(rng) * np.array([1.0, 0.6, 0.5]) * rng.uniform(*how.camera_speed)
     look = np.array([velocity[1], -velocity[0], 0.0]) / (target * zoom)
     besides = _direction(rng) * np.array([0.3 / zoom, 0.3 / zoom, 1.0])
     besides *= np.radians(rng.uniform(*how.camera_spin))
     swing = _direction(rng) * rng.uniform(*how.camera_speed) * 0.1
-    return _glide(place, velocity, turn=look + besides, swing=swing)
+    return Glide(place, velocity, turn=look + besides, swing=swing)
 
 
 def _background(rng: np.random.Generator, how: ImageParameters) -> list[Solid]:
     """Make a wall, and before it a floor and some boxes that rest; all are object 1."""
     features, (near, far) = _whole(rng, how.background), how.depth
-    wall = _glide(np.array([0.0, 0.0, far])), np.array([3.0 * far, 3.0 * far, 0.0])
+    wall = Glide(np.array([0.0, 0.0, far])), np.array([3.0 * far, 3.0 * far, 0.0])
     if how.flat:
         return [Solid(*wall, features, 1)]
     share, middle = features // 4, (near + far) / 2
     floor = Solid(
-        _glide(np.array([0.0, 0.25 * middle, middle])), np.array([2.0 * far, 0.0, far - near]), share, 1
+        Glide(np.array([0.0, 0.25 * middle, middle])), np.array([2.0 * far, 0.0, far - near]), share, 1
     )
     boxes = []
     for side in (-1.0, 1.0):
         z = near + (far - near) * rng.uniform(0.1, 0.6)
         place = np.array([side * rng.uniform(0.3, 0.5) * z, rng.uniform(-0.25, 0.1) * z, z])
         size = rng.uniform(0.15, 0.35, 3) * z
-        boxes.append(Solid(_glide(place, facing=_direction(rng) * 0.5), size, share, 1))
+        boxes.append(Solid(Glide(place, facing=_direction(rng) * 0.5), size, share, 1))
     return [Solid(*wall, features - 3 * share, 1), floor, *boxes]
 
 
@@ -146,7 +128,7 @@ def _body(rng: np.random.Generator, how: ImageParameters, number: int, count: in
     scale = how.depth[0] / _NEAR_M
     z = how.depth[0] * rng.uniform(0.8, 1.3)
     across = (number + 0.5) / count - 0.5 + rng.uniform(-0.1, 0.1)
-    motion = _glide(
+    motion = Glide(
         np.array([0.8 * across * z, rng.uniform(-0.2, 0.2) * z, z]),
         _direction(rng) * np.array([1.0, 0.7, 0.7]) * rng.uniform(*how.speed) * scale,
         facing=_direction(rng) * rng.uniform(0.0, 1.0),
@@ -155,17 +137,6 @@ def _body(rng: np.random.Generator, how: ImageParameters, number: int, count: in
     )
     size = rng.uniform(0.3, 0.6, 3) * np.array([1.0, 1.0, 0.0 if how.flat else 1.0]) * scale
     return Solid(motion, size, _whole(rng, how.features), number + 2)
-
-
-def _glide(
-    place: Array,
-    velocity: Array = _ZERO,
-    *,
-    facing: Array = _ZERO,
-    turn: Array = _ZERO,
-    swing: Array = _ZERO,
-) -> Glide:
-    return Glide(place=place, velocity=velocity, facing=facing, turn=turn, swing=swing)
 
 
 def _direction(rng: np.random.Generator) -> Array:

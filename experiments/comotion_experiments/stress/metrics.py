@@ -26,24 +26,19 @@ _KEPT_AFTER_S = 2.0
 _SAME_S = 1e-6
 
 
-def mean_nmi(moments: Sequence[Moment], start: float = -np.inf, stop: float = np.inf) -> float:
-    """Mean NMI against the true bodies over the updates within a time; NaN without any."""
-    return mean([m.nmi for m in moments if start <= m.t < stop])
+def mean_nmi(
+    moments: Sequence[Moment], start: float = -np.inf, stop: float = np.inf, *, apart: bool = True
+) -> float:
+    """Mean NMI over the updates within a time; NaN without any.
 
-
-def mean_nmi_apart(moments: Sequence[Moment], start: float = -np.inf, stop: float = np.inf) -> float:
-    """Mean NMI over a time with bodies as one until they have moved apart; NaN without any update."""
-    return mean([m.nmi_apart for m in moments if start <= m.t < stop])
-
-
-def all_bodies_nmi(moments: Sequence[Moment], apart: Apart) -> float:
-    """Mean NMI against the true bodies from a settling time after all have moved apart; NaN if never."""
-    return mean_nmi(moments, apart.complete + SETTLING_S)
+    With bodies as one until they have moved `apart`, or against the true bodies.
+    """
+    return mean([m.nmi_apart if apart else m.nmi for m in moments if start <= m.t < stop])
 
 
 def wrong_late(moments: Sequence[Moment]) -> float:
     """1 if the mean NMI from :data:`LATE_S` after the first update on is not good, else 0."""
-    late = mean_nmi_apart(moments, moments[0].t + LATE_S)
+    late = mean_nmi(moments, moments[0].t + LATE_S)
     return float("nan") if np.isnan(late) else float(late < GOOD)
 
 
@@ -109,7 +104,7 @@ def healing(moments: Sequence[Moment], event: Happening, until: float) -> float:
     if not fallen:
         return 0.0
     for m in after:
-        steady = mean_nmi_apart(after, m.t, m.t + _STEADY_S)
+        steady = mean_nmi(after, m.t, m.t + _STEADY_S)
         if m.t > fallen[0] and m.nmi_apart >= GOOD and steady >= GOOD:
             return m.t - event.end
     return until - event.end
@@ -136,5 +131,5 @@ def true_events(apart: Apart, end: float, happenings: Sequence[Happening]) -> in
     lost for a time.
     """
     births = int(apart.components(end).max()) + 1
-    returns = sum(2 * len(h.bodies) for h in happenings if h.kind != "change" and h.end > h.begin)
+    returns = sum(2 * len(h.bodies) for h in happenings if h.lost and h.end > h.begin)
     return births + returns

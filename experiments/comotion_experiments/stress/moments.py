@@ -31,7 +31,7 @@ class Moment:
     bodies
         int64 [N], index of the true body.
     confirmed
-        Ids of the confirmed hypotheses among the labels (of all where the service does not say).
+        Ids of the confirmed hypotheses among the labels.
     events
         Kinds of the events of this update.
     nmi, nmi_apart
@@ -45,30 +45,6 @@ class Moment:
     events: tuple[str, ...]
     nmi: float
     nmi_apart: float
-
-
-def moment(
-    t: float,
-    labels: NDArray[np.int64],
-    bodies: NDArray[np.int64],
-    components: NDArray[np.intp],
-    *,
-    confirmed: frozenset[int] | None = None,
-    events: tuple[str, ...] = (),
-) -> Moment:
-    """Score labels [N] against bodies [N], and against their components ([B], see :class:`Apart`)."""
-    listed = frozenset(labels[labels != UNDETERMINED].tolist())
-    score = score_labels(labels, bodies.astype(np.int32), 0)
-    together = score_labels(labels, components[bodies].astype(np.int32), 0)
-    return Moment(
-        t=t,
-        labels=labels,
-        bodies=bodies,
-        confirmed=listed if confirmed is None else listed & confirmed,
-        events=events,
-        nmi=score.nmi,
-        nmi_apart=together.nmi,
-    )
 
 
 @dataclass
@@ -91,20 +67,20 @@ class Watcher:
         """Take in an update."""
         t = (update.stamp_ns - EPOCH_NS) / 1e9
         labels, bodies = labels_of(update, self.truth, self._observed.at(update.stamp_ns))
-        self.moments.append(
-            moment(
-                t,
-                labels,
-                bodies.astype(np.int64),
-                self.apart.components(t),
-                confirmed=frozenset(h.id for h in update.hypotheses if getattr(h, "confirmed", True)),
-                events=self._new_events(update),
-            )
-        )
-
-    def _new_events(self, update: HypothesisUpdate) -> tuple[str, ...]:
-        """Kinds of the events that no update before has listed: each is repeated for some seconds."""
+        together = self.apart.components(t)[bodies].astype(np.int32)
+        confirmed = {h.id for h in update.hypotheses if h.confirmed}
+        # Each event is repeated for some seconds.
         listed = {(e.stamp_ns, e.kind, e.hypothesis, tuple(e.others)) for e in update.events}
         new = sorted(listed - self._listed)
         self._listed |= listed
-        return tuple(kind for _, kind, _, _ in new if kind not in UNEVENTFUL)
+        self.moments.append(
+            Moment(
+                t=t,
+                labels=labels,
+                bodies=bodies.astype(np.int64),
+                confirmed=frozenset(labels[labels != UNDETERMINED].tolist()) & confirmed,
+                events=tuple(kind for _, kind, _, _ in new if kind not in UNEVENTFUL),
+                nmi=score_labels(labels, bodies, 0).nmi,
+                nmi_apart=score_labels(labels, together, 0).nmi,
+            )
+        )

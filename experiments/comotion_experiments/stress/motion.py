@@ -15,7 +15,7 @@ PoseAt: TypeAlias = Callable[[Array], Poses]
 
 # The motion of the simulator's 3-D set: two sines an axis within a place of ±0.6 m.
 SWINGING = Sines(kind="sines", within=0.6, amplitude=0.25, rotation=1.5)
-_GRID_S = 0.02
+_GRID_S, _RAMP_S = 0.02, 0.3
 
 
 def simulated(motion: Motion, rng: np.random.Generator, dim: int = 3) -> PoseAt:
@@ -34,17 +34,23 @@ def key_states(states: Sequence[Sequence[float]], dim: int = 3) -> PoseAt:
     return simulated(motion, np.random.default_rng(0), dim)
 
 
-def retimed(motion: PoseAt, knots: Array, speeds: Array) -> PoseAt:
-    """Play a motion at a speed that changes with time.
+def stopping(motion: PoseAt, switches: Sequence[float], *, moving: bool) -> PoseAt:
+    """Play a motion at a speed that goes between 0 and its own at given times, each time within 0.3 s.
 
     Parameters
     ----------
     motion
         The motion at its own speed.
-    knots, speeds
-        float64 [K], s and 1 (0: it rests, 1: its own speed); linear in between, constant outside.
+    switches
+        s, increasing by more than 0.3 s.
+    moving
+        Whether it moves at first.
     """
-    grid = np.arange(min(0.0, knots[0]), knots[-1] + _GRID_S, _GRID_S)
+    knots, speeds = [0.0], [float(moving)]
+    for time in switches:
+        knots += [time, time + _RAMP_S]
+        speeds += [speeds[-1], 1.0 - speeds[-1]]
+    grid = np.arange(0.0, knots[-1] + _GRID_S, _GRID_S)
     speed = np.interp(grid, knots, speeds)
     phase = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * _GRID_S)])
 
@@ -114,25 +120,3 @@ def chained(turns: Sequence[PoseAt], lengths: Array) -> PoseAt:
         return Poses(rotations, middle)
 
     return at
-
-
-def speed_profile(switches: Sequence[float], *, moving: bool, ramp: float = 0.3) -> tuple[Array, Array]:
-    """Knots of a speed that goes between 0 and 1 at given times, each time within `ramp` seconds.
-
-    Parameters
-    ----------
-    switches
-        s, increasing by more than `ramp`.
-    moving
-        Whether it moves at first.
-
-    Returns
-    -------
-    Knots and speeds for :func:`retimed`.
-    """
-    knots, speeds, speed = [0.0], [float(moving)], float(moving)
-    for time in switches:
-        knots += [time, time + ramp]
-        speeds += [speed, 1.0 - speed]
-        speed = 1.0 - speed
-    return np.array(knots), np.array(speeds)

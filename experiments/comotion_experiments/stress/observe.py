@@ -1,7 +1,7 @@
 """Messages of a scene: what its sources publish, with the truth of every feature. Pure, deterministic."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 
 import numpy as np
@@ -11,10 +11,13 @@ from comotion_schemas import ObservationBatch, TruthBatch
 
 from ..offline import Arrived
 from .motion import Array
-from .scene import Scene, Source, rng_of
+from .scene import OUTLIER_FACTOR, Scene, Source, rng_of, slot_bodies
 
 EPOCH_NS = 1_000_000_000_000
 """Acquisition time of a scene's second 0; stamps stay positive where a clock is behind."""
+# Where the viewing rays start, and how far behind a feature flying pixels are.
+_CAMERA = np.array([0.0, 0.0, -2.0])
+_REACH_M = 0.3
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,9 @@ class _View:
         poses = [body.motion(times) for body in scene.bodies]
         rotations = np.stack([p.rotations for p in poses], axis=1)
         translations = np.stack([p.translations for p in poses], axis=1)
-        hidden = _hidden(scene, times)
+        hidden = np.zeros((len(times), len(slot_bodies(scene.bodies))), np.bool_)
+        for slot, begin, end in scene.hidden:
+            hidden[(begin <= times) & (times < end), slot] = True
         before: NDArray[np.intp] = np.empty(0, np.intp)
         for number, t in enumerate(times.tolist()):
             session = int(np.searchsorted(self._begins, t, side="right")) - 1
@@ -94,8 +99,7 @@ class _View:
             if t >= scene.start and not any(begin <= t < end for begin, end in source.off):
                 lost = np.setdiff1d(before, alive)
                 ended = self._id[lost[self._session[lost] == session]]
-                batch = self._batch(number, session, t, self._id[seen], positions, ended)
-                yield Arrived(replace(batch, covariance=self._covariance(seen, positions)), in_ns(t))
+                yield Arrived(self._batch(number, session, t, seen, positions, ended), in_ns(t))
                 before = alive
 
     def _alive(self, t: float, session: int) -> NDArray[np.intp]:
@@ -134,7 +138,7 @@ class _View:
         noise, white = self._scene.noise, self._rng.normal(size=(len(seen), self._scene.dim))
         if noise.outliers:
             wild = self._rng.uniform(size=(len(seen), 1)) < noise.outliers
-            white = white * np.where(wild, noise.outlier_factor, 1.0)
+            white = white * np.where(wild, OUTLIER_FACTOR, 1.0)
         if not noise.correlation:
             return sigma * white
         # The state starts from its stationary distribution at a feature's first observation.
@@ -148,11 +152,11 @@ class _View:
         noise = self._scene.noise
         if not (noise.depth or noise.flying or noise.ray != 1.0):
             return np.zeros_like(exact)
-        ray = exact - noise.camera
+        ray = exact - _CAMERA
         scale = noise.depth * ray[:, 2] ** 2 + sigma * np.sqrt(noise.ray**2 - 1.0)
         along = scale * self._rng.normal(size=len(ray))
         if noise.flying:
-            behind = noise.reach * self._rng.uniform(size=len(ray))
+            behind = _REACH_M * self._rng.uniform(size=len(ray))
             along = np.where(self._rng.uniform(size=len(ray)) < noise.flying, behind, along)
         return np.asarray(ray / np.linalg.norm(ray, axis=1, keepdims=True) * along[:, None], np.float64)
 
@@ -161,7 +165,7 @@ class _View:
         noise, body = self._scene.noise, self._scene.lives.body[self._rows[seen]]
         if not noise.published:
             return None
-        ray = positions - noise.camera
+        ray = positions - _CAMERA
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         across = np.array([b.sigma for b in self._scene.bodies])[body, None, None] ** 2
         covariance = across * (np.eye(3) + (noise.ray**2 - 1.0) * ray[:, :, None] * ray[:, None])
@@ -172,7 +176,7 @@ class _View:
         number: int,
         session: int,
         t: float,
-        ids: NDArray[np.uint64],
+        seen: NDArray[np.intp],
         positions: Array,
         ended: NDArray[np.uint64],
     ) -> ObservationBatch:
@@ -185,7 +189,8 @@ class _View:
             unit=self._scene.unit,
             dim=self._scene.dim,
             stamp_ns=in_ns(t + (error[-1] if error else 0.0)),
-            ids=ids,
+            ids=self._id[seen],
+            covariance=self._covariance(seen, positions),
             positions=positions.astype(np.float32),
             ended=ended if len(ended) else None,
         )
@@ -193,11 +198,3 @@ class _View:
 
 def _session_name(number: int) -> str:
     return f"{number:016x}"
-
-
-def _hidden(scene: Scene, times: Array) -> NDArray[np.bool_]:
-    """Which slots are hidden when, bool [T, slots]."""
-    alive = np.zeros((len(times), scene.slots), np.bool_)
-    for slot, begin, end in scene.hidden:
-        alive[(begin <= times) & (times < end), slot] = True
-    return alive

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, means, number
-from . import image_report
-from .catalogue import ALL, FAMILIES
-from .experiment import DEFAULT, THESIS, Results
+from ..tables import Table, document, means
+from .catalogue import FAMILIES, Family
+from .columns import IMAGE_COLUMNS, PAGE_COLUMNS, SCENE_COLUMNS
+from .experiment import DEFAULT, METHODS, THESIS, Results
 from .motion import Array
 
 _PICTURES_A_ROW = 5
@@ -20,46 +20,28 @@ _PALETTE = 64
 _WIDTH = 110
 _COLOURS = {DEFAULT: "#0072b2", THESIS: "#d55e00"}
 
-# Field of the figures, title, digits.
-_COLUMNS = (
-    ("nmi_apart", "NMI", 3),
-    ("all_bodies", "all bodies", 3),
-    ("nmi", "by body", 3),
-    ("delay", "delay", 2),
-    ("healing", "healing", 2),
-    ("healed_in_1s", "in 1 s", 2),
-    ("kept", "kept", 2),
-    ("wrong", "wrong", 2),
-    ("ids", "ids", 2),
-    ("spurious", "spurious", 1),
-    ("true", "true", 1),
-    ("switches", "switches", 1),
-    ("hypotheses", "K", 2),
-    ("bodies", "K true", 2),
-    ("over", "over", 2),
-    ("ms", "ms", 1),
-)
 
-
-def families_of(results: Results) -> list[str]:
-    """Names of the families that were run, in the order of the catalogue."""
-    ran = {o.family for o in results.outcomes}
-    return [name for name in FAMILIES if name in ran]
+def _rows(results: Results, family: Family) -> list[dict[str, float]]:
+    """Means over the seeds of a family, a row for each method that was run on it."""
+    runs = (results.of(family.name, method) for method in METHODS)
+    return [means([o.figures for o in outcomes]) for outcomes in runs if outcomes]
 
 
 def tables(results: Results) -> list[Table]:
     """For a terminal: a table of scenes and one of image sequences, those that were run."""
-    shown = [_table(results)] if results.outcomes else []
-    return [*shown, image_report.table(results.images)] if results.images else shown
+    scenes = Table(("family", "method", *(column.title for column in SCENE_COLUMNS)), words=2)
+    for family in (family for family in results.families if not family.of_images):
+        for method, row in zip(results.methods, _rows(results, family), strict=True):
+            scenes.add(family.name, method, *(column.of(row) for column in SCENE_COLUMNS))
+    return [table for table in (scenes, _images(results)) if table.rows]
 
 
-def _table(results: Results) -> Table:
-    drawn = Table(("family", "method", *(title for _, title, _ in _COLUMNS)), words=2)
-    for family in families_of(results):
-        for method in results.methods:
-            row = means([o.figures for o in results.of(family, method)])
-            drawn.add(family, method, *(number(row[name], digits) for name, _, digits in _COLUMNS))
-    return drawn
+def _images(results: Results) -> Table:
+    table = Table(("family", "what is seen", *(column.title for column in IMAGE_COLUMNS)), words=2)
+    for family in (family for family in results.families if family.of_images):
+        (row,) = _rows(results, family)
+        table.add(f"`{family.name}`", family.title, *(column.of(row) for column in IMAGE_COLUMNS))
+    return table
 
 
 def traces(results: Results) -> str:
@@ -69,8 +51,9 @@ def traces(results: Results) -> str:
         for scene, trace in enumerate(outcome.traces):
             which = f"{outcome.family}, {outcome.method}, seed {outcome.seed}, scene {scene}"
             lines.append(f"{which}: t NMI/apart K")
-            rows = zip(trace.seconds, trace.nmi, trace.nmi_apart, trace.hypotheses, strict=True)
-            cells = [f"{t:6.2f} {nmi:.2f}/{apart:.2f} {count:2d}" for t, nmi, apart, count in rows]
+            cells = [
+                f"{t:6.2f} {nmi:.2f}/{apart:.2f} {count:2.0f}" for t, nmi, apart, count in trace.tolist()
+            ]
             lines += ["  " + " | ".join(cells[k : k + 8]) for k in range(0, len(cells), 8)]
     return "\n".join(lines)
 
@@ -78,21 +61,24 @@ def traces(results: Results) -> str:
 def as_json(results: Results) -> Any:
     """Everything but the traces, for JSON."""
     images = [
-        {"family": o.family, "seed": o.seed, **vars(o.figures), "errors": o.errors} for o in results.images
+        {"family": o.family, "seed": o.seed, **o.figures, "errors": o.errors}
+        for o in results.outcomes
+        if o.errors
     ]
     runs = [
-        {"family": o.family, "method": o.method, "seed": o.seed, **vars(o.figures)} for o in results.outcomes
+        {"family": o.family, "method": o.method, "seed": o.seed, **o.figures}
+        for o in results.outcomes
+        if o.traces
     ]
     return {"seeds": results.seeds, "images": images, "runs": runs}
 
 
 def markdown(results: Results, picture: str) -> str:
     """For a document; `picture` is the name of the picture beside it."""
-    parts = [_head(results), *([f"![NMI over time]({picture})"] if results.outcomes else [])]
-    groups = dict.fromkeys(FAMILIES[name].group for name in families_of(results))
-    parts += [_group(results, group) for group in groups]
-    parts += [image_report.markdown(results.images)] if results.images else []
-    return "\n\n".join(parts) + "\n"
+    parts: list[str | Table] = [*_head(results), f"![NMI over time]({picture})" if results.methods else ""]
+    for group in dict.fromkeys(family.group for family in results.families):
+        parts += [f"## {group[0].upper()}{group[1:]}", *_group(results, group)]
+    return document(parts)
 
 
 _OPENING = """Made by `comotion dev reproduce stress`. Scenes that are not clean: trackers restart,
@@ -109,54 +95,48 @@ _TERMS = """\
 - **ids**: hypotheses that held most tracks of an object over the run, mean over objects.
 - **spurious**: events a minute beyond the true ones."""
 
-# The terminal and the JSON have all figures, the page those that most others follow from.
-_MARKDOWN = (
-    ("nmi_apart", "NMI", 3),
-    ("delay", "delay, s", 2),
-    ("healing", "healing, s", 1),
-    ("kept", "kept", 2),
-    ("ids", "ids", 1),
-    ("spurious", "spurious", 0),
-)
+_OF_IMAGES = """\
+Bodies with depth seen by a perspective camera for 2 to 3 s, 0.3 px of noise, six sequences a family and seed;
+the pixel method with K unknown, one update at the end. **Error**: misclassified features; those without a
+hypothesis are wrong. **K given**: spectral clustering of shape interaction, which is given K. **one**: all
+features are one object."""
 
 _OF_BOTH = {"nmi_apart"}
 _BOTH = " of the default method; NMI also of the thesis method"
 
 
-def _head(results: Results) -> str:
+def _head(results: Results) -> list[str]:
     listed = ", ".join(str(seed) for seed in results.seeds)
     odd = all(seed % 2 for seed in results.seeds)
     role = "even ones are for development" if odd else "not all odd: those that are even are for development"
-    ran = {o.family for o in results.outcomes} | {o.family for o in results.images}
+    ran = len(results.families)
     opening = _OPENING.format(
         seeds=f"Seed{'s' if len(results.seeds) > 1 else ''} {listed} ({role}).",
-        part="" if ran == set(ALL) else f" Here are {len(ran)} of {len(ALL)} families.",
+        part="" if ran == len(FAMILIES) else f" Here are {ran} of {len(FAMILIES)} families.",
         both=_BOTH if len(results.methods) > 1 else "",
     )
-    return "\n\n".join(["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS])
+    return ["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS]
 
 
-def _group(results: Results, group: str) -> str:
-    names = [name for name in families_of(results) if FAMILIES[name].group == group]
-    rows = {
-        name: [means([o.figures for o in results.of(name, method)]) for method in results.methods]
-        for name in names
-    }
+def _group(results: Results, group: str) -> list[str | Table]:
+    families = [family for family in results.families if family.group == group]
+    if families[0].of_images:
+        return [_OF_IMAGES, _images(results)]
+    rows = [_rows(results, family) for family in families]
     # A column without a value in the whole group says nothing.
-    columns = [c for c in _MARKDOWN if any(not math.isnan(r[c[0]]) for row in rows.values() for r in row)]
-    drawn = Table(("family", "what happens", *(title for _, title, _ in columns)), words=2)
-    for name, row in rows.items():
+    columns = [c for c in PAGE_COLUMNS if any(not math.isnan(r[c.key]) for row in rows for r in row)]
+    table = Table(("family", "what happens", *(column.title for column in columns)), words=2)
+    for family, row in zip(families, rows, strict=True):
         cells = (
-            " / ".join(_short(r[key], digits) for r in (row if key in _OF_BOTH else row[:1]))
-            for key, _, digits in columns
+            " / ".join(_short(column.of(r)) for r in (row if column.key in _OF_BOTH else row[:1]))
+            for column in columns
         )
-        drawn.add(f"`{name}`", FAMILIES[name].title, *cells)
-    return f"## {group[0].upper()}{group[1:]}\n\n{drawn.markdown()}"
+        table.add(f"`{family.name}`", family.title, *cells)
+    return [table]
 
 
-def _short(value: float, digits: int) -> str:
+def _short(text: str) -> str:
     """Write a number below 1 without the zero."""
-    text = number(value, digits)
     return text[1:] if text.startswith("0.") else text
 
 
@@ -164,7 +144,7 @@ def save_picture(path: Path, results: Results) -> None:
     """Draw NMI over time, mean over runs, a small picture for each family of scenes of equal length."""
     from PIL import Image
 
-    names = [name for name in families_of(results) if not FAMILIES[name].slow]
+    names = [family.name for family in results.families if not (family.slow or family.of_images)]
     rows = max(math.ceil(len(names) / _PICTURES_A_ROW), 1)
     figure = new_figure(2.4 * _PICTURES_A_ROW, 1.5 * rows)
     for place, name in enumerate(names, start=1):
@@ -186,8 +166,8 @@ def save_picture(path: Path, results: Results) -> None:
 def _mean_trace(results: Results, family: str, method: str) -> tuple[Array, Array]:
     """Seconds since the first update and NMI (apart), mean over scenes and seeds, float64 [updates]."""
     traces = [trace for outcome in results.of(family, method) for trace in outcome.traces]
-    length = min(len(trace.nmi) for trace in traces)
-    seconds = np.array(traces[0].seconds[:length]) - traces[0].seconds[0]
+    length = min(map(len, traces))
+    seconds = traces[0][:length, 0] - traces[0][0, 0]
     # While everything is covered there is nothing to score.
-    nmi = np.ma.masked_invalid([trace.nmi_apart[:length] for trace in traces])
+    nmi = np.ma.masked_invalid([trace[:length, 2] for trace in traces])
     return seconds, nmi.mean(axis=0).filled(np.nan)

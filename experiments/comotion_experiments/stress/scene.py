@@ -5,7 +5,6 @@ Lengths are in m, angles in rad, times in seconds of the scene.
 
 import zlib
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from comotion_schemas.types import Unit
 
 from .motion import Array, PoseAt
 
-Event = Literal["lost", "object-lost", "change"]
+OUTLIER_FACTOR = 10.0
 
 
 def rng_of(seed: int, *names: str) -> np.random.Generator:
@@ -87,32 +86,28 @@ class Noise:
     ----------
     correlation
         s; time constant of first-order autoregressive noise that replaces the white one. 0: white.
-    outliers, outlier_factor
-        Share of observations whose noise is so many times as large.
+    outliers
+        Share of observations whose noise is :data:`OUTLIER_FACTOR` times as large.
     walk
         m/√s; random walk of a feature on its body.
     depth
-        1/m; noise along the viewing ray is depth · z² beside the white noise. 0: none.
+        1/m; noise along the viewing ray is depth · z² beside the white noise, z from the start of the rays
+        2 m before the origin. 0: none.
     ray
         White noise along the viewing ray, as a multiple of that across it. 1: as much.
-    flying, reach
-        Share of the observations that are somewhere between a feature and so many m behind it, along the ray.
+    flying
+        Share of the observations that are somewhere between a feature and 0.3 m behind it, along the ray.
     published
         Whether sources publish the covariance of the white noise.
-    camera
-        float64 [3], where the rays start; z is the distance along the third axis.
     """
 
     correlation: float = 0.0
     outliers: float = 0.0
-    outlier_factor: float = 10.0
     walk: float = 0.0
     depth: float = 0.0
     ray: float = 1.0
     flying: float = 0.0
-    reach: float = 0.3
     published: bool = False
-    camera: Array = field(default_factory=lambda: np.array([0.0, 0.0, -2.0]))
 
 
 @dataclass(frozen=True)
@@ -157,16 +152,16 @@ class Happening:
     ----------
     begin, end
         From its first effect until what was lost is back, s.
-    kind
-        ``lost``: all features were lost; ``object-lost``: those of `bodies`; ``change``: anything else.
     bodies
         Indices of the bodies concerned.
+    lost
+        Whether all features of these were lost.
     """
 
     begin: float
     end: float
-    kind: Event
     bodies: tuple[int, ...]
+    lost: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,11 +205,6 @@ class Scene:
     space: str = "world"
     period: float = 0.2
     sigma_switch: float = 0.01
-
-    @property
-    def slots(self) -> int:
-        """Number of features observed at once when none is lost."""
-        return sum(body.features for body in self.bodies)
 
 
 def slot_bodies(bodies: list[Body]) -> NDArray[np.intp]:

@@ -5,7 +5,7 @@ to the camera, nothing stands before it, and it is within the image. Camera axes
 Lengths are in m, angles in rad, times in seconds; positions are in px.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +13,28 @@ from scipy.spatial.transform import Rotation
 
 from comotion_sources.simulator.motion import Array, Poses
 
+from ..pixels.sequences import Sequence
+
 Flags = NDArray[np.bool_]
 _NEAREST_M = 0.05
 # A point on a face must not be taken for hidden by its own box, whatever rounding does.
 _SURFACE_M = 1e-6
 _TRIES = 40
+_RATE_HZ = 15.0
+_SIZE_PX = (640, 480)
+# Frames that a feature must be seen in.
+_SHORTEST = 5
 
 
-@dataclass(frozen=True, kw_only=True)
+def _zero() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
 class Glide:
-    """A smooth motion: constant velocity and turn, and a swing.
+    """A smooth motion: constant velocity and turn, and a swing of half a Hz.
 
-    x(t) = place + velocity·t + swing·(sin(2π·frequency·t + phase) − sin(phase)),
-    R(t) = exp(turn·t)·exp(facing).
+    x(t) = place + velocity·t + swing·sin(π·t), R(t) = exp(turn·t)·exp(facing).
 
     Attributes
     ----------
@@ -33,57 +42,40 @@ class Glide:
         float64 [3]; m, m/s, m.
     facing, turn
         float64 [3], rotation vectors; rad and rad/s.
-    frequency, phase
-        Hz and rad.
     """
 
     place: Array
-    velocity: Array
-    facing: Array
-    turn: Array
-    swing: Array
-    frequency: float = 0.5
-    phase: float = 0.0
+    velocity: Array = field(default_factory=_zero)
+    facing: Array = field(default_factory=_zero)
+    turn: Array = field(default_factory=_zero)
+    swing: Array = field(default_factory=_zero)
 
     def at(self, times: Array) -> Poses:
         """Poses at times [T]."""
         turned = Rotation.from_rotvec(times[:, None] * self.turn) * Rotation.from_rotvec(self.facing)
-        swung = np.sin(2 * np.pi * self.frequency * times + self.phase) - np.sin(self.phase)
+        swung = np.sin(np.pi * times)
         moved = self.place + times[:, None] * self.velocity + swung[:, None] * self.swing
         return Poses(np.asarray(turned.as_matrix(), np.float64), np.asarray(moved, np.float64))
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A box of `size` [3] (m) about its origin, with so many features; `hollow`: seen from the inside."""
+    """A box of `size` [3] (m) about its origin, with so many features."""
 
     motion: Glide
     size: Array
     features: int
     object: int
-    hollow: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pinhole:
-    """A camera without distortion: `focal` (px), `width` and `height` (px), and its motion."""
-
-    motion: Glide
-    focal: float = 525.0
-    width: int = 640
-    height: int = 480
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImageScene:
-    """What an image sequence shows.
+class Filming:
+    """How an image sequence is taken, at 15 Hz.
 
     Attributes
     ----------
-    solids, camera
-        Bodies, some of which may be one object, and who looks at them.
-    frames, rate
-        Number of images, and Hz.
+    frames
+        Number of images.
     sigma
         px; noise of an observation, per axis.
     drift
@@ -94,61 +86,53 @@ class ImageScene:
         Whether a feature that was hidden goes on under its id; otherwise it ends.
     dropout
         Share of the features that are besides lost at some time for good, or begin late.
-    shortest
-        Frames that a feature must be seen in.
     """
 
-    solids: list[Solid]
-    camera: Pinhole
     frames: int = 30
-    rate: float = 15.0
     sigma: float = 0.3
     drift: float = 0.0
     complete: bool = True
     returns: bool = False
     dropout: float = 0.0
-    shortest: int = 5
 
 
 @dataclass(frozen=True)
-class ImageTracks:
-    """Trajectories: `times` float64 [F], `positions` float64 [F, N, 2] (NaN: unseen), `objects` int64 [N]."""
+class ImageScene:
+    """Bodies, some of which may be one object, and a camera of a focal length (px) that looks at them."""
 
-    times: Array
-    positions: Array
-    objects: NDArray[np.int64]
+    solids: list[Solid]
+    camera: Glide
+    focal: float
+    how: Filming
 
 
-def observe_images(scene: ImageScene, seed: int) -> ImageTracks:
+def observe_images(name: str, scene: ImageScene, seed: int) -> Sequence:
     """Draw features on the bodies of a scene and follow them; the same for the same seed.
 
     A body of which too little is seen has fewer features than it should.
     """
-    times: Array = np.arange(scene.frames, dtype=np.float64) / scene.rate
+    times: Array = np.arange(scene.how.frames, dtype=np.float64) / _RATE_HZ
     rng = np.random.default_rng(seed)
-    positions, objects = [np.empty((scene.frames, 0, 2))], [np.empty(0, np.int64)]
-    for index, solid in enumerate(scene.solids):
-        tracks = _tracks(scene, index, times, rng)
-        positions.append(tracks)
-        objects.append(np.full(tracks.shape[1], solid.object, np.int64))
-    exact = np.concatenate(positions, axis=1)
-    noise = scene.sigma * rng.normal(size=exact.shape)
-    if scene.drift:
-        noise += scene.drift * rng.normal(size=exact.shape).cumsum(axis=0)
-    return ImageTracks(times, exact + noise, np.concatenate(objects))
+    tracks = [_tracks(scene, index, times, rng) for index in range(len(scene.solids))]
+    objects = np.repeat([solid.object for solid in scene.solids], [part.shape[1] for part in tracks])
+    exact = np.concatenate(tracks, axis=1)
+    noise = scene.how.sigma * rng.normal(size=exact.shape)
+    if scene.how.drift:
+        noise += scene.how.drift * rng.normal(size=exact.shape).cumsum(axis=0)
+    return Sequence(name, exact + noise, times, objects)
 
 
 def _tracks(scene: ImageScene, index: int, times: Array, rng: np.random.Generator) -> Array:
     """Exact positions of the features of a body, float64 [F, n, 2]."""
-    solid = scene.solids[index]
+    solid, how = scene.solids[index], scene.how
     chosen = np.empty((len(times), 0, 2))
     for _ in range(_TRIES):
         local, normal = _surface(solid, max(4 * solid.features, 16), rng)
         pixels, seen = _seen(scene, index, local, normal, times)
-        if not scene.returns:
+        if not how.returns:
             seen = _first_run(seen)
-        seen = _dropped(seen, scene.dropout, rng)
-        enough = seen.all(axis=0) if scene.complete else seen.sum(axis=0) >= scene.shortest
+        seen = _dropped(seen, how.dropout, rng)
+        enough = seen.all(axis=0) if how.complete else seen.sum(axis=0) >= _SHORTEST
         picked = np.where(seen[:, enough, None], pixels[:, enough], np.nan)
         chosen = np.concatenate([chosen, picked], axis=1)
         if chosen.shape[1] >= solid.features:
@@ -166,24 +150,23 @@ def _surface(solid: Solid, count: int, rng: np.random.Generator) -> tuple[Array,
     local[np.arange(count), axis] = side
     normal = np.zeros((count, 3))
     normal[np.arange(count), axis] = np.sign(side)
-    return local * solid.size, -normal if solid.hollow else normal
+    return local * solid.size, normal
 
 
 def _seen(scene: ImageScene, index: int, local: Array, normal: Array, times: Array) -> tuple[Array, Flags]:
     """Pixels [F, n, 2] of points of a body, and which are seen, bool [F, n]."""
-    camera, solid = scene.camera, scene.solids[index]
-    eye, pose = camera.motion.at(times), solid.motion.at(times)
+    eye, pose = scene.camera.at(times), scene.solids[index].motion.at(times)
     world = np.einsum("tij,nj->tni", pose.rotations, local) + pose.translations[:, None]
     ray = world - eye.translations[:, None]
     ahead = np.einsum("tji,tnj->tni", eye.rotations, ray)
     depth = np.maximum(ahead[..., 2], _NEAREST_M)
-    centre = np.array([camera.width, camera.height]) / 2.0
-    pixels = camera.focal * ahead[..., :2] / depth[..., None] + centre
+    centre = np.array(_SIZE_PX) / 2.0
+    pixels = scene.focal * ahead[..., :2] / depth[..., None] + centre
     within = (pixels >= 0).all(axis=2) & (pixels < 2 * centre).all(axis=2) & (ahead[..., 2] > _NEAREST_M)
     facing = np.einsum("tij,nj->tni", pose.rotations, normal)
     seen = within & ((facing * ray).sum(axis=2) < 0)
     for other, hiding in enumerate(scene.solids):
-        if other != index and not hiding.hollow:
+        if other != index:
             seen &= ~_hides(hiding, eye.translations, ray, times)
     return pixels, seen
 

@@ -1,56 +1,155 @@
-"""The bodies most families start from: a static background and bodies that swing about."""
+"""What most families start from: a static background, bodies that swing about, and the lives of features."""
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .lives import Spans, draw_lives, lasting, replaced
-from .motion import SWINGING, Array, PoseAt, resting, simulated
-from .scene import Body, Lives, Scene, Source, rng_of
+from .motion import SWINGING, resting, simulated
+from .scene import Body, Lives, Scene, Source, rng_of, slot_bodies
 
-BACKGROUND_SIZE = (1.6, 1.6, 1.0)
+_BACKGROUND_SIZE = (1.6, 1.6, 1.0)
 _SMALLEST, _LARGEST = 0.12, 0.4
 # The simulator's respawning: a fifth of the features every 2 s.
-RESPAWN_SHARE, RESPAWN_EVERY_S = 0.2, 2.0
+_RESPAWN_SHARE, _RESPAWN_EVERY_S = 0.2, 2.0
+
+
+Span: TypeAlias = tuple[float, float]
+Spans: TypeAlias = list[list[Span]]
+"""(birth, death) of the features of each slot, one after another, s."""
+Cut: TypeAlias = tuple[float, float, NDArray[np.bool_]]
+"""(lost, back, slots): features of these slots (bool [slots]) are lost; new ones come later or at once."""
+
+
+def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.random.Generator) -> Lives:
+    """Give every life time of every slot a place of its own on the slot's body.
+
+    Parameters
+    ----------
+    bodies
+        The scene's.
+    spans
+        Per slot (birth, death), s.
+    rng
+        Draws the places.
+    """
+    of_slot = slot_bodies(bodies)
+    rows = [
+        (birth, slot, death) for slot, lives in enumerate(spans) for birth, death in lives if death > birth
+    ]
+    rows.sort()
+    slot = np.array([row[1] for row in rows], np.intp)
+    half = np.array([body.size for body in bodies])[of_slot[slot]] / 2.0
+    return Lives(
+        slot=slot,
+        body=of_slot[slot],
+        local=rng.uniform(-1.0, 1.0, half.shape) * half,
+        birth=np.array([row[0] for row in rows], np.float64),
+        death=np.array([row[2] for row in rows], np.float64),
+    )
+
+
+def lasting(bodies: list[Body]) -> Spans:
+    """Every feature lives for ever."""
+    return [[(0.0, np.inf)] for _ in slot_bodies(bodies)]
+
+
+def replaced(
+    bodies: list[Body], duration: float, rng: np.random.Generator, *, share: float, every: float
+) -> Spans:
+    """Replace a share of each body's features at once every so many seconds, as the simulator does."""
+    of_slot = slot_bodies(bodies)
+    births = [[0.0] for _ in of_slot]
+    for time in np.arange(every, duration - 1e-9, every).tolist():
+        for index, body in enumerate(bodies):
+            places = np.flatnonzero(of_slot == index)
+            for slot in rng.choice(places, round(share * body.features), replace=False).tolist():
+                births[slot].append(time)
+    return [list(zip(times, [*times[1:], np.inf], strict=True)) for times in births]
+
+
+def renewed(
+    slots: int, duration: float, rng: np.random.Generator, draw: Callable[[np.random.Generator], float]
+) -> Spans:
+    """Follow each life by the next at once; `draw` draws the length of one, s."""
+    spans: Spans = []
+    for _ in range(slots):
+        time, lives = -draw(rng) * float(rng.uniform()), []
+        while time < duration:
+            length = draw(rng)
+            lives.append((max(time, 0.0), time + length))
+            time += length
+        spans.append([(birth, death) for birth, death in lives if death > 0.0])
+    return spans
+
+
+def cut(spans: Sequence[Sequence[Span]], cuts: Sequence[Cut]) -> Spans:
+    """Lose features at given times; new ones come later or at once."""
+    left = [list(lives) for lives in spans]
+    for lost, back, slots in cuts:
+        for slot in np.flatnonzero(slots).tolist():
+            left[slot] = [part for span in left[slot] for part in _without(span, lost, back)]
+    return left
+
+
+def _without(span: Span, lost: float, back: float) -> list[Span]:
+    birth, death = span
+    if death <= lost or birth >= back:
+        return [span]
+    parts = [(birth, lost), (back, death)]
+    return [(begin, end) for begin, end in parts if end > begin]
+
+
+def dropouts(
+    slots: int, duration: float, rng: np.random.Generator, *, every: float, shortest: float, longest: float
+) -> list[tuple[int, float, float]]:
+    """Hide slots for a while now and then: (slot, begin, end), s.
+
+    Parameters
+    ----------
+    slots, duration, rng
+        Of the scene.
+    every
+        s; mean time between the end of one gap and the begin of the next.
+    shortest, longest
+        s; length of a gap.
+    """
+    gaps = []
+    for slot in range(slots):
+        time = float(rng.exponential(every))
+        while time < duration:
+            end = time + float(rng.uniform(shortest, longest))
+            gaps.append((slot, time, end))
+            time = end + float(rng.exponential(every))
+    return gaps
 
 
 def background(features: int = 20, sigma: float = 0.003) -> Body:
     """What rests: points all over the scene."""
-    return Body("background", resting(), features, np.array(BACKGROUND_SIZE), sigma)
+    return Body("background", resting(), features, np.array(_BACKGROUND_SIZE), sigma)
 
 
-def swinging_body(seed: int, number: int, features: int = 8, sigma: float = 0.003) -> Body:
-    """Draw a body of the simulator's 3-D set, in place, size and motion."""
-    name = f"body {number}"
-    return Body(name, swinging(seed, name), features, box(seed, name), sigma)
-
-
-def swinging(seed: int, name: str) -> PoseAt:
-    """Draw a motion of the simulator's 3-D set."""
-    return simulated(SWINGING, rng_of(seed, "motion", name))
-
-
-def box(seed: int, name: str) -> Array:
-    """Draw the edges of a body, float64 [3]."""
-    return rng_of(seed, "size", name).uniform(_SMALLEST, _LARGEST, 3)
+def swinging_bodies(seed: int, bodies: int, features: int = 8, sigma: float = 0.003) -> list[Body]:
+    """Draw bodies of the simulator's 3-D set, in place, size and motion: body 1, body 2 and so on."""
+    drawn = []
+    for name in (f"body {k + 1}" for k in range(bodies)):
+        motion = simulated(SWINGING, rng_of(seed, "motion", name))
+        size = rng_of(seed, "size", name).uniform(_SMALLEST, _LARGEST, 3)
+        drawn.append(Body(name, motion, features, size, sigma))
+    return drawn
 
 
 def swinging_scene(seed: int, bodies: int = 4, features: int = 8, sigma: float = 0.003) -> list[Body]:
     """Draw a background and bodies that swing."""
-    return [background(sigma=sigma), *(swinging_body(seed, k + 1, features, sigma) for k in range(bodies))]
+    return [background(sigma=sigma), *swinging_bodies(seed, bodies, features, sigma)]
 
 
 def respawning(bodies: list[Body], duration: float, seed: int) -> Spans:
     """Replace features as the simulator's 3-D set does."""
     rng = rng_of(seed, "respawn")
-    return replaced(bodies, duration, rng, share=RESPAWN_SHARE, every=RESPAWN_EVERY_S)
-
-
-def lives_of(bodies: list[Body], seed: int, spans: Spans | None = None) -> Lives:
-    """Draw the places of features with given life times; by default they live for ever."""
-    slots = sum(body.features for body in bodies)
-    return draw_lives(bodies, lasting(slots) if spans is None else spans, rng_of(seed, "places"))
+    return replaced(bodies, duration, rng, share=_RESPAWN_SHARE, every=_RESPAWN_EVERY_S)
 
 
 def made(
@@ -62,21 +161,24 @@ def made(
     rate: float = 15.0,
     **what: Any,
 ) -> list[Scene]:
-    """Make the one scene of a family: these bodies, and features with given life times, for ever by default.
+    """Make the one scene of a family: these bodies, and features with given life times.
 
     Parameters
     ----------
     seed, bodies, duration
         Of the scene.
     spans
-        Life times of the features of each slot, see :mod:`.lives`.
+        Life times of the features of each slot, see :mod:`.lives`; by default they are replaced as those of
+        the simulator's 3-D set.
     rate
         Hz of its one source, unless `what` has sources.
     what
         Other attributes of :class:`Scene`.
     """
     what.setdefault("sources", [Source("simulator", rate)])
-    return [Scene(bodies=bodies, lives=lives_of(bodies, seed, spans), seed=seed, duration=duration, **what)]
+    spans = respawning(bodies, duration, seed) if spans is None else spans
+    lives = draw_lives(bodies, spans, rng_of(seed, "places"))
+    return [Scene(bodies=bodies, lives=lives, seed=seed, duration=duration, **what)]
 
 
 def displaced(

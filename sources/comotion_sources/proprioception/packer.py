@@ -1,6 +1,7 @@
 """Joint samples -> batches with the link poses of several instants. Pure: time is in the samples."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,10 @@ class Pack:
     def stamp_ns(self) -> int:
         """Stamp of the newest instant."""
         return int(self.stamps_ns[-1])
+
+    def columns(self) -> dict[str, Any]:
+        """What it says of a batch, by the names of :class:`~comotion_schemas.ObservationBatch`."""
+        return {"stamp_ns": self.stamp_ns} | {each.name: getattr(self, each.name) for each in fields(self)}
 
 
 class Packer:

@@ -106,14 +106,7 @@ class _Relay:
 
     def _publish(self, pack: Pack | None) -> None:
         if pack is not None:
-            self._source.observe(
-                ids=pack.ids,
-                positions=pack.positions,
-                quaternions=pack.quaternions,
-                sigma=pack.sigma,
-                stamps_ns=pack.stamps_ns,
-                stamp_ns=pack.stamp_ns,
-            )
+            self._source.observe(**pack.columns())
 
 
 def _publish_truth(

@@ -4,7 +4,7 @@ The draw depends on the seed alone. Sources that observe parts of one scene in s
 therefore simulate the same world, including replaced features.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .motion import Array, Path
 from .spec import Body, Gaps, Range, Respawn, SceneSpec
 
+_INTEGERS = {"body": np.intp, "object": np.int32, "slot": np.intp}
 # One stream of random numbers per purpose: a change of one draw does not change the others.
 _PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
 
@@ -99,7 +100,14 @@ def draw_actors(spec: SceneSpec, seed: int) -> Actors:
     _add_outliers(spec, seed, slots, paths, drawn, names)
     drawn.sort(key=lambda actor: actor.birth)
     camera = Path(spec.camera, spec.dim, stream(seed, _CAMERA)) if spec.camera else None
-    return _assemble(paths, camera, drawn, _gaps(spec.gaps, drawn, spec.duration, stream(seed, _GAPS)), names)
+    columns = {
+        column.name: np.array(
+            [getattr(actor, column.name) for actor in drawn], _INTEGERS.get(column.name, np.float64)
+        )
+        for column in fields(_Actor)
+    }
+    gap = _gaps(spec.gaps, columns["birth"], columns["death"], spec.duration, stream(seed, _GAPS))
+    return Actors(paths=paths, camera=camera, gap=gap, names=names, **columns)
 
 
 def _body_actors(
@@ -144,33 +152,13 @@ def _add_outliers(
         drawn.append(_Actor(len(paths) - 1, number, slots + k, local, 0.0, np.inf, spec.outliers.sigma))
 
 
-def _gaps(gaps: Gaps | None, drawn: list[_Actor], duration: float, rng: np.random.Generator) -> Array:
-    windows = np.zeros((len(drawn), 2))
+def _gaps(gaps: Gaps | None, birth: Array, death: Array, duration: float, rng: np.random.Generator) -> Array:
+    windows = np.zeros((len(birth), 2))
     if gaps is None:
         return windows
-    birth = np.array([actor.birth for actor in drawn])
-    last = np.minimum([actor.death for actor in drawn], duration)
+    last = np.minimum(death, duration)
     begin = rng.uniform(birth, last)
-    length = rng.uniform(gaps.shortest, gaps.longest, len(drawn))
-    hidden = (rng.uniform(size=len(drawn)) < gaps.share) & (last - birth > 1.0)
+    length = rng.uniform(gaps.shortest, gaps.longest, len(birth))
+    hidden = (rng.uniform(size=len(birth)) < gaps.share) & (last - birth > 1.0)
     windows[hidden] = np.stack([begin, begin + length], axis=1)[hidden]
     return windows
-
-
-def _assemble(
-    paths: list[Path], camera: Path | None, drawn: list[_Actor], gap: Array, names: dict[int, str]
-) -> Actors:
-    return Actors(
-        paths=paths,
-        camera=camera,
-        body=np.array([actor.body for actor in drawn], np.intp),
-        object=np.array([actor.object for actor in drawn], np.int32),
-        slot=np.array([actor.slot for actor in drawn], np.intp),
-        local=np.array([actor.local for actor in drawn], np.float64),
-        birth=np.array([actor.birth for actor in drawn], np.float64),
-        death=np.array([actor.death for actor in drawn], np.float64),
-        gap=gap,
-        sigma=np.array([actor.sigma for actor in drawn], np.float64),
-        pose_sigma=np.array([actor.pose_sigma for actor in drawn], np.float64),
-        names=names,
-    )

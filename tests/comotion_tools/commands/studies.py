@@ -54,7 +54,7 @@ Examples:
         cases += study.recorded_cases(self.data) if self.data is not None else []
         seeds = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         with progress() as note:
-            results = study.run_experiment(study.Experiment(cases, seeds, parts), progress=note)
+            results = study.run_experiment(cases, seeds, parts, note)
         picture = "images/reliability.png"
         drawn = {picture: lambda path: report.save_reliability(path, results)} if "scores" in parts else {}
         self.report("accuracy", report.markdown(results, picture), report.as_json(results), pictures=drawn)
@@ -89,21 +89,19 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.ablation import report
-        from comotion_experiments.ablation.experiment import run_experiment
-        from comotion_experiments.ablation.rules import RULES
+        from comotion_experiments.ablation import RULES, markdown, run_experiment
         from comotion_experiments.inputs import parse_seeds
-        from comotion_experiments.stress import FAMILIES, find_families
+        from comotion_experiments.stress import find_families
 
         check_folder(self.out)
         rules = _known(self.rule, list(RULES), "rule")
         chosen = find_families(self.family or (), quick=not self.family)
-        families = [family.name for family in chosen if family.name in FAMILIES]
+        families = [family.name for family in chosen if not family.of_images]
         with progress() as note:
             results = run_experiment(
                 rules, families, parse_seeds(self.seeds), self.data or (), jobs=self.jobs, progress=note
             )
-        self.report("ablation", report.markdown(results), results)
+        self.report("ablation", markdown(results), results)
 
 
 @dataclass(kw_only=True)
@@ -162,10 +160,10 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.pixels import find_data_sets, report, run_benchmark
+        from comotion_experiments import pixels as study
 
         check_folder(self.out)
         with progress() as note:
-            scores = run_benchmark(find_data_sets(self.data), note)
-        shown = report.table(scores), *report.lines(scores)
-        self.report("pixels", report.markdown(scores), scores.as_json(), *shown)
+            scores = study.run_benchmark(study.find_data_sets(self.data), note)
+        shown = study.table(scores), *study.lines(scores)
+        self.report("pixels", study.markdown(scores), scores, *shown)

@@ -1,1 +1,0 @@
-"""Ablation: each rule of the default method left out alone, and what that costs."""
