@@ -25,11 +25,18 @@ from .commands.view import View
 from .commands.watch import Watch
 from .errors import UserError, missing_extra, one_line
 from .folded_help import helped
-from .options import Command, add
+from .options import Command, add, flowing
 
+_EPILOG = """
+Begin with:
+  comotion demo   # a simulated scene with three sources, for half a minute
+  comotion segment VIDEO.mp4   # a video of your own: writes VIDEO-segmented.mp4
+  comotion COMMAND --help   # options and examples
+"""
 app = typer.Typer(
     name="comotion",
     help="Group tracked features from several live sources into objects by how they move.",
+    epilog=flowing(_EPILOG),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -1,6 +1,7 @@
 """The command line: precedence of values, errors in one line, the processes of a file."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -237,6 +238,12 @@ def test_options_that_all_commands_share_fold_away(capsys) -> None:
         assert word not in short.replace("(--connect, --config, --log-level", "")
         assert word in whole
     assert len(short.splitlines()) < 100 < len(whole.splitlines())
+
+
+@pytest.mark.parametrize("words", [["--help"], ["record", "--help"], ["view", "--help-all"]], ids=" ".join)
+def test_help_has_no_names_of_types(capsys, words: list[str]) -> None:
+    assert run(words) == 0
+    assert not re.search(r"<(bool|int|float|str|path|list)", capsys.readouterr().out)
 
 
 def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:

@@ -33,11 +33,15 @@ Examples:
 
     files: list[str] | None = argument(
         None,
-        "[FILES]...",
+        "FILE",
         "Recordings (.c3d, .npz, .mcap) and simulated scenes (sim:NAME). Without any: the running scene.",
     )
-    period: float | None = setting(None, "s between updates. Default: the fusion parameter.")
-    duration: float | None = setting(None, "s to evaluate. Default: to the end; live: until Ctrl-C.")
+    period: float | None = setting(
+        None, "Time between updates. Default: the fusion parameter.", metavar="SECONDS"
+    )
+    duration: float | None = setting(
+        None, "How much to evaluate. Default: to the end; live: until Ctrl-C.", metavar="SECONDS"
+    )
     seeds: str = setting("0", "Seeds of simulated scenes, e.g. 0-4 or 0,3.")
     split: int = setting(
         1, "Divide a recording among so many sources.", env="COMOTION_SPLIT_SOURCES", min=1, max=64

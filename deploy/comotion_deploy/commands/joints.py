@@ -35,13 +35,15 @@ Examples:
 
     file: str | None = argument(
         None,
-        "[FILE]",
+        "FILE",
         "A recording (.c3d, .npz, .mcap) or a simulated scene (sim:NAME). Without: the running scene.",
     )
     urdf: Path | None = setting(None, "Write a URDF file.", metavar="FILE")
     space: str | None = setting(None, "Space of the URDF, where there are several.")
-    duration: float | None = setting(None, "s of the file. Default: to the end.", min=0.1)
-    timeout: float = setting(5.0, "s to wait for an update.", min=0.1)
+    duration: float | None = setting(
+        None, "How much of the file. Default: to the end.", min=0.1, metavar="SECONDS"
+    )
+    timeout: float = setting(5.0, "Longest wait for an update.", min=0.1, metavar="SECONDS")
 
     def run(self) -> None:
         """Print the joints, and write the URDF if that is wanted."""

@@ -56,7 +56,9 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
 """
 
     bag: Path | None = setting(None, "Write a bag instead of publishing.", metavar="FILE.mcap")
-    duration: float | None = setting(None, "s. Default: until Ctrl-C.", min=0)
+    duration: float | None = setting(
+        None, "Stop after this time. Default: on Ctrl-C.", min=0, metavar="SECONDS"
+    )
 
     def run(self) -> None:
         """Publish until stopped."""

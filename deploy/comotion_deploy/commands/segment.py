@@ -44,7 +44,7 @@ Examples:
 
     what: str | None = argument(
         None,
-        "[WHAT]",
+        "WHAT",
         "A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA. With --tracks "
         "it may be left out: they are drawn on black.",
     )
@@ -75,7 +75,7 @@ Examples:
         "Write the hypothesis of every pixel, as PNG of 16 bits (0: none).",
         metavar="DIR",
     )
-    masks_every: float = setting(0.5, "s between them.", min=0, max=3600)
+    masks_every: float = setting(0.5, "Time between them.", min=0, max=3600, metavar="SECONDS")
 
     def run(self) -> None:
         """Segment the video and say what was written."""
@@ -160,11 +160,14 @@ def _stem(what: str) -> str:
 
 
 def _summary(result: "Segmented") -> list[str]:
+    from comotion_schemas.text import counted
+
     speed = result.frames / result.seconds
+    at_end = len([h for h in result.last if not h.absent])
     times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
     return [
-        f"{result.frames} frames in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
-        f"{len(result.hypotheses)} hypotheses, {len([h for h in result.last if not h.absent])} at the end",
+        f"{counted(result.frames, 'frame')} in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
+        f"{counted(len(result.hypotheses), 'hypothesis')}, {at_end} at the end",
         *result.joints,
     ]
 
