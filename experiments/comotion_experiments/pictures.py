@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import ObservationBatch
+from comotion_schemas.text import counted
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.simulator import batches, load_scene, simulate
 
@@ -103,7 +104,7 @@ def _affinity(path: Path) -> Path:
             axis, at = due.pop(0)
             update = fusion.update(message.stamp_ns)
             image = axis.imshow(fusion.affinity("world").matrix, vmin=0, vmax=1, cmap="cividis")
-            axis.set_title(f"t = {at} s, {len(update.hypotheses)} hypotheses")
+            axis.set_title(f"t = {at} s, {counted(len(update.hypotheses), 'hypothesis')}")
             axis.set(xlabel="feature", ylabel="feature")
     figure.colorbar(image, ax=axes, label="affinity", shrink=0.7)
     figure.savefig(path, dpi=90)
