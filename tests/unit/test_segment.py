@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
+from comotion_experiments.contact_sheet import LIMIT, ContactSheet
 from comotion_schemas.colours import COLOURS
 
 FRAMES, SHAPE = 24, (120, 160)
@@ -89,3 +90,26 @@ def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, 
         *(f"{k:06d}.png" for k in range(FRAMES)),
         "mine.png",
     ]
+
+
+@pytest.mark.parametrize("count", [1, 5, 12, 60, 500, 5000])
+def test_a_sheet_shows_the_whole_video_at_equal_distances(count: int) -> None:
+    sheet, image = ContactSheet(), np.zeros((24, 48, 3), np.uint8)
+    for number in range(count):
+        sheet.add(image, float(number))
+    times = np.array([seconds for seconds, _ in sheet.shown])
+    assert len(times) == min(count, 12)
+    assert times[-1] >= 0.95 * (count - 1)
+    steps = np.diff(times, prepend=-1)
+    assert steps.max() - steps.min() <= max(1, 0.1 * count / 12 * 2)
+
+
+def test_a_sheet_is_written_alone(folder, tmp_path, capsys) -> None:
+    segment(folder, "--sheet", tmp_path / "sheet.jpg")
+    assert f"wrote {tmp_path / 'sheet.jpg'}" in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sheet.jpg"]
+    page = cv2.imread(str(tmp_path / "sheet.jpg"))
+    assert page.shape[1] == 3 * 480
+    assert (tmp_path / "sheet.jpg").stat().st_size <= LIMIT
+    # A hypothesis that moves is drawn in a colour; the images and what rests are grey.
+    assert (np.ptp(page.astype(int), axis=2) > 80).any()

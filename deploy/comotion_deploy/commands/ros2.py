@@ -51,7 +51,7 @@ Examples:
   comotion ros2 --bag bodies.mcap --duration 30   # no network: a bag
 
 Topics: /tf (frames comotion/SCENE/ID), and below /comotion/SCENE: detections (vision_msgs/Detection3DArray),
-odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label, confidence), markers
+odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label, confidence, rgb), markers
 (visualization_msgs/MarkerArray), joints (sensor_msgs/JointState).
 """
 

@@ -34,6 +34,7 @@ Examples:
   comotion segment drawer.mp4 --out out.mp4 --csv tracks.csv
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
+  comotion segment drawer.mp4 --sheet drawer.jpg   # the whole video on one page
   comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
   comotion segment apple.mp4 --tracks apple.npz   # of CoTracker or TAPIR, in place of our own tracker
   comotion segment --tracks apple.npz --fps 30 --csv labels.csv
@@ -58,14 +59,17 @@ Examples:
     )
     out: Path | None = setting(
         None,
-        "Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv or "
-        "--json is given.",
+        "Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv, "
+        "--sheet or --json is given.",
         metavar="FILE.mp4|DIR",
     )
     csv: Path | None = setting(
         None,
         "Table: frame, time, feature, x, y, hypothesis (-1: undetermined), confidence.",
         metavar="FILE.csv",
+    )
+    sheet: Path | None = setting(
+        None, "One page with twelve pictures of the whole video.", metavar="FILE.jpg"
     )
     trajectory: Path | None = setting(
         None, "With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.", metavar="FILE"
@@ -98,6 +102,8 @@ Examples:
 
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
+        if self.sheet is not None and self.sheet.suffix.lower() not in {".jpg", ".jpeg"}:
+            raise UserError(f"{self.sheet}: the name of a sheet ends in .jpg")
         if self.what is None and self.tracks is None:
             raise UserError("name a video, or tracks with --tracks FILE")
         if not self._outputs() and not self.json_:
@@ -111,6 +117,7 @@ Examples:
         return SegmentOptions(
             out=self.out,
             csv=self.csv,
+            sheet=self.sheet,
             masks=self.masks,
             masks_every=self.masks_every,
             tracker=self.tracker_config(moving=self.moving),
@@ -138,7 +145,9 @@ Examples:
 
     def _outputs(self) -> list[Path]:
         """The files and folders to write."""
-        return [path for path in (self.out, self.csv, self.trajectory, self.masks) if path is not None]
+        return [
+            path for path in (self.out, self.csv, self.sheet, self.trajectory, self.masks) if path is not None
+        ]
 
 
 def _write_trajectory(path: Path, result: "Segmented") -> None:
