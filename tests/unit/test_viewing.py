@@ -128,7 +128,7 @@ def test_the_first_body_that_moves_is_looked_at() -> None:
     def eye(at: float, moving: bool) -> Eye:
         positions[:20, 0] += at
         bodies = [hypothesis(1, state="static"), hypothesis(2, state="moving" if moving else "undetermined")]
-        features.draw(update([2] * 20 + [1] * 200, bodies, track_position=positions), {})
+        features.draw(update([2] * 20 + [1] * 200, hypotheses=bodies, track_position=positions), {})
         return features.views["world"].eye
 
     whole, near = eye(0.0, moving=False), eye(0.5, moving=True)

@@ -27,7 +27,7 @@ _SEEN_FROM: Mapping[Axes, tuple[float, ...]] = {"z-up": (-0.3, -0.85, 0.45), "op
 """Direction of the eye from what it looks at."""
 _DISTANCE = 0.9
 """Of the eye, as a multiple of the diagonal of the features."""
-_CONTEXT, _SURROUNDED = 0.45, 2.0
+_CONTEXT, _SURROUNDED = 0.45, 1.3
 """Least diagonal in view, as a share of that of all features and a multiple of that of those that move."""
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
 from ..options import Client, Json, Ready, argument, option, setting
 
@@ -37,7 +37,7 @@ Examples:
         "Recordings (.c3d, .npz, .mcap) and simulated scenes (sim:NAME). Without any: the running scene.",
     )
     period: float | None = setting(
-        None, "Time between updates. Default: the fusion parameter.", metavar="SECONDS"
+        None, "Time between updates. Default: the fusion parameter.", min=0.005, max=60, metavar="SECONDS"
     )
     duration: float | None = setting(
         None, "How much to evaluate. Default: to the end; live: until Ctrl-C.", metavar="SECONDS"
@@ -69,6 +69,8 @@ Examples:
             raise UserError(f"--duration {self.duration:g} is not above 0")
         if self.plot is not None:
             import matplotlib  # noqa: F401 - before the work
+
+            require_suffix(self.plot, "a picture", ".png", ".svg", ".pdf", ".jpg")
         if self.files:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILES")
             self._score_files(self.files)
@@ -77,8 +79,6 @@ Examples:
             self._score_scene()
 
     def _score_files(self, files: list[str]) -> None:
-        from comotion.library.compiling import compile_ahead
-        from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
         from comotion_experiments.inputs import find_inputs, parse_seeds
         from comotion_sources.parts import parse_rates
 
@@ -86,6 +86,10 @@ Examples:
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
         inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
+        # What is wrong with the inputs has been said: the core takes longer to load.
+        from comotion.library.compiling import compile_ahead
+        from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
+
         compile_ahead(config.method)
         results = evaluate_inputs(
             inputs,

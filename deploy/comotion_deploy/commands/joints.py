@@ -47,6 +47,8 @@ Examples:
 
     def run(self) -> None:
         """Print the joints, and write the URDF if that is wanted."""
+        if self.urdf is not None and not self.urdf.parent.is_dir():
+            raise UserError(f"{self.urdf.parent}: no such folder")
         if self.file is None:
             self.reject_flags(_OFFLINE_ONLY, "is only for a FILE")
             update = self._live()
@@ -66,10 +68,11 @@ Examples:
 
     def _offline(self, file: str) -> "HypothesisUpdate":
         from comotion_experiments.inputs import find_inputs
-        from comotion_experiments.offline import run_offline
 
         config = self.fusion_config()
         (recording,) = find_inputs([file])
+        from comotion_experiments.offline import run_offline
+
         return run_offline(recording.open(), config, duration=self.duration).last
 
     def _live(self) -> "HypothesisUpdate":

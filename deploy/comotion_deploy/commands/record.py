@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..options import Json, Process, argument, option, setting
 
 
@@ -87,6 +87,5 @@ def _target(file: Path | None, scene: str) -> Path:
         from datetime import datetime
 
         return Path(f"{scene}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap")
-    if file.suffix != ".mcap":
-        raise UserError(f"{file}: the name of a recording ends in .mcap")
+    require_suffix(file, "a recording", ".mcap")
     return file

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
@@ -102,8 +102,8 @@ Examples:
 
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
-        if self.sheet is not None and self.sheet.suffix.lower() not in {".jpg", ".jpeg"}:
-            raise UserError(f"{self.sheet}: the name of a sheet ends in .jpg")
+        if self.sheet is not None:
+            require_suffix(self.sheet, "a sheet", ".jpg", ".jpeg")
         if self.what is None and self.tracks is None:
             raise UserError("name a video, or tracks with --tracks FILE")
         if not self._outputs() and not self.json_:

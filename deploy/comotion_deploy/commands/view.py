@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..options import Client, Json, Ready, argument, setting
 from .watch import BodyNames
 
@@ -81,8 +81,8 @@ Examples:
             raise UserError(
                 f"{self.recording} is a file of Rerun's own; look at it with: rerun {self.recording}"
             )
-        if self.save is not None and self.save.suffix != ".rrd":
-            raise UserError(f"{self.save}: the name of a file for Rerun ends in .rrd")
+        if self.save is not None:
+            require_suffix(self.save, "a file for Rerun", ".rrd")
         window = not self.web and self.save is None
         if window and not _has_display():
             raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")

@@ -12,7 +12,7 @@ from comotion_schemas.errors import KnownError
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
-from ..offline import Message
+from ..inputs import Message
 
 THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
 SPATIAL_SCENES = (

@@ -13,7 +13,7 @@ from comotion.thesis.clustering import make_clustering
 from comotion_clients.metrics import Truth, nmi
 from comotion_schemas import ObservationBatch, TruthBatch
 
-from ..offline import Arrived, Incoming
+from ..inputs import Arrived, Incoming
 from .pair_affinity import Floats, affinity
 
 Labels = NDArray[np.intp]

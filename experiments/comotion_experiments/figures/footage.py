@@ -18,7 +18,7 @@ from comotion_sources.workcell.camera import CameraSpec
 from comotion_sources.workcell.scene import scene_folder
 from comotion_sources.workcell.sensor import SensorNoise
 
-from ..offline import Message
+from ..inputs import Message
 from ..rendered import filmed
 from .runs import SceneRuns, ViewRequest, run_seed
 from .study import Study, describe
