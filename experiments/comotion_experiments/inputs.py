@@ -9,7 +9,6 @@ from typing import TypeAlias
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SUFFIX
-from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
 SIMULATED = "sim:"
@@ -101,6 +100,8 @@ def find_inputs(
 
 
 def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -> list[Input]:
+    from comotion_sources import simulator
+
     spec = simulator.load_scene(name.removeprefix(SIMULATED))
     runs = [(seed, simulator.simulate(spec, seed=seed, rates=rates)) for seed in seeds]
     return [Input(name, seed, lambda run=run: simulator.batches(run)) for seed, run in runs]  # type: ignore[misc]

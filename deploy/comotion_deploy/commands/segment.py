@@ -83,13 +83,13 @@ Examples:
 
     def run(self) -> None:
         """Segment the video and say what was written."""
+        options = self._options()
         import cv2
 
         from comotion_experiments.segment import segment
         from comotion_sources.klt.picture_file import NO_ENCODER
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-        options = self._options()
         with _progress(str(self.what or self.tracks), options.fusion.method) as progress:
             result = segment(self.what, options, progress)
         if self.trajectory is not None:
@@ -98,8 +98,6 @@ Examples:
         self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
 
     def _options(self) -> "SegmentOptions":
-        from comotion_experiments.labelled import SegmentOptions
-
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
         if self.sheet is not None:
@@ -114,6 +112,13 @@ Examples:
                     raise UserError(f"{path}: is the input")
         for folder in (self.out, self.masks):
             self.clear_frames(folder)
+        given = self._given()
+        if self.what is not None and ":" not in self.what:  # of a file, before the core is loaded
+            from comotion_sources.cameras.opening import open_frames
+
+            open_frames(self.what, self.rate).close()
+        from comotion_experiments.labelled import SegmentOptions
+
         return SegmentOptions(
             out=self.out,
             csv=self.csv,
@@ -125,7 +130,7 @@ Examples:
             rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
-            given=self._given(),
+            given=given,
             names=self.names(),
         )
 
