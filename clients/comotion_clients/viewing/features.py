@@ -141,7 +141,7 @@ def look_at(positions: Positions, direction: NDArray[np.float64], moving: NDArra
     low, high = np.percentile(positions, (5, 95), axis=0)
     diagonal = float(np.linalg.norm(high - low))
     if moving.any():
-        low, high = positions[moving].min(axis=0), positions[moving].max(axis=0)
+        low, high = np.percentile(positions[moving], (5, 95), axis=0)
         diagonal = max(_CONTEXT * diagonal, _SURROUNDED * float(np.linalg.norm(high - low)))
     away = _DISTANCE * diagonal / np.linalg.norm(direction)
     target = (low + high) / 2
