@@ -240,10 +240,17 @@ def test_options_that_all_commands_share_fold_away(capsys) -> None:
     assert len(short.splitlines()) < 100 < len(whole.splitlines())
 
 
-@pytest.mark.parametrize("words", [["--help"], ["record", "--help"], ["view", "--help-all"]], ids=" ".join)
-def test_help_has_no_names_of_types(capsys, words: list[str]) -> None:
-    assert run(words) == 0
-    assert not re.search(r"<(bool|int|float|str|path|list)", capsys.readouterr().out)
+def spelled(command, words: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Words of a command and of all below it."""
+    below = getattr(command, "commands", {}).items()
+    return [words, *(one for name, child in below for one in spelled(child, (*words, name)))]
+
+
+@pytest.mark.parametrize("words", spelled(typer.main.get_command(app)), ids=" ".join)
+def test_help_has_plain_words_for_values(capsys, words: tuple[str, ...]) -> None:
+    for how in ("--help", "--help-all"):
+        assert run([*words, how]) == 0
+        assert not re.search(r"<(bool|int|float|str|path|list)|\[\[", capsys.readouterr().out)
 
 
 def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:

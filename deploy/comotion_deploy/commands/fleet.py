@@ -92,7 +92,7 @@ class Add(Cluster):
     epilog = "Example:\n  comotion fleet add kitchen --one -- --method thesis"
 
     scene: str = argument(..., "SCENE", "Name of the scene.")
-    serve: list[str] | None = argument(None, "[-- OPTIONS]", "Options of 'comotion serve'.")
+    serve: list[str] | None = argument(None, "-- OPTIONS", "Options of 'comotion serve'.")
     also: list[str] | None = option(
         None, "Another comotion command to run with the scene.", metavar="COMMAND"
     )
