@@ -112,7 +112,7 @@ Examples:
                     raise UserError(f"{path}: is the input")
         for folder in (self.out, self.masks):
             self.clear_frames(folder)
-        given = self._given()
+        read = self._given()
         if self.what is not None and ":" not in self.what:  # of a file, before the core is loaded
             from comotion_sources.cameras.opening import open_frames
 
@@ -130,7 +130,7 @@ Examples:
             rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
-            given=given,
+            given=read,
             names=self.names(),
         )
 
