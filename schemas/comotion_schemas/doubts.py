@@ -17,6 +17,8 @@ _JUMPING, _MISS = 0.3, 0.25
 _LEAST_TRADES = 2
 # Steps of single precision that the extent of what is seen should have at least.
 _LEAST_STEPS = 1000
+# Share of the positions that stand for something unseen, and how often one repeats then.
+_MADE_UP, _LEAST_RUN = 0.01, 5
 
 
 def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
@@ -31,7 +33,7 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
 
     Yields
     ------
-    One sentence each: millimetres for metres, places far from the origin, or ids that change hands.
+    One sentence each: millimetres for metres, places far from the origin or made up, ids that change hands.
     """
     sampled = positions[:, np.unique(np.linspace(0, positions.shape[1] - 1, _MOST_FEATURES).astype(np.intp))]
     instants = np.unique(np.linspace(0, len(positions) - 1, _MOST_INSTANTS).astype(np.intp))
@@ -51,6 +53,8 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
             f"at {len(trades)} of {len(instants) - 1} steps, first after instant {trades[0]}, features jump "
             "to where others were: an id must stay with its feature, and is no index of a list"
         )
+    else:
+        yield from _made_up(sampled)
 
 
 def coarse(positions: NDArray[np.floating]) -> str | None:
@@ -65,6 +69,30 @@ def coarse(positions: NDArray[np.floating]) -> str | None:
         f"positions are {farthest:.3g} from the origin, where the single precision of messages has steps of "
         f"{step:.1g}, for a scene of {extent:.3g}: subtract a fixed place amid the features from all"
     )
+
+
+def _made_up(positions: NDArray[np.float64]) -> Iterator[str]:
+    """Say that places [T, N, dim] stand for what was not seen: zeros, or the last one again and again."""
+    zero, seen = (positions == 0).all(axis=2), np.isfinite(positions[..., 0])
+    sometimes = zero & (seen & ~zero).any(axis=0)
+    share = np.count_nonzero(sometimes) / max(np.count_nonzero(seen), 1)
+    if share > _MADE_UP:
+        yield (
+            f"{share:.0%} of the positions are exactly zero, of features that are elsewhere too: give NaN "
+            "for unseen"
+        )
+    same = (positions[1:] == positions[:-1]).all(axis=2)
+    # Where most steps are none, a coarse sensor says so of what rests.
+    same &= same.sum(axis=0) < seen.sum(axis=0) / 2
+    run = _LEAST_RUN - 1
+    if len(same) >= run:
+        frozen = np.lib.stride_tricks.sliding_window_view(same & ~zero[1:], run, axis=0).all(axis=2)
+        share = np.count_nonzero(frozen) / max(np.count_nonzero(seen), 1)
+        if share > _MADE_UP:
+            yield (
+                f"{share:.0%} of the positions repeat the last ones exactly, {_LEAST_RUN} times or more in a "
+                "row: give NaN for unseen, not where it was seen last"
+            )
 
 
 def trading(before: NDArray[np.floating], now: NDArray[np.floating]) -> float:
