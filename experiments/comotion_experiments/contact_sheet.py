@@ -11,8 +11,8 @@ from comotion_sources.cameras.types import CameraError
 COLUMNS, ROWS = 3, 4
 LIMIT = 300_000
 """Bytes that a file should not exceed."""
-_WIDTH = 480  # px of a picture
-_QUALITIES = (88, 80, 70, 60, 50)
+_WIDTH = 480  # px of a picture, at most
+_QUALITIES = (88, 80, 70, 60, 50, 30)
 _SPARE = 4  # times as many are kept as are shown, so that these are at equal distances
 
 
@@ -26,8 +26,8 @@ class ContactSheet:
     def add(self, image: NDArray[np.uint8], seconds: float) -> None:
         """Add a frame uint8 [H, W, 3] (BGR) and its time from the first one, s."""
         if not self._left:
-            height = round(image.shape[0] * _WIDTH / image.shape[1])
-            small = cv2.resize(image, (_WIDTH, height), interpolation=cv2.INTER_AREA)
+            scale = min(1.0, _WIDTH / image.shape[1])
+            small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             self._kept.append((seconds, np.asarray(small, np.uint8)))
             if len(self._kept) == 2 * _SPARE * COLUMNS * ROWS:
                 self._kept, self._every = self._kept[1::2], 2 * self._every

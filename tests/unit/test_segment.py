@@ -84,7 +84,7 @@ def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, 
     (out / "000900.png").write_bytes(b"an old frame")
     (out / "mine.png").write_bytes(b"not a frame")
     assert run(["segment", str(folder), "--out", str(out)]) == 2
-    assert "1 frames of an earlier run: --overwrite removes them" in capsys.readouterr().err
+    assert "1 frame of an earlier run: --overwrite removes them" in capsys.readouterr().err
     segment(folder, "--out", out, "--overwrite")
     assert sorted(path.name for path in out.iterdir()) == [
         *(f"{k:06d}.png" for k in range(FRAMES)),
@@ -109,7 +109,7 @@ def test_a_sheet_is_written_alone(folder, tmp_path, capsys) -> None:
     assert f"wrote {tmp_path / 'sheet.jpg'}" in capsys.readouterr().out
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sheet.jpg"]
     page = cv2.imread(str(tmp_path / "sheet.jpg"))
-    assert page.shape[1] == 3 * 480
+    assert page.shape == (4 * SHAPE[0], 3 * SHAPE[1], 3)
     assert (tmp_path / "sheet.jpg").stat().st_size <= LIMIT
     # A hypothesis that moves is drawn in a colour; the images and what rests are grey.
     assert (np.ptp(page.astype(int), axis=2) > 80).any()
