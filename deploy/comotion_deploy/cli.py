@@ -30,8 +30,9 @@ from .options import Command, add, flowing
 _EPILOG = """
 Begin with:
   comotion demo   # a simulated scene with three sources, for half a minute
-  comotion segment VIDEO.mp4   # a video of your own: writes VIDEO-segmented.mp4
-  comotion COMMAND --help   # options and examples
+  comotion segment VIDEO.mp4   # a video of your own, tracked, grouped and drawn
+
+Options and examples of a command: comotion COMMAND --help
 """
 app = typer.Typer(
     name="comotion",
