@@ -30,7 +30,7 @@ from .options import Command, add, flowing
 _EPILOG = """
 Begin with:
   comotion demo   # a simulated scene with three sources, for half a minute
-  comotion segment VIDEO.mp4   # a video of your own, tracked, grouped and drawn
+  comotion segment VIDEO.mp4   # a video of your own, its features grouped
 
 Options and examples of a command: comotion COMMAND --help
 """

@@ -27,7 +27,7 @@ _SEEN_FROM: Mapping[Axes, tuple[float, ...]] = {"z-up": (-0.3, -0.85, 0.45), "op
 """Direction of the eye from what it looks at."""
 _DISTANCE = 0.9
 """Of the eye, as a multiple of the diagonal of the features."""
-_CONTEXT, _SURROUNDED = 0.45, 1.3
+_CONTEXT, _SURROUNDED = 0.45, 1.6
 """Least diagonal in view, as a share of that of all features and a multiple of that of those that move."""
 
 
@@ -142,7 +142,8 @@ def look_at(positions: Positions, direction: NDArray[np.float64], moving: NDArra
     diagonal = float(np.linalg.norm(high - low))
     if moving.any():
         low, high = np.percentile(positions[moving], (5, 95), axis=0)
-        diagonal = max(_CONTEXT * diagonal, _SURROUNDED * float(np.linalg.norm(high - low)))
+        near = _SURROUNDED * float(np.linalg.norm(high - low))
+        diagonal = min(max(_CONTEXT * diagonal, near), diagonal)
     away = _DISTANCE * diagonal / np.linalg.norm(direction)
     target = (low + high) / 2
     return Eye(tuple((target + away * direction).tolist()), tuple(target.tolist()))
