@@ -9,6 +9,8 @@ from .types import Unit
 
 # What sensors of features see spans less; people give millimetres more often than a city, m.
 _WIDEST_M = 200.0
+# px; what is normalised by the size of the image, or by its focal length, spans less.
+_NARROWEST_PX = 4.0
 # Rows that are looked at.
 _MOST_INSTANTS, _MOST_FEATURES = 4000, 256
 _LEAST_FEATURES = 5
@@ -45,6 +47,8 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
             f"positions span {spread:.4g} m; if they are millimetres, divide them by 1000: all lengths and "
             "velocities found are in the unit given"
         )
+    if unit == "px" and spread < _NARROWEST_PX:
+        yield (f"positions span {spread:.4g} px; if they are shares of the image, multiply them by its size")
     if far := coarse(seen):
         yield far
     trades = [k for k in instants[:-1].tolist() if trading(sampled[k], sampled[k + 1]) > _JUMPING]
@@ -75,7 +79,8 @@ def _made_up(positions: NDArray[np.float64]) -> Iterator[str]:
     """Say that places [T, N, dim] stand for what was not seen: zeros, or the last one again and again."""
     zero, seen = (positions == 0).all(axis=2), np.isfinite(positions[..., 0])
     sometimes = zero & (seen & ~zero).any(axis=0)
-    share = np.count_nonzero(sometimes) / max(np.count_nonzero(seen), 1)
+    count = max(int(seen.sum()), 1)
+    share = float(sometimes.sum()) / count
     if share > _MADE_UP:
         yield (
             f"{share:.0%} of the positions are exactly zero, of features that are elsewhere too: give NaN "
@@ -87,7 +92,7 @@ def _made_up(positions: NDArray[np.float64]) -> Iterator[str]:
     run = _LEAST_RUN - 1
     if len(same) >= run:
         frozen = np.lib.stride_tricks.sliding_window_view(same & ~zero[1:], run, axis=0).all(axis=2)
-        share = np.count_nonzero(frozen) / max(np.count_nonzero(seen), 1)
+        share = float(frozen.sum()) / count
         if share > _MADE_UP:
             yield (
                 f"{share:.0%} of the positions repeat the last ones exactly, {_LEAST_RUN} times or more in a "

@@ -105,6 +105,8 @@ def test_what_is_probably_wrong_is_said():
     rolled = np.stack([np.roll(one, k // 10, axis=0) for k, one in enumerate(P)])
     with pytest.warns(UserWarning, match="at 5 of 59 steps, first after instant 9, features jump to"):
         comotion.group(rolled, TIMES)
+    with pytest.warns(UserWarning, match="if they are shares of the image, multiply them by its size"):
+        comotion.group(scene()[..., :2] / 100, TIMES)
     unseen = np.random.default_rng(0).random(P.shape[:2]) < 0.1
     with pytest.warns(UserWarning, match="10% of the positions are exactly zero.*: give NaN for unseen"):
         comotion.group(np.where(unseen[..., None], 0.0, P), TIMES)

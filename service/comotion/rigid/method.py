@@ -15,7 +15,7 @@ extent of the scene, so that no parameter has a scale:
 7.  Compute what each trajectory costs under each body (:mod:`.costs`).
 8.  Select the bodies of least total cost (:mod:`.selection`).
 9.  Assign every trajectory to a body, which has one pose for each rest of it here (:mod:`.rest`,
-    :mod:`.members`, :mod:`.assignment`).
+    :mod:`.assignment`).
 10. Describe the motion of each body (:mod:`.motions`).
 """
 
