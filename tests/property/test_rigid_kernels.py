@@ -12,6 +12,7 @@ from comotion.rigid.kernels.distances import (
     distance_deviation,
     farthest_points,
 )
+from comotion.rigid.kernels.paths import smooth_poses
 from comotion.rigid.kernels.procrustes import fit_poses
 from comotion.rigid.kernels.records import (
     ROUND,
@@ -161,6 +162,40 @@ def test_a_body_has_one_pose_for_each_rest(rng, moves_from, moves_for):
     for one, other in zip((R, t, rests), expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
     assert not rests[moving.start + 1 : moving.stop - 1].any()
+
+
+@few
+@given(
+    seeds, st.sampled_from([2, 3]), st.sampled_from([1e-4, 1e-2, 1.0]), st.integers(0, 30), st.integers(0, 9)
+)
+def test_a_body_moves_on_the_most_likely_smooth_path(rng, dim, size, rest, frames):
+    way = size * np.cumsum(np.cumsum(rng.normal(0, 0.1, (2, 40, 3)), 1), 1)
+    turns, t = way + rng.normal(0, 0.01, (2, 40, 3))
+    if dim == 2:
+        turns[:, :2], t[:, 2] = 0.0, 0.0
+    R, moving = Rotation.from_rotvec(turns).as_matrix(), np.ones(40, bool)
+    moving[rest : rest + frames] = False
+    terms = rng.normal(size=3), *rng.uniform(0.5e4, 2e4, (2, 40)), moving, dim
+    expected = plain.smooth_poses(*terms, (R, t, moving))
+    free = smooth_poses(*terms, PoseArrays(R, t, moving))
+    for one, other in zip((R, t, free), expected, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_a_uniform_motion_costs_few_poses_and_a_jerky_one_nearly_all():
+    rng = np.random.default_rng(0)
+    noise, steady = rng.normal(0, 1e-3, (2, 60, 3)), np.outer(np.arange(60), [0.02, 0.0, 0.01])
+    jerky = rng.normal(0, 0.1, (60, 3))
+    found = {}
+    for name, way, turns in (("steady", steady, noise[1]), ("jerky", steady + jerky, jerky)):
+        t, R = way + noise[0], Rotation.from_rotvec(turns).as_matrix()
+        terms = np.zeros(3), *np.full((2, 60), 1e6), np.ones(60, bool), 3
+        found[name] = smooth_poses(*terms, PoseArrays(R, t, np.ones(60, bool))), np.abs(t - way).mean()
+    (few_poses, error), (many, same) = found["steady"], found["jerky"]
+    assert few_poses < 6
+    assert error < np.abs(noise[0]).mean() / 2
+    assert many > 50
+    assert same == pytest.approx(np.abs(noise[0]).mean(), rel=0.1)
 
 
 @few

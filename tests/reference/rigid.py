@@ -81,6 +81,37 @@ def settled(w, noise, b, dof, poses):
     return R, t, rests
 
 
+def smooth(z, weight, moving, channels, share):
+    """(path, trace of the smoother) of z [F, C] under the most likely of seven strengths of acceleration."""
+    runs = [run for run in np.split(np.arange(len(z)), np.flatnonzero(np.diff(moving)) + 1) if moving[run[0]]]
+    fits = []
+    for stiffness in (1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8):
+        path, free, cost, pull = z.copy(), 0.0, 0.0, stiffness * weight[moving].mean()
+        for run in runs:
+            if len(run) < 4:
+                free += len(run)
+                continue
+            W, D = np.diag(weight[run]), np.diff(np.eye(len(run)), 2, axis=0)
+            A, seen = W + pull * D.T @ D, z[run] - z[run].mean(0)
+            path[run] += np.linalg.solve(A, W @ seen) - seen
+            free += np.trace(np.linalg.solve(A, W))
+            cost += channels * (np.linalg.slogdet(A)[1] - (len(run) - 2) * np.log(pull))
+            cost += share * (seen * (W @ (z[run] - path[run]))).sum()
+        fits.append((cost, path, free))
+    return min(fits, key=lambda fit: fit[0])[1:]
+
+
+def smooth_poses(middle, place, turn, moving, dim, poses):
+    """(R, t, number of poses that are as free) of a body on smooth paths."""
+    R, t, _ = poses
+    angles = 3 if dim == 3 else 1
+    centres, free = smooth(R @ middle + t, place, moving, dim, 1.0)
+    turns, turned = smooth(R.reshape(-1, 9), turn, moving, angles, 0.5)
+    R = np.where(moving[:, None, None], [best_rotation(one.reshape(3, 3)) for one in turns], R)
+    t = np.where(moving[:, None], centres - R @ middle, t)
+    return R, t, (dim * free + angles * turned) / (dim + angles)
+
+
 def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0, 0, 0, 1.0, 0, 1.0)):
     """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
     R, t, posed = poses

@@ -70,6 +70,10 @@ def _unsettled(_frames: Any, body: Any, _config: Any) -> Any:
     return body
 
 
+def _free(_middle: Any, _place: Any, _turn: Any, moving: Any, *_: Any) -> float:
+    return float(np.count_nonzero(moving))
+
+
 RULES: dict[str, Rule] = {
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
     "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
@@ -85,7 +89,8 @@ RULES: dict[str, Rule] = {
     "place": Rule("spatial prior", parameters={"prior_weight": 0.0}),
     "sliding": Rule("features that slide", {"costs.with_sliders": _no_sliders}),
     "arrivals": Rule("newborn amid newborn wait", {"method.undecided": _as_they_are}),
-    "settled": Rule("one pose for each rest", {"method.settled": _unsettled}),
+    "settled": Rule("one pose for each rest, smooth paths", {"method.settled": _unsettled}),
+    "paths": Rule("smooth paths between rests", {"rest.smooth_poses": _free}),
     "motion_gain": Rule(
         "in large scenes, worth by motion alone",
         {"method.moving_bodies": lambda _f, b, *_: list(range(len(b)))},

@@ -185,7 +185,7 @@ class Scene:
             raise KnownError("nothing has been pushed")
         now = max(self._newest.values()) if t is None else round(instant(t) * 1e9)
         self._update = self.fusion.update(now)
-        warn_of(self.fusion.faults(), stacklevel=2)
+        warn_of(self.fusion.faults.take(), stacklevel=2)
         self._unread.append(self._update)
         self._due_ns = now + self._period_ns
         return self._update

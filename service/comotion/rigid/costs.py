@@ -144,7 +144,7 @@ def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
-def _opening(body: Body, poses: int, config: RigidConfig) -> float:
+def _opening(body: Body, poses: float, config: RigidConfig) -> float:
     """Price of a body: of so many poses, and of being one more."""
     if body.static:
         return 0.0

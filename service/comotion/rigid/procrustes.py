@@ -31,7 +31,8 @@ class Body:
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
-        Number of poses that differ: one for each rest where it is settled (:mod:`.rest`).
+        As many poses it is free to take: where it is settled (:mod:`.rest`), one for each rest, and fewer
+        than its frames on a smooth path.
     rests
         Whether it is settled, and rests in the newest frame.
     """
@@ -42,7 +43,7 @@ class Body:
     t: Floats
     posed: Bools
     dof: int
-    free: int = 0
+    free: float = 0
     rests: bool = False
 
     @property
