@@ -14,6 +14,7 @@ from comotion_schemas.component import viewer
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
+from comotion_schemas.text import counted
 from comotion_schemas.transport import SessionSettings
 
 from .feed import BATCHES_KEPT, SceneFeed
@@ -187,7 +188,7 @@ def summary_lines(run: LiveRun) -> list[str]:
         f"{number(s.id_switches, 0)} switches of identity",
     ]
     if run.lost or run.invalid:
-        lines.append(f"{run.lost} updates lost, {sum(run.invalid.values())} invalid")
+        lines.append(f"{counted(run.lost, 'lost update')}, {sum(run.invalid.values())} invalid")
     return lines
 
 

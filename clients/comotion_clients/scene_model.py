@@ -253,5 +253,7 @@ def _source_state(source: ComponentRecord, age: float, now: float) -> SourceStat
     if source.gone_at is not None:
         return "gone"
     if not source.stream.arrivals:
-        return "stalled" if math.isfinite(age) else "silent"
+        if not math.isfinite(age):
+            return "silent"
+        return "stalled" if source.present else "gone"  # before this client came
     return "stalled" if source.stream.stalled(now) else "ok"

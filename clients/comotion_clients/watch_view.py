@@ -10,6 +10,7 @@ from rich.text import Text
 from comotion_schemas.colours import GREY, as_hex
 from comotion_schemas.naming import named
 from comotion_schemas.plain import plain
+from comotion_schemas.text import counted, counter_words
 
 from .joint_rows import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
@@ -116,10 +117,11 @@ def _head(snapshot: Snapshot) -> list[Text]:
         lost(service.lost, losing=service.losing),
         " lost",
     )
+    tracks, hypotheses = counted(snapshot.tracks, "track"), counted(snapshot.current, "hypothesis")
     undetermined = f", {snapshot.undetermined} undetermined" if snapshot.undetermined else ""
     count = len(snapshot.hypotheses) - snapshot.current
     absent = f", {count} absent" if count else ""
-    second = Text(f"{snapshot.tracks} tracks in {snapshot.current} hypotheses{absent}{undetermined}   ")
+    second = Text(f"{tracks} in {hypotheses}{absent}{undetermined}   ")
     second.append_text(_problems(service))
     return [first, second, *_joints(snapshot.joints, snapshot.hypotheses)]
 
@@ -140,9 +142,7 @@ def _joints(joints: Sequence[JointRow], hypotheses: Sequence[HypothesisRow]) -> 
 
 def _problems(service: ServiceRow) -> Text:
     """Message of the service, and its counts of dropped and rejected data so far."""
-    parts = [
-        f"{service.counters[n]} {n.replace('_', ' ')}" for n in _COUNTERS_SHOWN if service.counters.get(n)
-    ]
+    parts = [counter_words(n, service.counters[n]) for n in _COUNTERS_SHOWN if service.counters.get(n)]
     parts += [f"{count} rejected as {reason}" for reason, count in sorted(service.rejected.items()) if count]
     total = f"   so far: {', '.join(parts)}" if parts else ""
     return Text.assemble((service.message, "dim" if service.state == "ok" else "yellow"), (total, "yellow"))
@@ -192,7 +192,8 @@ def plain_line(snapshot: Snapshot) -> str:
     head = f"{snapshot.scene} service {service.state}"
     if snapshot.service.seq >= 0:
         head += f" {number(service.rate, 1)} Hz age {duration(service.age)} lost {service.lost}"
-    body = f"{snapshot.tracks} tracks {snapshot.current} hypotheses {snapshot.undetermined} undetermined"
+    hypotheses = counted(snapshot.current, "hypothesis")
+    body = f"{counted(snapshot.tracks, 'track')} {hypotheses} {snapshot.undetermined} undetermined"
     problem = [_problems(service).plain] if service.state != "ok" and service.message else []
     lasting = [f"{row.kind}: {row.text}" for row in service.problems]
     return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *problem, *lasting])

@@ -25,11 +25,19 @@ from .commands.view import View
 from .commands.watch import Watch
 from .errors import UserError, missing_extra, one_line
 from .folded_help import helped
-from .options import Command, add
+from .options import Command, add, flowing
 
+_EPILOG = """
+Begin with:
+  comotion demo   # a simulated scene with three sources, for half a minute
+  comotion segment VIDEO.mp4   # a video of your own, its features grouped
+
+Options and examples of a command: comotion COMMAND --help
+"""
 app = typer.Typer(
     name="comotion",
     help="Group tracked features from several live sources into objects by how they move.",
+    epilog=flowing(_EPILOG),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -121,8 +129,10 @@ def _is_known(error: ValueError) -> bool:
 
 
 def _fail(message: object, error: Exception) -> int:
+    if isinstance(error, OSError) and error.filename is not None:
+        message = f"{error.filename}: {error.strerror}"  # without the number of the error
     logging.getLogger(__name__).debug("where it happened", exc_info=error)
-    if text := one_line(message):  # empty if the help was printed
+    if text := one_line(message).replace(": Value error, ", ": "):  # empty if the help was printed
         print(f"error: {text}", file=sys.stderr)
     return 2
 

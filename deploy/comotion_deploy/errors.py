@@ -1,8 +1,22 @@
 """Errors that a user can correct: reported as one line, without a traceback."""
 
+from pathlib import Path
+
 
 class UserError(Exception):
     """A known error; its message is one line."""
+
+
+def require_suffix(path: Path, what: str, *suffixes: str) -> None:
+    """Refuse a file to write whose name does not end as it should.
+
+    Raises
+    ------
+    UserError
+        If it does not.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise UserError(f"{path}: the name of {what} ends in {' or '.join(suffixes)}")
 
 
 def one_line(message: object) -> str:

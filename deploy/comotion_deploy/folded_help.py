@@ -18,14 +18,22 @@ _HINT = "More options (--connect, --config, --log-level ...) and environment var
 
 def helped(app: typer.Typer, arguments: Sequence[str]) -> Callable[..., Any]:
     """Return a call of the app with its help folded, or with ``--help-all``, whole."""
-    given = list(arguments)
-    if ALL in given:
-        return partial(app, ["--help" if word == ALL else word for word in given])
-    if "--help" not in given:
-        return partial(app, given)
-    command = typer.main.get_command(app)
-    _fold(command)
-    return partial(command, given)
+    command: Any = typer.main.get_command(app)
+    _make_plain(command)
+    if ALL not in arguments:
+        _fold(command)
+    return partial(command, ["--help" if word == ALL else word for word in arguments])
+
+
+def _make_plain(command: Any) -> None:
+    """Leave out the types of flags and arguments, which their words say better."""
+    for child in getattr(command, "commands", {}).values():
+        _make_plain(child)
+    for parameter in command.get_params(typer.Context(command)):
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = " "
+        elif parameter.param_type_name == "argument":
+            parameter.display_type_rich = lambda ctx: None  # noqa: ARG005
 
 
 def _fold(command: Any) -> None:
@@ -49,7 +57,7 @@ def _shorten(option: Any) -> None:
     A flag that is on shows how to switch it off; any other option shows its first name.
     """
     switched_on = getattr(option, "is_flag", False) and option.default is True
-    if getattr(option, "is_flag", False):
-        option.metavar = " "
+    if switched_on:
+        option.show_default = "on"
     option.opts = [*option.opts[:1], *(option.secondary_opts[:1] if switched_on else ())]
     option.secondary_opts = []

@@ -55,6 +55,8 @@ def require_closed(addresses: Iterable[str], meaning: str, *, insecure: bool, re
     for address in addresses:
         if is_loopback(address):
             continue
+        if ":" not in address:
+            raise UserError(f"{address!r} is not an address to listen at; one is tcp/127.0.0.1:7447")
         if not insecure:
             instead = f"{remedy}, or " if remedy else ""
             raise UserError(

@@ -13,7 +13,8 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from types import NoneType
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import typer
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from comotion_schemas.transport import SessionSettings
 
 _FROM_NAME = "COMOTION_"
+_VALUES: dict[object, str] = {int: "N", float: "NUMBER", str: "TEXT", Path: "PATH"}
+"""What stands for a value of a type in the help, unless an option says more."""
 
 
 def option(default: Any, text: str, *names: str, env: str | None = None, **how: Any) -> Any:
@@ -109,7 +112,7 @@ def as_function(kind: type[Command]) -> Callable[..., None]:
         for member in _in_order(kind)
     ]
     call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    call.__doc__ = kind.__doc__
+    call.__doc__ = flowing(inspect.getdoc(kind) or "")
     return call
 
 
@@ -119,13 +122,13 @@ def add(app: typer.Typer, commands: Mapping[str, type[Command] | typer.Typer], p
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name, rich_help_panel=panel or None)
         else:
-            epilog = shown_epilog(command.epilog)
+            epilog = flowing(command.epilog)
             app.command(name, epilog=epilog, rich_help_panel=panel or None)(as_function(command))
 
 
-def shown_epilog(text: str) -> str:
-    """Return an epilog as typer wants it: with an empty line before each example, which is indented."""
-    return re.sub(r"\n(?=  \S)", "\n\n", text)
+def flowing(text: str) -> str:
+    """Join the lines of each paragraph, so that it fits any terminal; indented lines, as examples, stay."""
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
 def _in_order(kind: type[Command]) -> "list[Field[Any]]":
@@ -145,11 +148,19 @@ def _default(kind: type[Command], member: "Field[Any]") -> dict[str, Any]:
     if names is None:
         return {"default": typer.Argument(default, **how)}
     word = _words(member.name)
+    if (value := _value(member.type)) is not None:
+        how.setdefault("metavar", value)
     names = names or ((f"--{word}/--no-{word}",) if default is True else (f"--{word}",))
     if how["envvar"] == _FROM_NAME:
         flag = names[0].partition("/")[0]
         how["envvar"] = _FROM_NAME + flag.removeprefix("--").replace("-", "_").upper()
     return {"default": typer.Option(default, *names, **how)}
+
+
+def _value(kind: Any) -> str | None:
+    """The word for a value of a type, or of the items of a list; None for choices and flags."""
+    inner = [one for one in get_args(kind) if one is not NoneType]
+    return _value(inner[0]) if inner else _VALUES.get(kind)
 
 
 def _words(name: str) -> str:

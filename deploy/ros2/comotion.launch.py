@@ -7,17 +7,21 @@ from pathlib import Path
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
     """Start both; they end together with the launch."""
     scene = LaunchConfiguration("scene")
+    # A scene as a part of a topic: see comotion_clients/ros2/names.py.
+    chunk = PythonExpression(["'", scene, "'.replace('-', '_')"])
     rviz = Path(__file__).with_name("comotion.rviz")
     return LaunchDescription(
         [
-            DeclareLaunchArgument("scene", default_value="default", description="Name of the scene."),
+            DeclareLaunchArgument(
+                "scene", default_value="default", description="Name of the scene, which begins with a letter."
+            ),
             DeclareLaunchArgument("frame", default_value="world", description="Space that RViz is fixed to."),
             ExecuteProcess(cmd=["comotion", "ros2", "--scene", scene], output="screen"),
             Node(
@@ -25,7 +29,7 @@ def generate_launch_description() -> LaunchDescription:
                 executable="rviz2",
                 arguments=["-d", str(rviz), "-f", LaunchConfiguration("frame")],
                 remappings=[
-                    (f"/comotion/default/{topic}", ["/comotion/", scene, f"/{topic}"])
+                    (f"/comotion/default/{topic}", ["/comotion/", chunk, f"/{topic}"])
                     for topic in ("features", "markers", "odometry")
                 ],
             ),

@@ -25,7 +25,7 @@ from comotion.thesis.clustering import make_clustering
 from comotion_clients.metrics import Truth, nmi
 from comotion_schemas import ObservationBatch, TruthBatch
 
-from .offline import Arrived, Incoming
+from .inputs import Arrived, Incoming
 from .tables import mean
 
 Floats = NDArray[np.float64]

@@ -18,6 +18,7 @@ from comotion_schemas import HypothesisUpdate, Joint, encode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain
 from comotion_schemas.terminal import Report, reporting
+from comotion_schemas.text import counted
 
 from .brox_malik import compare
 from .inputs import Input
@@ -102,7 +103,7 @@ def evaluate_inputs(
 
 def _tee(trace: Trace, digest: "hashlib._Hash", report: Report, name: str) -> OnUpdate:
     def on_update(update: HypothesisUpdate, score: Score) -> None:
-        report(lambda: f"{name}: {len(trace.updates)} updates, NMI {score.nmi:.2f}")
+        report(lambda: f"{name}: {counted(len(trace.updates), 'update')}, NMI {score.nmi:.2f}")
         trace.add(update, score)
         digest.update(encode(update))
 

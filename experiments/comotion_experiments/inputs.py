@@ -6,17 +6,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from comotion.runtime.clocks import EventClock
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SUFFIX
-from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
-
-from .offline import Arrived, Incoming, Message
 
 SIMULATED = "sim:"
 _SORT_SPAN_NS = 10_000_000_000
+Message: TypeAlias = TruthBatch | ObservationBatch
+
+
+@dataclass(frozen=True, slots=True)
+class Arrived:
+    """A batch with the time of the service clock at its receipt, for recordings."""
+
+    batch: ObservationBatch
+    now_ns: int
+
+
+Incoming: TypeAlias = Message | Arrived
 _Pending: TypeAlias = tuple[tuple[int, str, str, int, int], int, ObservationBatch]
 
 
@@ -92,6 +100,8 @@ def find_inputs(
 
 
 def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -> list[Input]:
+    from comotion_sources import simulator
+
     spec = simulator.load_scene(name.removeprefix(SIMULATED))
     runs = [(seed, simulator.simulate(spec, seed=seed, rates=rates)) for seed in seeds]
     return [Input(name, seed, lambda run=run: simulator.batches(run)) for seed, run in runs]  # type: ignore[misc]
@@ -117,6 +127,7 @@ def _recorded_scene(name: str, *, as_received: bool) -> Input:
 
 def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:
     """Yield a recorded scene as a service with an event clock receives it."""
+    from comotion.runtime.clocks import EventClock
     from comotion_schemas.message_log import logged_batches
 
     clock, logged = EventClock(), logged_batches(name)

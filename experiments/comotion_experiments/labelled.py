@@ -35,6 +35,8 @@ class SegmentOptions:
         Video (``.mp4``, ``.mkv``, ``.mov``, ``.avi``) or folder of PNG files; None: none.
     csv
         Table with a row per feature and frame; None: none.
+    sheet
+        JPEG file with frames of the whole video (:mod:`.contact_sheet`); None: none.
     masks, masks_every
         Folder of images with the hypothesis of every pixel; None: none. Seconds between two of them.
     rate
@@ -53,6 +55,7 @@ class SegmentOptions:
 
     out: Path | None = None
     csv: Path | None = None
+    sheet: Path | None = None
     masks: Path | None = None
     masks_every: float = 0.5
     tracker: TrackerConfig = field(default_factory=TrackerConfig)

@@ -18,18 +18,8 @@ from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 
-Message: TypeAlias = TruthBatch | ObservationBatch
+from .inputs import Arrived, Incoming
 
-
-@dataclass(frozen=True, slots=True)
-class Arrived:
-    """A batch with the time of the service clock at its receipt, for recordings."""
-
-    batch: ObservationBatch
-    now_ns: int
-
-
-Incoming: TypeAlias = Message | Arrived
 _LONGEST_GAP_NS = 600_000_000_000
 """Longest time without data that is simulated, since no update changes in it."""
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import ObservationBatch
+from comotion_schemas.text import counted
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.simulator import batches, load_scene, simulate
 
@@ -34,6 +35,11 @@ STILL = 50
 SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
 """Scenes of the overview, each with the time of its picture, s."""
 PLOTS = {"3d_5.png": "sim:3d_5", "fig4_4.png": "sim:fig4_4"}
+SHEETS = {
+    f"sheet-{scene}.jpg": f"workcell:{scene}/{camera}?rate=15&size=640x480"
+    for scene, camera in (("truck", "a"), ("truck-tower", "b"), ("shelf", "a"), ("arm", "b"))
+}
+"""Whole videos of a plain camera, each on a page."""
 _AFFINITY_S = (0.3, 0.7, 3.0)
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
@@ -57,6 +63,10 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
     for name, scene in PLOTS.items():
         if only in {None, name}:
             evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name)
+            made.append(folder / name)
+    for name, video in SHEETS.items():
+        if only in {None, name}:
+            segment(video, SegmentOptions(sheet=folder / name, use_depth=False))
             made.append(folder / name)
     if only in {None, "workcell.jpg"}:
         made.append(_scenes(folder / "workcell.jpg"))
@@ -103,7 +113,7 @@ def _affinity(path: Path) -> Path:
             axis, at = due.pop(0)
             update = fusion.update(message.stamp_ns)
             image = axis.imshow(fusion.affinity("world").matrix, vmin=0, vmax=1, cmap="cividis")
-            axis.set_title(f"t = {at} s, {len(update.hypotheses)} hypotheses")
+            axis.set_title(f"t = {at} s, {counted(len(update.hypotheses), 'hypothesis')}")
             axis.set(xlabel="feature", ylabel="feature")
     figure.colorbar(image, ax=axes, label="affinity", shrink=0.7)
     figure.savefig(path, dpi=90)

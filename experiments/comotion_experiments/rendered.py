@@ -10,7 +10,7 @@ from comotion_sources.klt.observer import Observer, choose_space
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell.camera import CameraSpec, WorkcellCamera
 
-from .offline import Message
+from .inputs import Message
 
 
 class Filmed(NamedTuple):

@@ -18,8 +18,8 @@ from comotion_clients.viewing.process import view_messages
 from comotion_clients.viewing.sink import Destination, RerunSink
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
 
-from .inputs import find_inputs
-from .offline import Arrived, Incoming, run_offline
+from .inputs import Arrived, Incoming, find_inputs
+from .offline import run_offline
 
 SCENE = "sim:3d_5"
 SECONDS = 6.0

@@ -23,6 +23,7 @@ from comotion_sources.klt.drawing import Annotator
 from comotion_sources.klt.observer import CameraSpace
 from comotion_sources.klt.picture_file import PictureFile
 
+from .contact_sheet import ContactSheet
 from .given_tracks import BlankFrames
 from .labelled import Labelled, LabelledFrames, SegmentOptions
 from .masks import MaskFolder
@@ -122,6 +123,7 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
             progress(found.frames, total)
     if not found.frames:
         raise CameraError(f"{what}: no frame")
+    outputs.finish()
     found.digest, found.codec, found.path = digest.hexdigest(), outputs.codec, run.path
     found.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
     found.seconds = time.perf_counter() - begun
@@ -137,12 +139,14 @@ def _camera(what: str | None, options: SegmentOptions) -> Camera:
 
 
 class _Outputs:
-    """The files of one run."""
+    """The files of one run; the last is the sheet, which :meth:`finish` writes."""
 
     def __init__(self, options: SegmentOptions, rate: float, space: CameraSpace) -> None:
         self._annotator = Annotator(space, options.names)
         self._picture = None if options.out is None else PictureFile(options.out, rate)
         self.codec = None if self._picture is None else self._picture.codec
+        self._sheet = None if options.sheet is None else ContactSheet()
+        self._sheet_path = options.sheet
         self._first_ns: int | None = None
         self._table: Any = None
         self._file = None
@@ -160,11 +164,12 @@ class _Outputs:
         """Write one frame."""
         if self._first_ns is None:
             self._first_ns = one.frame.stamp_ns
+        seconds = (one.frame.stamp_ns - self._first_ns) / 1e9
         if self._table is not None:
-            self._table.writerows(_rows(one, (one.frame.stamp_ns - self._first_ns) / 1e9))
+            self._table.writerows(_rows(one, seconds))
         if self._masks is not None:
             self._masks.write(one)
-        if self._picture is not None:
+        if self._picture is not None or self._sheet is not None:
             labels = dict(zip(one.tracks.ids.tolist(), one.hypotheses.tolist(), strict=True))
             image = self._annotator.draw(
                 one.frame.image,
@@ -172,7 +177,15 @@ class _Outputs:
                 lambda feature: labels[feature] if labels[feature] >= 0 else UNDETERMINED,
                 one.listed,
             )
-            self._picture.write(image)
+            if self._picture is not None:
+                self._picture.write(image)
+            if self._sheet is not None:
+                self._sheet.add(image, seconds)
+
+    def finish(self) -> None:
+        """Write the sheet of what was seen."""
+        if self._sheet is not None and self._sheet_path is not None:
+            self._sheet.write(self._sheet_path)
 
     def close(self) -> None:
         """Complete the files."""

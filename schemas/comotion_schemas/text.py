@@ -1,4 +1,7 @@
-"""Text from outside -> text that can be shown: in terminals, logs, pages, metrics, frames and file names."""
+"""Text from outside -> text that can be shown: in terminals, logs, pages, metrics, frames and file names.
+
+And numbers of things -> words.
+"""
 
 import logging
 from typing import Any
@@ -24,6 +27,19 @@ def shown(text: str, most: int = MOST) -> str:
             "".join(glyph if glyph.isprintable() else "\0" for glyph in text).replace("\0", " ").split()
         )
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def counted(number: int, noun: str) -> str:
+    """Say how many there are, in words: ``1 hypothesis``, ``2 hypotheses``, ``3 lost messages``."""
+    if number != 1:
+        noun = f"{noun[:-2]}es" if noun.endswith("is") else f"{noun}s"
+    return f"{number} {noun}"
+
+
+def counter_words(name: str, number: int) -> str:
+    """Say what a counter of a Status holds: ``1 overrun``, ``3 partly late``."""
+    words = name.replace("_", " ")
+    return counted(number, words[:-1]) if words.endswith("s") else f"{number} {words}"
 
 
 class LogFormatter(logging.Formatter):

@@ -12,6 +12,7 @@ from comotion_schemas.component import Where, new_session_id
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import Kind, StreamKind
 from comotion_schemas.terminal import keyboard, reporting
+from comotion_schemas.text import counted
 
 from .player import Player, Progress
 from .recordings import Recording
@@ -133,9 +134,9 @@ def replay_recording(
     The parameters and errors are those of :func:`play_streams`.
     """
     _log.info(
-        "%s: %d instants at %.4g Hz, %d %s%s; as %s",
+        "%s: %s at %.4g Hz, %d %s%s; as %s",
         recording.name,
-        len(recording),
+        counted(len(recording), "instant"),
         recording.rate,
         recording.positions.shape[1],
         "markers in m" if recording.dim == 3 else "tracks in px",
@@ -190,7 +191,7 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
 
             play(log, sources, schedule, progress=advance, keys=replay_keys())
     if left_out := sum(source.overruns for source in sources):
-        _log.warning("%d messages were left out: late, or invalid and so without a stamp", left_out)
+        _log.warning("%s left out: late, or invalid and so without a stamp", counted(left_out, "message"))
 
 
 def _recorded_sources(log: "MessageLog", message: str, where: Where) -> list[Source]:

@@ -29,7 +29,8 @@ from comotion_clients.metrics import Score
 from comotion_clients.subscription import Subscription
 from comotion_deploy.demo import free_endpoint
 from comotion_deploy.processes import PYTHON
-from comotion_experiments.offline import Message, run_offline
+from comotion_experiments.inputs import Message
+from comotion_experiments.offline import run_offline
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, decode_as
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 from comotion_sources import scenes

@@ -1,6 +1,7 @@
 """The command line: precedence of values, errors in one line, the processes of a file."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -225,6 +226,19 @@ def test_options_that_all_commands_share_fold_away(capsys) -> None:
         assert word not in short.replace("(--connect, --config, --log-level", "")
         assert word in whole
     assert len(short.splitlines()) < 100 < len(whole.splitlines())
+
+
+def spelled(command, words: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Words of a command and of all below it."""
+    below = getattr(command, "commands", {}).items()
+    return [words, *(one for name, child in below for one in spelled(child, (*words, name)))]
+
+
+@pytest.mark.parametrize("words", spelled(typer.main.get_command(app)), ids=" ".join)
+def test_help_has_plain_words_for_values(capsys, words: tuple[str, ...]) -> None:
+    for how in ("--help", "--help-all"):
+        assert run([*words, how]) == 0
+        assert not re.search(r"<(bool|int|float|str|path|list)|\[\[", capsys.readouterr().out)
 
 
 def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:

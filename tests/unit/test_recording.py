@@ -93,7 +93,7 @@ def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_pat
 def test_an_existing_file_is_not_touched(tmp_path):
     path = tmp_path / "take.mcap"
     path.write_text("precious")
-    with pytest.raises(OSError, match=r"take\.mcap: File exists"):
+    with pytest.raises(OSError, match=r"take\.mcap exists, and is not replaced"):
         record(path)
     assert path.read_text() == "precious"
 

@@ -131,6 +131,13 @@ def test_the_cloud_has_labels_and_only_what_is_in_metres(read):
     ]
     assert [struct.unpack_from("<fff", row)[0] for row in rows] == [0, 1, 2, 3, 4, 5]
     assert [struct.unpack_from("<I", row, 12)[0] for row in rows] == [7, 7, 1, 1, *[UNDETERMINED] * 2]
+    shades = [struct.unpack_from("<I", row, fields["rgb"][0])[0] for row in rows]
+    assert shades[0] == shades[1] != shades[2]
+    # The same colour as its box, and grey where nothing is known.
+    (array,) = read["/comotion/my_lab/markers"]
+    box = next(m.color for m in array.markers if m.ns == "box")
+    assert shades[0].to_bytes(3) == bytes(round(255 * value) for value in (box.r, box.g, box.b))
+    assert len(set(shades[-1].to_bytes(3))) == 1
 
 
 def test_markers_are_boxes_of_bodies_and_ids_that_expire(read):

@@ -121,7 +121,7 @@ class TestHealth:
         self.report(health, 0, stats)
         setattr(stats, counter, 3)
         assert self.report(health, 1, stats).state == "degraded"
-        assert f"3 {counter}" in self.report(health, 2, stats).message
+        assert self.report(health, 2, stats).message == f"in the last 5 s 3 {counter}"
         for k in range(3, 8):
             fields = self.report(health, k, stats)
         assert fields.state == "ok"
@@ -134,7 +134,7 @@ class TestHealth:
         fields = self.report(health, 1, stats, rejection="obs/klt: length: ids has 3 rows")
         assert fields.state == "degraded"
         assert fields.rejected == {"length": 2}
-        assert fields.message == "2 rejected, last on obs/klt: length: ids has 3 rows"
+        assert fields.message == "in the last 5 s 2 rejected, the last on obs/klt: length: ids has 3 rows"
 
 
 class TestWatchdog:

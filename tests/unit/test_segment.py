@@ -13,6 +13,7 @@ from comotion import Fusion, FusionConfig
 from comotion_clients.metrics import misclassification, nmi
 from comotion_clients.regions import regions
 from comotion_deploy.cli import run
+from comotion_experiments.contact_sheet import LIMIT, ContactSheet
 from comotion_experiments.labelled import Labelled
 from comotion_experiments.masks import MaskFolder
 from comotion_schemas.colours import COLOURS
@@ -94,7 +95,7 @@ def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, 
     (out / "000900.png").write_bytes(b"an old frame")
     (out / "mine.png").write_bytes(b"not a frame")
     assert run(["segment", str(folder), "--out", str(out)]) == 2
-    assert "1 frames of an earlier run: --overwrite removes them" in capsys.readouterr().err
+    assert "1 frame of an earlier run: --overwrite removes them" in capsys.readouterr().err
     segment(folder, "--out", out, "--overwrite")
     assert sorted(path.name for path in out.iterdir()) == [
         *(f"{k:06d}.png" for k in range(FRAMES)),
@@ -210,3 +211,26 @@ def test_the_drawers_of_a_real_video_are_separated() -> None:
     assert len(scores) >= 7
     assert np.median(scores) > 0.8
     assert np.median(errors) < 0.06
+
+
+@pytest.mark.parametrize("count", [1, 5, 12, 60, 500, 5000])
+def test_a_sheet_shows_the_whole_video_at_equal_distances(count: int) -> None:
+    sheet, image = ContactSheet(), np.zeros((24, 48, 3), np.uint8)
+    for number in range(count):
+        sheet.add(image, float(number))
+    times = np.array([seconds for seconds, _ in sheet.shown])
+    assert len(times) == min(count, 12)
+    assert times[-1] >= 0.95 * (count - 1)
+    steps = np.diff(times, prepend=-1)
+    assert steps.max() - steps.min() <= max(1, 0.1 * count / 12 * 2)
+
+
+def test_a_sheet_is_written_alone(folder, tmp_path, capsys) -> None:
+    segment(folder, "--sheet", tmp_path / "sheet.jpg")
+    assert f"wrote {tmp_path / 'sheet.jpg'}" in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sheet.jpg"]
+    page = cv2.imread(str(tmp_path / "sheet.jpg"))
+    assert page.shape == (4 * SHAPE[0], 3 * SHAPE[1], 3)
+    assert (tmp_path / "sheet.jpg").stat().st_size <= LIMIT
+    # A hypothesis that moves is drawn in a colour; the images and what rests are grey.
+    assert (np.ptp(page.astype(int), axis=2) > 80).any()

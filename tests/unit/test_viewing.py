@@ -15,6 +15,7 @@ from comotion_clients.viewing.shapes import (
     Cleared,
     Document,
     Entry,
+    Eye,
     Image,
     Moment,
     Number,
@@ -117,6 +118,25 @@ def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view() -> None:
         # Who has turned the view keeps it until a source comes or the scene is of another size.
         same = before is not None and before.eye == eye
         assert same == (scale == 1.1 and len(sources) == 1)
+
+
+def test_the_first_body_that_moves_is_looked_at() -> None:
+    rng, features = np.random.default_rng(0), Features()
+    positions = rng.uniform(-5, 5, (220, 3)).astype(np.float32)
+    positions[:20] = rng.uniform(-0.2, 0.2, (20, 3)) + np.array((3, 2, 1))
+
+    def eye(at: float, moving: bool) -> Eye:
+        positions[:20, 0] += at
+        bodies = [hypothesis(1, state="static"), hypothesis(2, state="moving" if moving else "undetermined")]
+        features.draw(update([2] * 20 + [1] * 200, hypotheses=bodies, track_position=positions), {})
+        return features.views["world"].eye
+
+    whole, near = eye(0.0, moving=False), eye(0.5, moving=True)
+    assert np.linalg.norm(np.subtract(whole.target, 0)) < 1
+    np.testing.assert_allclose(near.target, (3.5, 2, 1), atol=0.1)
+    distances = [np.linalg.norm(np.subtract(one.position, one.target)) for one in (whole, near)]
+    assert 0.3 < distances[1] / distances[0] < 0.6  # nearer, with what is around it
+    assert eye(0.5, moving=True) == near  # who has turned the view keeps it
 
 
 def test_bodies_have_boxes_and_what_is_at_rest_has_none() -> None:

@@ -101,6 +101,16 @@ def test_a_source_that_left_is_gone_and_then_forgotten() -> None:
     assert sources(model, 63.0)["a"].state == "silent"
 
 
+def test_a_source_that_left_before_this_client_came_is_gone_and_one_that_hangs_is_stalled() -> None:
+    model = SceneModel("lab")
+    model.on_status(status(ages={"left": 5.0, "hangs": 5.0}))
+    model.on_presence("source", "hangs", alive=True, now=0.0)
+    assert {name: row.state for name, row in sources(model, 1.0).items()} == {
+        "left": "gone",
+        "hangs": "stalled",
+    }
+
+
 def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
     model = SceneModel("lab")
     assert not model.seen

@@ -18,6 +18,7 @@ def files(tmp_path_factory):
     np.savez(folder / "take.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) / 50)
     (folder / "cut.npz").write_bytes((folder / "take.npz").read_bytes()[:500])
     np.savez(folder / "ms.npz", positions=np.ones((50, 4, 3)), times=np.arange(50) * 20.0)
+    np.savez(folder / "objects.npz", positions=np.array([[[None, None]]]), times=[0.0])
     (folder / "empty.npz").touch()
     (folder / "a.rrd").touch()
     (folder / "text.c3d").write_text("x" * 2000)
@@ -120,6 +121,14 @@ WRONG = [
     ("evaluate sim:fig4_4 --scene lab", "--scene is only for a running scene, without FILES"),
     ("evaluate --seeds 0-4", "--seeds is only for FILES"),
     ("evaluate sim:fig4_4 --set window=-1", "fusion parameter window"),
+    ("evaluate sim:fig4_4 --period 0", "--period"),
+    ("evaluate sim:fig4_4 --plot out.xyz", "out.xyz: the name of a picture ends in .png or"),
+    ("evaluate sim:", "no scene ''"),
+    ("evaluate objects.npz", "objects.npz: its array 'positions' holds Python objects"),
+    ("joints sim:fig4_4 --urdf none/x.urdf", "none: no such folder"),
+    ("router --listen nonsense", "'nonsense' is not an address"),
+    ("segment video.avi --sheet x.mp4", "x.mp4: the name of a sheet ends in .jpg"),
+    ("record none/x.mcap --duration 1", "none: No such file"),
     ("evaluate sim:fig4_4 --duration 0", "--duration 0 is not above 0"),
     ("segment", "name a video, or tracks with --tracks FILE"),
     ("segment text.mp4", "not a readable video"),

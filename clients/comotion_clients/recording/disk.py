@@ -83,5 +83,9 @@ def create(path: Path) -> int:
     """
     try:
         return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    except FileExistsError:
+        raise FileExistsError(
+            f"{path} exists, and is not replaced: remove it, or give another name"
+        ) from None
     except OSError as error:
         raise OSError(f"{path}: {error.strerror}") from None

@@ -12,6 +12,7 @@ import foxglove
 from comotion_schemas.errors import KnownError
 from comotion_schemas.message_log import MessageLog
 from comotion_schemas.naming import Names
+from comotion_schemas.text import counted
 
 from ..foxglove.scene import FoxgloveScene
 from .disk import create
@@ -27,7 +28,7 @@ class Exported:
     def lines(self, target: Path) -> list[str]:
         """Format the result as text."""
         total = sum(self.messages.values())
-        lines = [f"{target}: {total} messages on {len(self.messages)} topics"]
+        lines = [f"{target}: {counted(total, 'message')} on {counted(len(self.messages), 'topic')}"]
         lines += [f"  {topic}: {count}" for topic, count in sorted(self.messages.items())]
         if self.invalid:
             lines.append(f"left out as invalid: {self.invalid}")

@@ -11,6 +11,7 @@ from comotion_schemas.component import Component, Rates, StatusFields
 from comotion_schemas.errors import KnownError
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.terminal import reporting
+from comotion_schemas.text import counted
 from comotion_schemas.transport import SessionSettings
 
 from .file import StorageError
@@ -99,7 +100,7 @@ class _Recorder:
     def _log_losses(self) -> None:
         lost = self.losses()["lost"]
         if lost > self._reported_losses:
-            _log.warning("%d messages lost, %d so far", lost - self._reported_losses, lost)
+            _log.warning("%s, %d so far", counted(lost - self._reported_losses, "lost message"), lost)
         self._reported_losses = lost
 
     def status(self) -> StatusFields:
@@ -125,7 +126,7 @@ class _Recorder:
         seconds = time.monotonic() - self.begun
         losses = f", {lost} lost" if lost else ""
         return (
-            f"{self.series.path.name}: {seconds:.0f} s, {counts.total} messages, "
+            f"{self.series.path.name}: {seconds:.0f} s, {counted(counts.total, 'message')}, "
             f"{self.series.file_bytes / 2**20:.2f} MiB{losses}"
         )
 

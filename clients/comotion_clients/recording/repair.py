@@ -20,6 +20,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import PROFILE
+from comotion_schemas.text import counted
 
 from .disk import create
 from .topics import Definition, TopicWriter
@@ -53,11 +54,13 @@ class RepairResult:
 
     def lines(self, target: Path) -> list[str]:
         """Format the result as text."""
-        lines = [f"{target}: {self.messages} messages in {self.chunks} chunks, {self.seconds:.1f} s"]
+        held = f"{counted(self.messages, 'message')} in {counted(self.chunks, 'chunk')}"
+        lines = [f"{target}: {held}, {self.seconds:.1f} s"]
         if self.damaged or self.skipped or self.orphans:
             lines.append(
-                f"not recovered: {self.damaged} damaged records, {self.skipped} bytes that are not records, "
-                f"{self.orphans} messages of unknown channels"
+                f"not recovered: {counted(self.damaged, 'damaged record')}, "
+                f"{self.skipped} bytes that are no record, "
+                f"{counted(self.orphans, 'message')} of unknown channels"
             )
         return lines
 

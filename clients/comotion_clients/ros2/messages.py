@@ -29,7 +29,9 @@ _CUBE, _TEXT, _ADD = 1, 9, 0  # visualization_msgs/Marker
 _FLOAT32, _UINT32 = 7, 6  # sensor_msgs/PointField
 _BOX_ALPHA = 0.25
 _LIFETIMES = 3  # periods after which a marker that is not repeated disappears
-_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("label", "<u4"), ("confidence", "<f4")])
+_POINT = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("label", "<u4"), ("confidence", "<f4"), ("rgb", "<u4")]
+)
 _NO_COVARIANCE = np.zeros(36)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -86,7 +88,7 @@ class Converter:
         named = self._topics.named
         for space, rows in tracks.items():
             here = [body for body in placed if body.hypothesis.space == space]
-            yield named("features"), CLOUD, _cloud(update, space, rows)
+            yield named("features"), CLOUD, self._cloud(update, space, rows)
             yield named("detections"), DETECTIONS, self._detections(update, space, here)
             yield named("markers"), MARKERS, self._markers(update, here)
         for body in placed:
@@ -98,6 +100,35 @@ class Converter:
 
     def _frame(self, hypothesis: int) -> str:
         return f"comotion/{self._scene}/{hypothesis}"
+
+    def _cloud(self, update: HypothesisUpdate, space: str, rows: NDArray[np.intp]) -> Any:
+        points = np.empty(len(rows), _POINT)
+        points["x"], points["y"], points["z"] = update.track_position[rows].T
+        points["label"], points["confidence"] = update.track_hypothesis[rows], update.track_confidence[rows]
+        # Bytes of the number: blue, green, red, nothing.
+        shades = self._palette.colours(update.track_hypothesis[rows]).astype(np.uint32)
+        points["rgb"] = shades @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+        field = make("sensor_msgs/PointField")
+        fields = [
+            field(
+                name=name,
+                offset=int(_POINT.fields[name][1]),  # type: ignore[index]
+                datatype=_UINT32 if name in {"label", "rgb"} else _FLOAT32,
+                count=1,
+            )
+            for name in _POINT.names or ()
+        ]
+        return make(CLOUD)(
+            header=_header(update, space),
+            height=1,
+            width=len(rows),
+            fields=fields,
+            is_bigendian=False,
+            point_step=_POINT.itemsize,
+            row_step=_POINT.itemsize * len(rows),
+            data=points.view(np.uint8).reshape(-1),
+            is_dense=True,
+        )
 
     def _transforms(self, update: HypothesisUpdate, placed: Sequence[Body]) -> Iterator[Any]:
         """Yield the frames of bodies, and the world in the frame of every space that moves.
@@ -180,33 +211,6 @@ def _tracks_by_space(update: HypothesisUpdate) -> dict[str, NDArray[np.intp]]:
         if spaces and not np.isnan(update.track_position[rows, 2]).any():
             rows_by_space.setdefault(spaces[0], []).append(rows)
     return {space: np.concatenate(rows) for space, rows in sorted(rows_by_space.items())}
-
-
-def _cloud(update: HypothesisUpdate, space: str, rows: NDArray[np.intp]) -> Any:
-    points = np.empty(len(rows), _POINT)
-    points["x"], points["y"], points["z"] = update.track_position[rows].T
-    points["label"], points["confidence"] = update.track_hypothesis[rows], update.track_confidence[rows]
-    field = make("sensor_msgs/PointField")
-    fields = [
-        field(
-            name=name,
-            offset=int(_POINT.fields[name][1]),  # type: ignore[index]
-            datatype=_UINT32 if name == "label" else _FLOAT32,
-            count=1,
-        )
-        for name in _POINT.names or ()
-    ]
-    return make(CLOUD)(
-        header=_header(update, space),
-        height=1,
-        width=len(rows),
-        fields=fields,
-        is_bigendian=False,
-        point_step=_POINT.itemsize,
-        row_step=_POINT.itemsize * len(rows),
-        data=points.view(np.uint8).reshape(-1),
-        is_dense=True,
-    )
 
 
 def _detection(update: HypothesisUpdate, body: Body) -> Any:

@@ -27,6 +27,8 @@ _SEEN_FROM: Mapping[Axes, tuple[float, ...]] = {"z-up": (-0.3, -0.85, 0.45), "op
 """Direction of the eye from what it looks at."""
 _DISTANCE = 0.9
 """Of the eye, as a multiple of the diagonal of the features."""
+_CONTEXT, _SURROUNDED = 0.45, 1.6
+"""Least diagonal in view, as a share of that of all features and a multiple of that of those that move."""
 
 
 @dataclass
@@ -35,6 +37,7 @@ class _Space:
     view: SpaceView
     axis: float = 0.0
     aimed: int = 0  # number of sources that the eye was chosen for
+    followed: bool = False  # whether it looks at what moves
     sources: Paths = field(init=False)
 
     def __post_init__(self) -> None:
@@ -91,8 +94,10 @@ class Features:
 
     def _draw_space(self, update: HypothesisUpdate, space: _Space, sources: list[int]) -> list[Shape]:
         dim = space.ref.dim
-        everything = update.track_position[np.isin(update.track_source, sources), :dim]
-        _aim(space, everything, len(sources))
+        here = np.isin(update.track_source, sources)
+        everything = update.track_position[here, :dim]
+        moving = [h.id for h in update.hypotheses if h.state == "moving" and h.space == space.ref.name]
+        _aim(space, everything, len(sources), np.isin(update.track_hypothesis[here], moving))
         shapes: list[Shape] = []
         ends: list[Positions] = [np.empty((0, 2, dim), np.float32)]
         shades: list[Colours] = [np.empty((0, 3), np.uint8)]
@@ -107,24 +112,39 @@ class Features:
             ends.append(segments)
             shades.append(points.colours[moved])
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
-        here = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
-        shapes += draw_joints(space.view.path, here, update.joints, space.axis, self._palette, self._names)
+        bodies = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
+        shapes += draw_joints(space.view.path, bodies, update.joints, space.axis, self._palette, self._names)
         up = _UP[space.view.axes]
-        return shapes + draw_hypotheses(space.view.path, here, space.axis, up, self._palette, self._names)
+        return shapes + draw_hypotheses(space.view.path, bodies, space.axis, up, self._palette, self._names)
 
 
-def _aim(space: _Space, positions: Positions, sources: int) -> None:
-    """Choose the length of the axes, and look at all features again if it changes or a source has come."""
+def _aim(space: _Space, positions: Positions, sources: int, moving: NDArray[np.bool_]) -> None:
+    """Choose the length of the axes, and where the eye is.
+
+    It is placed again if the length changes, a source has come, or something moves for the first time.
+    """
     before, space.axis = space.axis, axis_length(positions, space.axis)
-    if space.view.axes in _SEEN_FROM and space.axis > 0 and (sources > space.aimed or space.axis != before):
-        space.aimed = sources
-        space.view = replace(space.view, eye=look_at(positions, np.array(_SEEN_FROM[space.view.axes])))
+    if space.view.axes not in _SEEN_FROM or not space.axis:
+        return
+    begins = not space.followed and bool(moving.any())
+    if sources > space.aimed or space.axis != before or begins:
+        space.aimed, space.followed = sources, space.followed or begins
+        direction = np.array(_SEEN_FROM[space.view.axes])
+        space.view = replace(space.view, eye=look_at(positions, direction, moving))
 
 
-def look_at(positions: Positions, direction: NDArray[np.float64]) -> Eye:
-    """Place an eye so that features [N, 3] fill its view; `direction` points from them to it."""
+def look_at(positions: Positions, direction: NDArray[np.float64], moving: NDArray[np.bool_]) -> Eye:
+    """Place an eye so that what moves, with its surroundings, fills the view of features [N, 3].
+
+    `direction` points from them to it; `moving` [N] names those that move. Without any all features do.
+    """
     low, high = np.percentile(positions, (5, 95), axis=0)
-    away = _DISTANCE * np.linalg.norm(high - low) / np.linalg.norm(direction)
+    diagonal = float(np.linalg.norm(high - low))
+    if moving.any():
+        low, high = np.percentile(positions[moving], (5, 95), axis=0)
+        near = _SURROUNDED * float(np.linalg.norm(high - low))
+        diagonal = min(max(_CONTEXT * diagonal, near), diagonal)
+    away = _DISTANCE * diagonal / np.linalg.norm(direction)
     target = (low + high) / 2
     return Eye(tuple((target + away * direction).tolist()), tuple(target.tolist()))
 

@@ -8,6 +8,7 @@ import numpy as np
 from comotion_schemas import Event
 from comotion_schemas.colours import GREY, HUES, RGB, Palette, legible
 from comotion_schemas.naming import Names, named
+from comotion_schemas.text import counted
 
 from ..scene_rows import HypothesisRow, Snapshot, SourceRow
 from ..watch_columns import duration, number
@@ -83,7 +84,8 @@ class Health:
         return shapes
 
     def _change(self, who: str, state: str, text: str, detail: str) -> list[Shape]:
-        if self._states.get(who) == state:
+        # A recording begins before its service has spoken.
+        if self._states.get(who, "absent") == state:
             return []
         self._states[who] = state
         level: Level = "INFO" if state == "ok" else "WARN"
@@ -142,7 +144,7 @@ def summary(snapshot: Snapshot) -> str:
     lines = [
         f"**{snapshot.scene}**: service {service.state}, {number(service.rate, 1)} Hz, "
         f"lag {duration(service.lag)}, {service.lost} lost; "
-        f"{snapshot.tracks} features, {snapshot.undetermined} undetermined",
+        f"{counted(snapshot.tracks, 'feature')}, {snapshot.undetermined} undetermined",
         "",
         f"Data of **{_time_of_day(snapshot.stamp_ns)} UTC**. If that is many seconds ago, this display is "
         "too slow: a browser without a graphics card, for one. Look at fewer views, or at a file (--save).",

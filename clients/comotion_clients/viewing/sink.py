@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import os
 import socket
 import threading
 import time
@@ -15,6 +16,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
+from ..recording.disk import create
 from .blueprint import TIMELINE, blueprint, prepare
 from .paths import plain
 from .program import Program
@@ -293,10 +295,4 @@ def require_free(port: int) -> None:
 
 def _create(path: Path) -> None:
     """Create a file and fail if it exists: Rerun would overwrite it."""
-    try:
-        with path.open("xb"):
-            pass
-    except FileExistsError:
-        raise OSError(f"{path}: exists") from None
-    except OSError as error:
-        raise OSError(f"{path}: {error.strerror}") from None
+    os.close(create(path))

@@ -21,6 +21,9 @@ Examples:
   comotion calibrate images/a images/b --target charuco:7x5:0.03:0.022 --calibration-a a.yaml ...
   comotion calibrate a.png b.png --target marker:0.08:apriltag_36h11 --calibration-a a.yaml ...
 
+Targets: chessboard:COLUMNSxROWS:SQUARE, charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY],
+marker:SIZE[:DICTIONARY].
+
 With two folders, the first image of A is paired with the first of B and so on. With two devices, keep the
 target at rest. Without extrinsics, A is the origin of 'world': run its source with '--extrinsics identity'.
 """
@@ -29,8 +32,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
     camera_b: str = argument(..., "B", "The camera to calibrate.")
     target: str = setting(
         ...,
-        "chessboard:COLUMNSxROWS:SQUARE (inner corners, m), "
-        "charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY] (squares, m), marker:SIZE[:DICTIONARY].",
+        "A chessboard (its inner corners), charuco (its squares) or marker, with lengths in m; see below.",
         metavar="KIND:SIZES",
     )
     calibration_a: Path | None = option(
@@ -41,7 +43,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
         None, "File for the calibration of B. Default: print it.", "--output", "-o", metavar="FILE.toml"
     )
     views: int = option(30, "Most views of the target to use.", min=1, max=1000)
-    timeout: float = option(60.0, "Seconds to look for the target with devices.", min=1)
+    timeout: float = option(60.0, "How long devices are looked at for the target.", min=1, metavar="SECONDS")
 
     def run(self) -> None:
         """Calibrate, and print or write the result."""

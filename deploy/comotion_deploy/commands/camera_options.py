@@ -91,12 +91,13 @@ class Camera(Command):
         UserError
             If there are any, and nobody has agreed to remove them.
         """
+        from comotion_schemas.text import counted
         from comotion_sources.klt.picture_file import frames_in
 
         frames = [] if folder is None else frames_in(folder)
         if not frames:
             return
-        held = f"{folder} holds {len(frames)} frames of an earlier run"
+        held = f"{folder} holds {counted(len(frames), 'frame')} of an earlier run"
         if not self.overwrite and not (
             sys.stdin.isatty() and typer.confirm(f"{held}. Remove them?", err=True)
         ):

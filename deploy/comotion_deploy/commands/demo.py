@@ -24,9 +24,9 @@ Examples:
 """
 
     simulated: str = argument(
-        "3d_async", "[SCENE]", "A scene of the simulator; see 'comotion source simulator --list'."
+        "3d_async", "SCENE", "A scene of the simulator; see 'comotion source simulator --list'."
     )
-    duration: float = option(30.0, "s to run.", min=1)
+    duration: float = option(30.0, "How long it runs.", min=1, metavar="SECONDS")
     out: Path = option(Path("out"), "Where results and log go.", metavar="DIR", file_okay=False)
     seed: int = option(0, "Seed of the simulator.", min=0)
 

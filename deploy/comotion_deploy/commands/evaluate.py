@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
 from ..options import Client, Json, Ready, argument, option, setting
 
@@ -33,11 +33,15 @@ Examples:
 
     files: list[str] | None = argument(
         None,
-        "[FILES]...",
+        "FILE",
         "Recordings (.c3d, .npz, .mcap) and simulated scenes (sim:NAME). Without any: the running scene.",
     )
-    period: float | None = setting(None, "s between updates. Default: the fusion parameter.")
-    duration: float | None = setting(None, "s to evaluate. Default: to the end; live: until Ctrl-C.")
+    period: float | None = setting(
+        None, "Time between updates. Default: the fusion parameter.", min=0.005, max=60, metavar="SECONDS"
+    )
+    duration: float | None = setting(
+        None, "How much to evaluate. Default: to the end; live: until Ctrl-C.", metavar="SECONDS"
+    )
     seeds: str = setting("0", "Seeds of simulated scenes, e.g. 0-4 or 0,3.")
     split: int = setting(
         1, "Divide a recording among so many sources.", env="COMOTION_SPLIT_SOURCES", min=1, max=64
@@ -65,6 +69,8 @@ Examples:
             raise UserError(f"--duration {self.duration:g} is not above 0")
         if self.plot is not None:
             import matplotlib  # noqa: F401 - before the work
+
+            require_suffix(self.plot, "a picture", ".png", ".svg", ".pdf", ".jpg")
         if self.files:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILES")
             self._score_files(self.files)
@@ -73,8 +79,6 @@ Examples:
             self._score_scene()
 
     def _score_files(self, files: list[str]) -> None:
-        from comotion.library.compiling import compile_ahead
-        from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
         from comotion_experiments.inputs import find_inputs, parse_seeds
         from comotion_sources.parts import parse_rates
 
@@ -82,6 +86,10 @@ Examples:
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
         inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
+        # What is wrong with the inputs has been said: the core takes longer to load.
+        from comotion.library.compiling import compile_ahead
+        from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
+
         compile_ahead(config.method)
         results = evaluate_inputs(
             inputs,

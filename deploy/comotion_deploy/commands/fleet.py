@@ -15,10 +15,10 @@ from ..options import (
     add,
     argument,
     as_function,
+    flowing,
     host_name,
     option,
     setting,
-    shown_epilog,
     urls,
 )
 
@@ -92,7 +92,7 @@ class Add(Cluster):
     epilog = "Example:\n  comotion fleet add kitchen --one -- --method thesis"
 
     scene: str = argument(..., "SCENE", "Name of the scene.")
-    serve: list[str] | None = argument(None, "[-- OPTIONS]", "Options of 'comotion serve'.")
+    serve: list[str] | None = argument(None, "-- OPTIONS", "Options of 'comotion serve'.")
     also: list[str] | None = option(
         None, "Another comotion command to run with the scene.", metavar="COMMAND"
     )
@@ -164,6 +164,6 @@ class Listing(Json, Cluster):
         self.show(table.as_json(fleet), table.as_table(fleet))
 
 
-app = typer.Typer(epilog=shown_epilog(EPILOG), help="Serve many scenes on many hosts.")
+app = typer.Typer(epilog=flowing(EPILOG), help="Serve many scenes on many hosts.")
 app.callback(invoke_without_command=True)(as_function(RunAgent))
 add(app, {"add": Add, "remove": Remove, "drain": Drain, "list": Listing})

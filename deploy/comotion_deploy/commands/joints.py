@@ -35,16 +35,20 @@ Examples:
 
     file: str | None = argument(
         None,
-        "[FILE]",
+        "FILE",
         "A recording (.c3d, .npz, .mcap) or a simulated scene (sim:NAME). Without: the running scene.",
     )
     urdf: Path | None = setting(None, "Write a URDF file.", metavar="FILE")
     space: str | None = setting(None, "Space of the URDF, where there are several.")
-    duration: float | None = setting(None, "s of the file. Default: to the end.", min=0.1)
-    timeout: float = setting(5.0, "s to wait for an update.", min=0.1)
+    duration: float | None = setting(
+        None, "How much of the file. Default: to the end.", min=0.1, metavar="SECONDS"
+    )
+    timeout: float = setting(5.0, "Longest wait for an update.", min=0.1, metavar="SECONDS")
 
     def run(self) -> None:
         """Print the joints, and write the URDF if that is wanted."""
+        if self.urdf is not None and not self.urdf.parent.is_dir():
+            raise UserError(f"{self.urdf.parent}: no such folder")
         if self.file is None:
             self.reject_flags(_OFFLINE_ONLY, "is only for a FILE")
             update = self._live()
@@ -64,10 +68,11 @@ Examples:
 
     def _offline(self, file: str) -> "HypothesisUpdate":
         from comotion_experiments.inputs import find_inputs
-        from comotion_experiments.offline import run_offline
 
         config = self.fusion_config()
         (recording,) = find_inputs([file])
+        from comotion_experiments.offline import run_offline
+
         return run_offline(recording.open(), config, duration=self.duration).last
 
     def _live(self) -> "HypothesisUpdate":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from ..options import Command, Json, add, argument, option, setting, shown_epilog
+from ..options import Command, Json, add, argument, flowing, option, setting
 
 if TYPE_CHECKING:
     from ..pki.authority import Issued
@@ -152,7 +152,7 @@ Examples:
 
 
 app = typer.Typer(
-    help="Make and list the certificates of a system.", epilog=shown_epilog(EPILOG), no_args_is_help=True
+    help="Make and list the certificates of a system.", epilog=flowing(EPILOG), no_args_is_help=True
 )
 add(app, {"init": Init, "issue": Issue, "list": Listing, "export": Export})
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..options import Json, Process, argument, option, setting
 
 
@@ -25,11 +25,11 @@ Examples:
 To play a recording: comotion source replay take.mcap
 """
 
-    file: Path | None = argument(None, "[FILE.mcap]", "File to write. Default: SCENE-DATE-TIME.mcap.")
-    duration: float | None = setting(None, "Stop after this time, s.", min=0.1)
-    max_size: float | None = setting(None, "MiB after which a new file begins.", min=0.001)
-    max_time: float | None = setting(None, "s after which a new file begins.", min=0.1)
-    reserve: float = setting(64.0, "MiB that remain free on the disk.", min=0)
+    file: Path | None = argument(None, "FILE.mcap", "File to write. Default: SCENE-DATE-TIME.mcap.")
+    duration: float | None = setting(None, "Stop after this time.", min=0.1, metavar="SECONDS")
+    max_size: float | None = setting(None, "Size after which a new file begins.", min=0.001, metavar="MIB")
+    max_time: float | None = setting(None, "Time after which a new file begins.", min=0.1, metavar="SECONDS")
+    reserve: float = setting(64.0, "Space that remains free on the disk.", min=0, metavar="MIB")
     repair: Path | None = option(
         None, "Copy all readable messages of a damaged file to a new file, and end.", metavar="FILE"
     )
@@ -87,6 +87,5 @@ def _target(file: Path | None, scene: str) -> Path:
         from datetime import datetime
 
         return Path(f"{scene}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap")
-    if file.suffix != ".mcap":
-        raise UserError(f"{file}: the name of a recording ends in .mcap")
+    require_suffix(file, "a recording", ".mcap")
     return file

@@ -6,7 +6,7 @@ import typer
 from typer.core import TyperGroup
 
 from ..checkout import commands_of_checkout
-from ..options import add, shown_epilog
+from ..options import add, flowing
 from .reproduce_figures import Figures
 
 EPILOG = """
@@ -29,6 +29,6 @@ class _FiguresByDefault(TyperGroup):
 app = typer.Typer(
     cls=_FiguresByDefault,
     help="Run the project's experiments again. Without a command: the figures of the thesis.",
-    epilog=shown_epilog(EPILOG),
+    epilog=flowing(EPILOG),
 )
 add(app, {"figures": Figures, **commands_of_checkout("STUDIES")})

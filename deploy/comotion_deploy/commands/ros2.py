@@ -51,12 +51,14 @@ Examples:
   comotion ros2 --bag bodies.mcap --duration 30   # no network: a bag
 
 Topics: /tf (frames comotion/SCENE/ID), and below /comotion/SCENE: detections (vision_msgs/Detection3DArray),
-odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label, confidence), markers
+odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label, confidence, rgb), markers
 (visualization_msgs/MarkerArray), joints (sensor_msgs/JointState).
 """
 
     bag: Path | None = setting(None, "Write a bag instead of publishing.", metavar="FILE.mcap")
-    duration: float | None = setting(None, "s. Default: until Ctrl-C.", min=0)
+    duration: float | None = setting(
+        None, "Stop after this time. Default: on Ctrl-C.", min=0, metavar="SECONDS"
+    )
 
     def run(self) -> None:
         """Publish until stopped."""

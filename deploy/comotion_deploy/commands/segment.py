@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_options import Carried, read_calibration
@@ -34,6 +34,7 @@ Examples:
   comotion segment drawer.mp4 --out out.mp4 --csv tracks.csv
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --csv tracks.csv
   comotion segment rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving --trajectory camera.txt
+  comotion segment drawer.mp4 --sheet drawer.jpg   # the whole video on one page
   comotion segment drawer.mp4 --masks masks   # the hypothesis of every pixel
   comotion segment apple.mp4 --tracks apple.npz   # of CoTracker or TAPIR, in place of our own tracker
   comotion segment --tracks apple.npz --fps 30 --csv labels.csv
@@ -44,7 +45,7 @@ Examples:
 
     what: str | None = argument(
         None,
-        "[WHAT]",
+        "WHAT",
         "A video file, a folder of images or of TUM RGB-D (rgb.txt), or workcell:SCENE/CAMERA. With --tracks "
         "it may be left out: they are drawn on black.",
     )
@@ -58,14 +59,17 @@ Examples:
     )
     out: Path | None = setting(
         None,
-        "Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv or "
-        "--json is given.",
+        "Annotated video, or folder of PNG images. Default: WHAT-segmented.mp4, unless --csv, "
+        "--sheet or --json is given.",
         metavar="FILE.mp4|DIR",
     )
     csv: Path | None = setting(
         None,
         "Table: frame, time, feature, x, y, hypothesis (-1: undetermined), confidence.",
         metavar="FILE.csv",
+    )
+    sheet: Path | None = setting(
+        None, "One page with twelve pictures of the whole video.", metavar="FILE.jpg"
     )
     trajectory: Path | None = setting(
         None, "With --moving and depth: where the camera was, as TUM RGB-D's groundtruth.txt.", metavar="FILE"
@@ -75,17 +79,17 @@ Examples:
         "Write the hypothesis of every pixel, as PNG of 16 bits (0: none).",
         metavar="DIR",
     )
-    masks_every: float = setting(0.5, "s between them.", min=0, max=3600)
+    masks_every: float = setting(0.5, "Time between them.", min=0, max=3600, metavar="SECONDS")
 
     def run(self) -> None:
         """Segment the video and say what was written."""
+        options = self._options()
         import cv2
 
         from comotion_experiments.segment import segment
         from comotion_sources.klt.picture_file import NO_ENCODER
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-        options = self._options()
         with _progress(str(self.what or self.tracks), options.fusion.method) as progress:
             result = segment(self.what, options, progress)
         if self.trajectory is not None:
@@ -94,10 +98,10 @@ Examples:
         self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
 
     def _options(self) -> "SegmentOptions":
-        from comotion_experiments.labelled import SegmentOptions
-
         if self.trajectory is not None and not self.moving:
             raise UserError("--trajectory needs --moving")
+        if self.sheet is not None:
+            require_suffix(self.sheet, "a sheet", ".jpg", ".jpeg")
         if self.what is None and self.tracks is None:
             raise UserError("name a video, or tracks with --tracks FILE")
         if not self._outputs() and not self.json_:
@@ -108,9 +112,17 @@ Examples:
                     raise UserError(f"{path}: is the input")
         for folder in (self.out, self.masks):
             self.clear_frames(folder)
+        read = self._given()
+        if self.what is not None and ":" not in self.what:  # of a file, before the core is loaded
+            from comotion_sources.cameras.opening import open_frames
+
+            open_frames(self.what, self.rate).close()
+        from comotion_experiments.labelled import SegmentOptions
+
         return SegmentOptions(
             out=self.out,
             csv=self.csv,
+            sheet=self.sheet,
             masks=self.masks,
             masks_every=self.masks_every,
             tracker=self.tracker_config(moving=self.moving),
@@ -118,7 +130,7 @@ Examples:
             rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
-            given=self._given(),
+            given=read,
             names=self.names(),
         )
 
@@ -138,7 +150,9 @@ Examples:
 
     def _outputs(self) -> list[Path]:
         """The files and folders to write."""
-        return [path for path in (self.out, self.csv, self.trajectory, self.masks) if path is not None]
+        return [
+            path for path in (self.out, self.csv, self.sheet, self.trajectory, self.masks) if path is not None
+        ]
 
 
 def _write_trajectory(path: Path, result: "Segmented") -> None:
@@ -160,11 +174,14 @@ def _stem(what: str) -> str:
 
 
 def _summary(result: "Segmented") -> list[str]:
+    from comotion_schemas.text import counted
+
     speed = result.frames / result.seconds
+    at_end = len([h for h in result.last if not h.absent])
     times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
     return [
-        f"{result.frames} frames in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
-        f"{len(result.hypotheses)} hypotheses, {len([h for h in result.last if not h.absent])} at the end",
+        f"{counted(result.frames, 'frame')} in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
+        f"{counted(len(result.hypotheses), 'hypothesis')}, {at_end} at the end",
         *result.joints,
     ]
 

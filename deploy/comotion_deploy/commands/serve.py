@@ -46,7 +46,7 @@ Examples:
         False, "Go on from the scene's file. 'up', 'fleet', the image and the units of systemd do."
     )
     no_state: bool = setting(False, "Keep nothing: ids start anew with each process.")
-    state_interval: float = setting(1.0, "s between writes.", min=0.1)
+    state_interval: float = setting(1.0, "Time between writes.", min=0.1, metavar="SECONDS")
     clock: Literal["wall", "event"] = setting("wall", "The wall clock, or the newest stamp received.")
     correct_clocks: bool = setting(
         False, "Shift the stamps of sources whose hosts' clocks differ from this one's, as measured."
@@ -64,7 +64,7 @@ Examples:
         "Members of the etcd cluster that elects the replica that speaks; https takes --tls.",
         metavar="URL[,URL]",
     )
-    lease: int = setting(2, "s until a lost host loses the scene in etcd.", min=2)
+    lease: int = setting(2, "Time until a lost host loses the scene in etcd.", min=2, metavar="SECONDS")
 
     def run(self) -> None:
         """Serve until stopped."""

@@ -16,7 +16,7 @@ Stamps = Literal["now", "original"]
 class Timed(Command):
     """The option of a source that may end by itself."""
 
-    duration: float | None = setting(None, "Stop after this time, s.", min=0)
+    duration: float | None = setting(None, "Stop after this time.", min=0, metavar="SECONDS")
 
 
 @dataclass(kw_only=True)

@@ -47,8 +47,8 @@ Examples:
         "recording; 1/K of it for the K-th of several sources.",
         metavar="HZ[,HZ...]",
     )
-    start: float = setting(0.0, "Start of the range, s (.mcap).", min=0)
-    end: float | None = setting(None, "End of the range, s (.mcap).", min=0)
+    start: float = setting(0.0, "Start of the range (.mcap).", min=0, metavar="SECONDS")
+    end: float | None = setting(None, "End of the range (.mcap).", min=0, metavar="SECONDS")
     split: int = setting(
         1,
         "Divide the markers among this number of sources, all in this process.",

@@ -69,10 +69,11 @@ def _print_scenes() -> None:
 def _write(scene: str, camera: str, seed: int, duration: float | None, folder: Path) -> None:
     from dataclasses import replace
 
+    from comotion_schemas.text import counted
     from comotion_sources.workcell.camera import WorkcellCamera, parse
     from comotion_sources.workcell.tum import write_tum
 
     spec = parse(f"{scene}/{camera}")
     spec = replace(spec, seed=seed or spec.seed, duration=duration or spec.duration)
     count = write_tum(WorkcellCamera(spec), folder)
-    print(f"{count} frames in {folder}")
+    print(f"{counted(count, 'frame')} in {folder}")

@@ -30,7 +30,7 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
     log_level = "warning"
 
     wait: Literal["ok"] | None = option(None, "Look again until the scene is in this state.")
-    timeout: float = setting(10.0, "Longest wait, s.", min=0.1)
+    timeout: float = setting(10.0, "Longest wait.", min=0.1, metavar="SECONDS")
     expect: list[str] | None = option(None, "A component that must be there; may be repeated.")
 
     def run(self) -> None:

@@ -33,7 +33,7 @@ The file is the --config of every process it starts; its tables process.NAME des
         "process.",
         metavar="PATH",
     )
-    duration: float | None = option(None, "Stop after this many seconds.", min=0.1)
+    duration: float | None = option(None, "Stop after this time.", min=0.1, metavar="SECONDS")
 
     def run(self) -> None:
         """Run the processes until they or the user end them."""

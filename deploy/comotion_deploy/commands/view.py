@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError
+from ..errors import UserError, require_suffix
 from ..options import Client, Json, Ready, argument, setting
 from .watch import BodyNames
 
@@ -34,7 +34,7 @@ Examples:
 """
     log_level = "warning"
 
-    recording: Path | None = argument(None, "[FILE.mcap]", "A recording to show instead of a running scene.")
+    recording: Path | None = argument(None, "FILE.mcap", "A recording to show instead of a running scene.")
     web: bool = setting(False, "Serve a page for the browser of this machine.")
     save: Path | None = setting(None, "Write a new file for the Rerun viewer.", metavar="FILE.rrd")
     foxglove: bool = setting(False, "Serve the scene to the Foxglove app.")
@@ -56,7 +56,7 @@ Examples:
         metavar="HZ",
     )
     regions: bool = setting(False, "Colour the region of each hypothesis in images.")
-    duration: float | None = setting(None, "Stop after this time, s.", min=0.1)
+    duration: float | None = setting(None, "Stop after this time.", min=0.1, metavar="SECONDS")
 
     def run(self) -> None:
         """Show it until stopped."""
@@ -81,8 +81,8 @@ Examples:
             raise UserError(
                 f"{self.recording} is a file of Rerun's own; look at it with: rerun {self.recording}"
             )
-        if self.save is not None and self.save.suffix != ".rrd":
-            raise UserError(f"{self.save}: the name of a file for Rerun ends in .rrd")
+        if self.save is not None:
+            require_suffix(self.save, "a file for Rerun", ".rrd")
         window = not self.web and self.save is None
         if window and not _has_display():
             raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
@@ -109,9 +109,10 @@ Examples:
                 self._print_viewed(follow(display, self.scene, settings, how))
                 return
             from comotion_schemas.message_log import MessageLog
+            from comotion_schemas.text import counted
 
             with MessageLog(self.recording) as log:
-                print(f"{self.recording}: {display.play(log.decoded())} updates", file=sys.stderr)
+                print(f"{self.recording}: {counted(display.play(log.decoded()), 'update')}", file=sys.stderr)
 
     def _print_viewed(self, result: "Viewed") -> None:
         if self.json_:
@@ -145,6 +146,7 @@ Examples:
         from comotion_clients.viewing.sink import RerunSink
         from comotion_schemas.component import stop_on_signals
         from comotion_schemas.message_log import MessageLog
+        from comotion_schemas.text import counted
 
         names, stop = self.names(), threading.Event()
         with MessageLog(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
@@ -152,7 +154,7 @@ Examples:
             shown = view_messages(log.decoded(), log.scene, sink, dense=self.regions, names=names)
             if not shown:
                 raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
-            print(f"{recording}: {shown} updates", file=sys.stderr)
+            print(f"{recording}: {counted(shown, 'update')}", file=sys.stderr)
             if where.window or where.web_port is not None:
                 sink.wait(stop, self.duration)
 

@@ -47,7 +47,7 @@ Examples:
         "size", "By size, by name or id, or by age; the key s changes it."
     )
     pose: bool = setting(False, "Angular speed and pose; the key p changes it.")
-    timeout: float = setting(5.0, "s that --once waits for the scene.", min=0.1)
+    timeout: float = setting(5.0, "How long --once waits for the scene.", min=0.1, metavar="SECONDS")
     all_events: bool = setting(False, "Events of joints too, not of bodies alone.")
 
     def run(self) -> None:

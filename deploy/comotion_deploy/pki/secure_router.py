@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from comotion_schemas.text import counted
 from comotion_schemas.tls import CERTIFICATE_FILE, KEY_FILE, load_tls, require_encryption, warn_of_expiry
 from comotion_schemas.transport import SessionSettings
 
@@ -63,7 +64,8 @@ def secure_setup(
             _log.warning(
                 "%s: link routers by quic/, or the rate limits drop bursts of delayed data", endpoint
             )
-    _log.info("access for %d components, %d routers", *_count(grants))
+    components, routers = _count(grants)
+    _log.info("access for %s, %s", counted(components, "component"), counted(routers, "router"))
     settings = SessionSettings(mode="router", connect=tuple(connect), listen=tuple(endpoints), tls=tls)
     return RouterSetup(settings, router_settings(grants, max_batch_bytes=max_batch_bytes))
 

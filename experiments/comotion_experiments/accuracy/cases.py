@@ -15,7 +15,8 @@ from comotion_schemas.errors import KnownError
 from comotion_sources import simulator
 from comotion_sources.recordings import read_recording, recording_batches
 
-from ..offline import Message, run_offline
+from ..inputs import Message
+from ..offline import run_offline
 from ..trace import objects_of, rightly_assigned
 
 THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")

@@ -16,7 +16,7 @@ from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.camera import CameraSpec
 from comotion_sources.workcell.sensor import SensorNoise
 
-from ..offline import Message
+from ..inputs import Message
 from ..rendered import filmed
 from .study import Study
 

@@ -12,7 +12,8 @@ from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 
-from ..offline import Message, run_offline
+from ..inputs import Message
+from ..offline import run_offline
 from ..trace import Moment, moment_of, trails_of
 
 Floats = NDArray[np.float64]

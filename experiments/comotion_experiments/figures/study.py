@@ -8,7 +8,7 @@ from typing import Any
 from comotion import FusionConfig
 from comotion_sources.simulator import SceneSpec, batches, load_scene, simulate
 
-from ..offline import Message
+from ..inputs import Message
 from ..processes import Progress, quiet
 from .runs import SceneRuns, ViewRequest, run_seed
 

@@ -10,7 +10,7 @@ from comotion_clients.metrics import Truth, labels_of, score_labels
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 
-from ..offline import Arrived
+from ..inputs import Arrived
 from .apart import Apart
 from .observe import EPOCH_NS
 

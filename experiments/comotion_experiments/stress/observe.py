@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch
 
-from ..offline import Arrived
+from ..inputs import Arrived
 from .motion import Array
 from .scene import OUTLIER_FACTOR, Scene, Source, rng_of, slot_bodies
 

@@ -1,7 +1,7 @@
 """Checks what callers give: parameters, trajectories and their times."""
 
 import warnings
-from collections.abc import Mapping, Sized
+from collections.abc import Mapping
 from typing import Any, TypedDict
 
 import numpy as np
@@ -144,8 +144,3 @@ def say_doubts(arrays: Mapping[str, Floats], unit: Unit) -> None:
     for name, states in arrays.items():
         for text in doubts(states, unit):
             warnings.warn(text if name == DEFAULT else f"source {name!r}: {text}", stacklevel=4)
-
-
-def counted(hypotheses: Sized) -> str:
-    """How many hypotheses there are, in words."""
-    return f"{len(hypotheses)} hypothes{'i' if len(hypotheses) == 1 else 'e'}s"

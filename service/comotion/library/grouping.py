@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 from comotion_schemas.errors import KnownError
+from comotion_schemas.text import counted
 from comotion_schemas.types import Unit
 
 from ..arrays import Floats, Labels
@@ -150,7 +151,7 @@ def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Itera
     warn_of(fusion.faults.take(), stacklevel=4)
     if fusion.stats.refused_rows:
         warnings.warn(
-            f"{fusion.stats.refused_rows} observations were refused, and have the label -1: more than "
+            f"{counted(fusion.stats.refused_rows, 'observation')} refused, with the label -1: more than "
             f"max_tracks={config.max_tracks} trajectories at once",
             stacklevel=4,
         )

@@ -1,6 +1,7 @@
 """Draws labelled trajectories. Needs matplotlib, imported when a figure is drawn."""
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,17 +45,11 @@ def draw(
     ModuleNotFoundError
         If matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError:
-        raise ModuleNotFoundError("matplotlib is not installed: pip install 'comotion[plot]'") from None
+    figure = _figure()
     palette = Palette()
     for update in updates:
         palette.see(update.hypotheses)
     dim = next(iter(positions.values())).shape[2]
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot(projection="3d" if dim == 3 else None)
     states = np.concatenate([_padded(one, positions) for one in positions.values()], axis=1)
     final = np.concatenate([last_labels(labels[name]) for name in positions])
@@ -67,6 +62,25 @@ def draw(
     for joint in updates[-1].joints:
         _draw_joint(axes, joint, joint_words(joint, names), _REACH * float(np.nanstd(states)))
     _frame(axes, dim, unit, seen)
+    return figure
+
+
+def _figure() -> "Figure":
+    """An empty figure that a notebook shows, as it does those of pyplot, which is not needed."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("matplotlib is not installed: pip install 'comotion[plot]'") from None
+
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            file = BytesIO()
+            self.savefig(file, format="png", bbox_inches="tight", dpi=72)
+            return file.getvalue()
+
+    figure = Shown(figsize=(8, 6), layout="constrained")
+    FigureCanvasAgg(figure)
     return figure
 
 

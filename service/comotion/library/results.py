@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from comotion_schemas import Hypothesis, HypothesisUpdate, Joint
 from comotion_schemas.errors import KnownError
 from comotion_schemas.naming import joint_words
+from comotion_schemas.text import counted
 from comotion_schemas.types import Unit
 
 from ..arrays import Floats, Labels
-from .given import counted
 from .plotting import draw
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Grouping:
     def __repr__(self) -> str:
         shapes = ", ".join(f"{rows} x {columns}" for rows, columns in map(np.shape, self.by_source.values()))
         rest = sum(one.state == "static" for one in self.hypotheses)
-        return f"Grouping({shapes}, {counted(self.hypotheses)}, {rest} at rest)"
+        return f"Grouping({shapes}, {counted(len(self.hypotheses), 'hypothesis')}, {rest} at rest)"
 
     def to_pandas(self) -> pandas.DataFrame:
         """One row for each feature and instant at which it was seen.

@@ -16,6 +16,7 @@ from comotion_schemas import HypothesisUpdate, ObservationBatch
 from comotion_schemas.doubts import coarse
 from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.rows import Rows, check_space, usable_rows
+from comotion_schemas.text import counted
 from comotion_schemas.time_units import instant, seconds
 from comotion_schemas.types import Unit, is_name
 
@@ -23,7 +24,7 @@ from ..config import FusionConfig, to_ns
 from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
-from .given import Parameters, config_of, counted, longest_step_s
+from .given import Parameters, config_of, longest_step_s
 
 _SESSION = "0" * 16
 # First times of a source by which its unit is judged, and updates that an iteration may come late for.
@@ -92,8 +93,11 @@ class Scene:
 
     def __repr__(self) -> str:
         update = self._update
-        found = "" if update is None else f", {len(update.track_id)} features, {counted(update.hypotheses)}"
-        return f"Scene({self._unit}, {len(self._newest)} sources{found})"
+        found = ""
+        if update is not None:
+            found = f", {counted(len(update.track_id), 'feature')}"
+            found += f", {counted(len(update.hypotheses), 'hypothesis')}"
+        return f"Scene({self._unit}, {counted(len(self._newest), 'source')}{found})"
 
     def __enter__(self) -> Self:
         return self

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from comotion_schemas.component import StatusFields
 from comotion_schemas.messages import RejectionReason
+from comotion_schemas.text import counted, counter_words
 
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
@@ -103,7 +104,7 @@ class Health:
             counters=counters,
             rejected=rejected,
             problems=lasting,
-            message="; ".join(trouble) or (f"{len(live)} live sources" if live else "no live source"),
+            message="; ".join(trouble) or (counted(len(live), "live source") if live else "no live source"),
         )
 
     def _rates(self, monotonic_ns: int) -> dict[str, float]:
@@ -126,11 +127,12 @@ class Health:
         before = self._samples[0]
         grown = {name: counters[name] - before.counters[name] for name in _TROUBLE}
         refused = sum(rejected.values()) - sum(before.rejected.values())
-        trouble = [f"{count} {name.replace('_', ' ')}" for name, count in grown.items() if count > 0]
-        if refused:
-            why = f", last on {rejection}" if rejection else ""
-            trouble.append(f"{refused} rejected{why}")
-        return trouble
+        words = [counter_words(name, count) for name, count in grown.items() if count > 0]
+        words += [f"{refused} rejected"] if refused else []
+        if not words:
+            return []
+        last = f", the last on {rejection}" if refused and rejection else ""
+        return [f"in the last {_RECENT_NS // 1_000_000_000} s {', '.join(words)}{last}"]
 
 
 class Watchdog:

@@ -111,7 +111,7 @@ def _recording(name: str, archive: Any, fps: float | None) -> Recording:
     if dim not in {2, 3}:
         raise RecordingError(f"its positions have {dim} coordinates, not 2 or 3")
     if times.shape != (frames,):
-        raise RecordingError(f"it has {times.shape} times for {frames} frames")
+        raise RecordingError(f"it has {' x '.join(map(str, times.shape))} times for {frames} frames")
     try:
         times = seconds(times)
     except KnownError as error:
@@ -137,7 +137,12 @@ def _array(archive: Any, name: str) -> NDArray[Any]:
     if name not in archive:
         raise RecordingError(f"it has no array {name!r}")
     _require_honest(archive, name)
-    array = archive[name]
+    try:
+        array = archive[name]
+    except ValueError as error:
+        if "allow_pickle" not in str(error):
+            raise
+        raise RecordingError(f"its array {name!r} holds Python objects, not numbers") from None
     if not isinstance(array, np.ndarray):  # NumPy returns other members of the archive as bytes
         raise RecordingError(f"its member {name!r} is not an array")
     return array

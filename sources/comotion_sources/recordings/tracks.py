@@ -155,7 +155,7 @@ def _times(arrays: Arrays, frames: int, fps: float | None) -> NDArray[np.float64
     given = next((arrays[name] for name in TIMES if name in arrays), None)
     if given is not None:
         if given.shape != (frames,):
-            raise RecordingError(f"it has {given.shape} times for {frames} frames")
+            raise RecordingError(f"it has {' x '.join(map(str, given.shape))} times for {frames} frames")
         try:
             return seconds(given)
         except KnownError as error:

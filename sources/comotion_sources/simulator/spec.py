@@ -237,7 +237,7 @@ def _read(scene: str | Path) -> str:
     try:
         if str(scene) in scene_names():
             return (_shipped() / f"{scene}.toml").read_text(encoding="utf-8")
-        if not Path(scene).exists():
+        if not Path(scene).is_file():
             raise InputError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
         return read_text(Path(scene), _MAX_BYTES)
     except OSError as error:

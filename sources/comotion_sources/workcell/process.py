@@ -12,6 +12,7 @@ from typing import Unpack
 
 from comotion_schemas import JointStates, encode
 from comotion_schemas.component import Component, Rates, StatusFields, Where
+from comotion_schemas.text import counted
 from comotion_schemas.transport import Publisher, stream_publisher
 
 from .scene import Scene
@@ -105,4 +106,4 @@ def run(
         driver.run(publisher, component.session_id, component.stop.wait, until)
         publisher.undeclare()
         if driver.overruns:
-            _log.warning("%d instants were late and left out", driver.overruns)
+            _log.warning("%s left out: late", counted(driver.overruns, "instant"))
