@@ -200,7 +200,7 @@ def run_offline(
         offline.ingest(arrived.batch)
     if due.ns <= end_ns:
         offline.update(due.ns)
-    warn_of(offline.fusion.faults(), stacklevel=2)
+    warn_of(offline.fusion.faults.take(), stacklevel=2)
     if not offline.times:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
     return offline.run(start_ns, truth)

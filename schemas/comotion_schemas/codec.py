@@ -64,7 +64,7 @@ def encode(message: Message) -> bytes:
     ValueError
         If the payload would exceed 16 MiB.
     """
-    payload = cast("bytes", msgpack.packb(_to_wire(message), use_bin_type=True))
+    payload = cast("bytes", msgpack.packb(message, default=_to_wire, use_bin_type=True))
     if len(payload) > MAX_BYTES:
         raise KnownError(f"a message of {len(payload)} bytes exceeds the limit of {MAX_BYTES}")
     return payload
@@ -198,13 +198,10 @@ def _decode_error(error: ValidationError) -> DecodeError:
 
 
 def _to_wire(value: Any) -> Any:
+    """What msgpack does not know by itself: of a column the bytes, of a message or part what it has."""
     if isinstance(value, np.ndarray):
         return value.tobytes()
     if is_dataclass(value):
         pairs = ((f.name, getattr(value, f.name)) for f in fields(value))
-        return {name: _to_wire(item) for name, item in pairs if item is not None}
-    if isinstance(value, list):
-        return [_to_wire(item) for item in value]
-    if isinstance(value, dict):
-        return {name: _to_wire(item) for name, item in value.items()}
-    return value
+        return {name: item for name, item in pairs if item is not None}
+    raise TypeError(f"{type(value).__name__} does not travel")

@@ -1,15 +1,25 @@
-"""Joins the updates of all spaces in one message for the wire."""
+"""Joins the updates of all spaces in one message for the wire, with what is between them, and events."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from comotion_schemas import UNDETERMINED, Event, HypothesisUpdate, Joint, SourceRef
 
 from .arrays import distinct
-from .space import SpaceUpdate
+from .config import FusionConfig
+from .event_time.faults import Faults
+from .event_time.stats import Key
+from .hypotheses.events import EVENT_MEMORY_NS
+from .joints.joints import Joints
+from .linking.linker import Linker
+from .partition import SpaceSpec
+from .saving import plain, refill, restored
+from .shedding import Effort
+from .space_update import SpaceUpdate
 
 
 class Header(NamedTuple):
@@ -22,6 +32,90 @@ class Header(NamedTuple):
     published_ns: int
     period_ns: int
     live: bool
+
+
+@dataclass
+class Assembly:
+    """Makes one message of the updates of all spaces, and remembers what lasts from one to the next.
+
+    Attributes
+    ----------
+    config
+        Parameters of the fusion.
+    faults
+        Where errors are counted: they cost joints, links and events, or the space that does not fit.
+    """
+
+    config: FusionConfig
+    faults: Faults
+    _events: deque[Event] = field(default_factory=deque)
+
+    def __post_init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
+        self._joints, self._linker = Joints(self.config.joints), Linker(self.config.linking)
+        self._events.clear()
+
+    def message(
+        self,
+        header: Header,
+        updates: Sequence[SpaceUpdate],
+        sessions: Mapping[int, Key],
+        effort: Effort,
+        reopen: Callable[[SpaceSpec], object],
+    ) -> HypothesisUpdate:
+        """One message of all spaces, with events, joints and links.
+
+        Parameters
+        ----------
+        header, updates, sessions
+            As for :func:`assemble`.
+        effort
+            Whether joints are judged and links decided.
+        reopen
+            Builds a space anew that does not fit in a message.
+        """
+        views = [one.view for one in updates]
+        with self.faults.guard("putting an update together"):
+            joints, changes = self._joints.update(header.stamp_ns, views, judging=effort.joints)
+            self._joints.keep(h.id for one in updates for h in one.hypotheses)
+            self._remember(header.stamp_ns, [*(event for one in updates for event in one.events), *changes])
+            update = assemble(header, updates, sessions, self._events, joints)
+            return self._linker.linked(update, views, deciding=effort.links)
+        self._forget()
+        update, fitting = assemble(header, [], sessions, []), list[SpaceUpdate]()
+        for one in updates:
+            found = None
+            with self.faults.guard(f"listing space {one.view.spec.name!r}"):
+                found = assemble(header, [*fitting, one], sessions, [])
+            if found is None:
+                reopen(one.view.spec)
+            else:
+                update = found
+                fitting.append(one)
+        return update
+
+    def _remember(self, stamp_ns: int, events: Sequence[Event]) -> None:
+        """Keep the events that updates still list."""
+        self._events.extend(events)
+        while self._events and self._events[0].stamp_ns < stamp_ns - EVENT_MEMORY_NS:
+            self._events.popleft()
+
+    def state(self) -> dict[str, Any]:
+        """Events, links and joints as plain values."""
+        return {
+            "events": plain(self._events),
+            "links": plain(self._linker.links),
+            "joints": plain(self._joints),
+        }
+
+    def load(self, state: dict[str, Any], *, keep_joints: bool) -> None:
+        """Take up :meth:`state`; joints are those of a method."""
+        self._events = restored(deque[Event], state["events"])
+        self._linker.links = restored(dict[int, int], state["links"])
+        if keep_joints:
+            refill(self._joints, state["joints"])
 
 
 def assemble(

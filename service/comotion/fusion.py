@@ -7,9 +7,7 @@ The caller owns the period and the clock: it passes batches as they come, and re
 with the time that it takes for now.
 """
 
-from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Self
@@ -17,28 +15,23 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import Event, HypothesisUpdate, Keys, ObservationBatch, RejectionReason
-from comotion_schemas.messages import ProblemKind
+from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, RejectionReason
 
 from . import snapshot
-from .assembly import Header, assemble, at_rest, moved
+from .assembly import Assembly, Header, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.budget import Budget, CostClock
-from .event_time.faults import Fault, Faults
+from .event_time.faults import Faults
 from .event_time.instants import SessionEnded
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
 from .event_time.troubles import CLOCKS
 from .following import PublishedIds
-from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
-from .joints.joints import Joints
-from .linking.linker import Linker
-from .methods import make_method
-from .partition import Method, SpaceSpec
-from .saving import plain, refill, restored
+from .partition import SpaceSpec
+from .saving import plain, restored
 from .shedding import FULL, Effort
-from .space import MAX_COORDINATE, SpaceUpdate
+from .space import MAX_COORDINATE
 from .spaces import Spaces
 
 # Share of a period for updating spaces: less than what makes updates slow, for who spends it must not make
@@ -82,7 +75,9 @@ class Fusion:
     stats
         The counters of Status.
     timeline
-        Event time: the watermark, the sources, and the accounts of their sessions.
+        Event time: the watermark, the sources, the accounts of their sessions, and what sources do wrong.
+    faults
+        Errors of the fusion itself.
 
     Raises
     ------
@@ -102,22 +97,19 @@ class Fusion:
         self.scene = Keys(scene).scene
         self.session = session
         self.stats = Stats()
-        self._faults = Faults(self.stats)
-        self.timeline = Timeline(self.config, self.stats, self._faults)
+        self.faults = Faults(self.stats)
+        self.timeline = Timeline(self.config, self.stats, self.faults)
         self._ids = IdAllocator(first_id)
         self._grouping = Budget(_GROUPING, to_ns(self.config.period))
         self._spaces = Spaces(
             self.config,
             self._ids,
             self.stats,
-            self._faults,
-            self.make_method,
+            self.faults,
             self._grouping,
             self.timeline.troubles,
         )
-        self._linker = Linker(self.config.linking)
-        self._joints = Joints(self.config.joints)
-        self._events: deque[Event] = deque()
+        self._assembly = Assembly(self.config, self.faults)
         self._published: PublishedIds | None = None
         self._effort = FULL
         self._latest: HypothesisUpdate | None = None
@@ -131,7 +123,7 @@ class Fusion:
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
         refusal: RejectionReason | None = "defect"
-        with self._faults.guard("checking a batch", batch):
+        with self.faults.guard("checking a batch", batch):
             refusal = self._refusal(batch)
         self.timeline.receive(batch, refusal)
 
@@ -177,36 +169,11 @@ class Fusion:
         self._seq += 1
         self.stats.updates += 1
         self.stats.shed += self._effort != FULL
-        update = self._composed(header, updates)
+        update = self._assembly.message(header, updates, timeline.sessions, self._effort, self._spaces.open)
         if not live and timeline.sources.has_heard():
             update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
         return self._latest if self._published is None else self._published.apply(self._latest)
-
-    def _composed(self, header: Header, updates: list[SpaceUpdate]) -> HypothesisUpdate:
-        """One message of all spaces, with events, joints and links; one that does not fit is built anew."""
-        stamp_ns, sessions = header.stamp_ns, self.timeline.sessions
-        views = [one.view for one in updates]
-        with self._faults.guard("putting an update together"):
-            joints, changes = self._joints.update(stamp_ns, views, judging=self._effort.joints)
-            self._joints.keep(h.id for one in updates for h in one.hypotheses)
-            self._remember(stamp_ns, [*(event for one in updates for event in one.events), *changes])
-            update = assemble(header, updates, sessions, self._events, joints)
-            return self._linker.linked(update, views, deciding=self._effort.links)
-        self._joints, self._linker = Joints(self.config.joints), Linker(self.config.linking)
-        self._events.clear()
-        fitting: list[SpaceUpdate] = []
-        update = assemble(header, fitting, sessions, [])
-        for one in updates:
-            found = None
-            with self._faults.guard(f"listing space {one.view.spec.name!r}"):
-                found = assemble(header, [*fitting, one], sessions, [])
-            if found is None:
-                self._spaces.open(one.view.spec)
-            else:
-                update = found
-                fitting.append(one)
-        return update
 
     def measure(self, clock: CostClock, grouping: CostClock | None = None) -> None:
         """Limit what each source may cost, as the budgets of `limits` say; without, nothing is limited.
@@ -269,26 +236,6 @@ class Fusion:
         gone = (one for space in self._spaces for one in space.forget(hypothesis))
         return sorted(gone if self._published is None else map(self._published.name, gone))
 
-    def faults(self) -> list[Fault]:
-        """Errors of the fusion itself since the last call, with their traces."""
-        return self._faults.take()
-
-    def guard(self, what: str) -> AbstractContextManager[None]:
-        """Go on behind a block of the caller that does `what` if it fails: a fault as any other."""
-        return self._faults.guard(what)
-
-    def troubles(self) -> dict[ProblemKind, dict[str, Any]]:
-        """What the sources do wrong, as of the last :meth:`advance`.
-
-        Returns
-        -------
-        dict
-            By kind, and by name of the source, what shows it: for clocks a :class:`.troubles.ClockTrouble`,
-            for ids and scale the number of :class:`.source_checks.SourceChecks`, for `limit` and
-            `contradicts-space` words; None for the others.
-        """
-        return self.timeline.troubles.lately()
-
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.
 
@@ -319,9 +266,7 @@ class Fusion:
             "session": self.session,
             "next_id": self._ids.following + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
-            "events": plain(self._events),
-            "links": plain(self._linker.links),
-            "joints": plain(self._joints),
+            **self._assembly.state(),
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
@@ -342,22 +287,15 @@ class Fusion:
         fusion = cls(config, scene=state["scene"], session=session or state["session"])
         fusion._ids.following = int(state["next_id"])
         fusion.timeline.load(state["timeline"])
-        fusion._events = restored(deque[Event], state["events"])
-        fusion._linker.links = restored(dict[int, int], state["links"])
+        fusion._assembly.load(state, keep_joints=state["method"] == config.method)
         if state["published"] is not None:
             fusion._published = restored(PublishedIds, state["published"])
             fusion._published.ids.following += ID_GAP
-        if state["method"] == config.method:
-            refill(fusion._joints, state["joints"])
         for part in state["spaces"]:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             # The trajectories serve every method; what a method has derived from them is its own.
             space.load(part, keep_method=state["method"] == config.method)
         return fusion
-
-    def make_method(self, spec: SpaceSpec) -> Method:
-        """Build the method for a space; a subclass may choose another one."""
-        return make_method(self.config, spec)
 
     def _refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch cannot be fused, whatever its time; None if it can."""
@@ -371,9 +309,3 @@ class Fusion:
         if np.abs(batch.positions).max(initial=0.0) > MAX_COORDINATE:
             return "range"
         return None
-
-    def _remember(self, stamp_ns: int, events: Sequence[Event]) -> None:
-        """Keep the events that updates still list."""
-        self._events.extend(events)
-        while self._events and self._events[0].stamp_ns < stamp_ns - EVENT_MEMORY_NS:
-            self._events.popleft()

@@ -11,6 +11,7 @@ hypothesis.
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -19,7 +20,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
-from .saving import NOT_KEPT
+from .saving import NOT_KEPT, refill
 
 # Another body becomes the world if it is so many times larger.
 _TIMES_LARGER = 2.0
@@ -140,6 +141,55 @@ class MovingFrame:
         return replace(
             one, state=state, pose=pose_of(moved, self.dim), twist=_relative_twist(one, world, self.dim)
         )
+
+
+@dataclass
+class Carrying:
+    """Whether the frame of a space moves: as configured, else as all its sources say.
+
+    Attributes
+    ----------
+    dim, metric
+        As of :class:`MovingFrame`.
+    configured
+        What the configuration says; None: nothing.
+    frame
+        The frame; None while it rests.
+    said
+        By session number its source, and whether that says that the frame moves.
+    contradicting
+        Sources that say so where not all do.
+    """
+
+    dim: int
+    metric: bool
+    configured: bool | None
+    frame: MovingFrame | None = None
+    said: dict[int, tuple[str, bool]] = field(default_factory=dict)
+    contradicting: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._carry(moving=bool(self.configured))
+
+    def follow(self, present: list[int], in_use: set[int]) -> None:
+        """Follow what sessions with current trajectories say; forget those that are not in use."""
+        said = [self.said[number] for number in present if number in self.said]
+        if self.configured is None and said:
+            self._carry(moving=all(moving for _, moving in said))
+        self.contradicting = [name for name, moving in said if moving and self.frame is None]
+        self.said = {number: declared for number, declared in self.said.items() if number in in_use}
+
+    def load(self, state: Mapping[str, Any] | None) -> None:
+        """The frame moves: as it was kept, or anew where nothing was."""
+        self._carry(moving=True)
+        if self.frame is not None and state is not None:
+            refill(self.frame, state)
+
+    def _carry(self, *, moving: bool) -> None:
+        if not moving:
+            self.frame = None
+        elif self.frame is None:
+            self.frame = MovingFrame(self.dim, self.metric)
 
 
 def _is_first(stamp_ns: int, one: Hypothesis, labels: Labels) -> bool:

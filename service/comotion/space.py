@@ -1,16 +1,13 @@
 """One space: stores its released instants, and groups its trajectories at each update."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import Event, Hypothesis, Pose
-
-from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps, distinct
+from .arrays import Bools, Floats, Ints, Slots, Stamps, distinct
 from .config import FusionConfig, to_ns
 from .event_time.instants import Instants
 from .event_time.stats import Stats
@@ -21,11 +18,12 @@ from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .last_grouping import LastGrouping, representatives
 from .linking.linker import SpaceView
-from .moving_frame import MovingFrame
+from .moving_frame import Carrying
 from .partition import Method, Partition, SpaceSpec
-from .saving import plain, refill
+from .saving import plain
 from .shedding import FULL, Effort
 from .source_checks import Stored
+from .space_update import SpaceUpdate
 from .trajectories.track_index import Ids, TrackIndex
 from .trajectories.window import Window
 
@@ -33,45 +31,6 @@ from .trajectories.window import Window
 _MIN_OBSERVATIONS = 2
 # m or px. Farther out, single precision resolves no motion, and squares of squares leave their range.
 MAX_COORDINATE = 1e9
-
-
-@dataclass(frozen=True)
-class SpaceUpdate:
-    """Current trajectories of one space and their hypotheses, as of one update.
-
-    Attributes
-    ----------
-    sessions, ids
-        intp [n], number of the session, and uint64 [n], id of the feature: who each trajectory is.
-    positions
-        float64 [n, 3]: newest fused positions, in the space's unit; the third column is NaN in 2-D.
-    labels
-        int64 [n], hypothesis id, negative for none.
-    confidence
-        float64 [n] in 0..1.
-    hypotheses
-        The hypotheses with current members, and the absent ones.
-    events
-        Those of this update only.
-    view
-        What the linker needs to see.
-    frame
-        Where the frame of the space is in the world; None where it does not move.
-    """
-
-    sessions: Slots
-    ids: Ids
-    positions: Floats
-    labels: Labels
-    confidence: Floats
-    hypotheses: list[Hypothesis]
-    events: list[Event]
-    view: SpaceView
-    frame: Pose | None = None
-
-
-# Of a SpaceUpdate.
-_COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
 
 
 class Space:
@@ -96,12 +55,12 @@ class Space:
     ----------
     index
         Who the trajectories are.
-    contradicting
-        Sources that say that the frame moves, where not all do.
+    carrying
+        Whether the frame moves, and where it is.
     owner
         The source that was the first to observe something here; empty where nobody knows.
-    fed_ns, updated
-        When something came in last on the clock of arrivals, and in which update the space was updated last.
+    fed_ns
+        When something came in last, on the clock of arrivals.
     """
 
     def __init__(
@@ -114,37 +73,15 @@ class Space:
         self._method = method
         self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
-        self._frame: MovingFrame | None = None
         self._last: LastGrouping | None = None
         # Keys and update of what was listed last.
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
-        self.contradicting: list[str] = []
-        self.owner, self.fed_ns, self.updated = "", 0, -1
+        self.owner, self.fed_ns = "", 0
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self.drift = DriftCheck()
         self._groupings = 0
         known = config.spaces.get(spec.name)
-        self._moving = None if known is None else known.moving
-        # What each session has said last: its source, and whether the frame moves.
-        self._said: dict[int, tuple[str, bool]] = {}
-        self._carry(moving=bool(self._moving))
-
-    def _carry(self, *, moving: bool) -> None:
-        """Take the frame for one that moves, or that rests."""
-        if not moving:
-            self._frame = None
-        elif self._frame is None:
-            self._frame = MovingFrame(self.spec.dim, self.spec.unit == "m")
-
-    def _follow_sources(self) -> None:
-        """Take the frame for one that moves where the configuration, or all current sources, say so."""
-        present = distinct(self._window.source[self._current])[0].tolist()
-        said = [self._said[number] for number in present if number in self._said]
-        if self._moving is None and said:
-            self._carry(moving=all(moving for _, moving in said))
-        self.contradicting = [name for name, moving in said if moving and self._frame is None]
-        in_use = self.sessions_in_use()
-        self._said = {number: declared for number, declared in self._said.items() if number in in_use}
+        self.carrying = Carrying(spec.dim, spec.unit == "m", None if known is None else known.moving)
 
     def store(
         self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None
@@ -189,7 +126,7 @@ class Space:
     def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
         """Put rows of a batch into the window, each with its slot and stamp."""
         batch = instants.batch
-        self._said[instants.session] = batch.source, bool(batch.moving)
+        self.carrying.said[instants.session] = batch.source, bool(batch.moving)
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
@@ -281,7 +218,8 @@ class Space:
         current = self._current = slots[fresh[slots] & ~window.ended[slots]]
         window.live[:] = False
         window.live[current] = True
-        self._follow_sources()
+        present = distinct(window.source[current])[0].tolist()
+        self.carrying.follow(present, self.sessions_in_use())
         self.extent.look(window, current)
         partition = self._partition(stamp_ns, effort)
         labels, hypotheses, events = self._hypotheses.update(
@@ -290,8 +228,8 @@ class Space:
         # Links and joints follow from motion in the frame; what is published is relative to the world.
         present = [one for one in hypotheses if not one.absent]
         frame = None
-        if self._frame is not None:
-            hypotheses, frame = self._frame.relative(stamp_ns, hypotheses, labels, partition.position)
+        if self.carrying.frame is not None:
+            hypotheses, frame = self.carrying.frame.relative(stamp_ns, hypotheses, labels, partition.position)
         owners, newest, known = window.source[current], _newest(window, current), self._hypotheses.labels
         motions = partial(self._method.motions, known.ids, known.references)
         self._listed = (
@@ -317,9 +255,7 @@ class Space:
         keys, last = self._listed
         slots, window = last.view.current, self._window
         kept = window.used[slots] & (window.key[slots] == keys) & ~window.ended[slots]
-        view = replace(last.view, current=slots[kept], labels=last.labels[kept])
-        columns = {name: getattr(last, name)[kept] for name in _COLUMNS}
-        return replace(last, **columns, events=[], view=view)
+        return last.without_some(kept)
 
     def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
@@ -395,7 +331,7 @@ class Space:
             "window": self._window.state(),
             "method": self._method.state(),
             "hypotheses": self._hypotheses.state(self._window),
-            "frame": plain(self._frame),
+            "frame": plain(self.carrying.frame),
             "ended": [[number, ids] for number, ids in self.index.ended()],
         }
 
@@ -406,9 +342,7 @@ class Space:
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
         if state["frame"] is not None:
-            self._carry(moving=True)
-            if keep_method and self._frame is not None:
-                refill(self._frame, state["frame"])
+            self.carrying.load(state["frame"] if keep_method else None)
 
 
 def _newest(window: Window, slots: Slots) -> Floats:

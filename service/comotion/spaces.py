@@ -1,7 +1,7 @@
 """All spaces of a scene, each updated alone. One that fails is built anew.
 
 A fault in a space costs what it has derived, at worst its trajectories; never the service, nor another space.
-Bounds are kept here: of spaces, and of trajectories, of which each source has its share.
+Bounds are kept here: of spaces, and of trajectories, of which each source has its share (:mod:`.shares`).
 
 Unit and dim of a space are those of the configuration, else of the source that was the first to observe
 something in it, as long as anybody who agrees does. Who contradicts is refused.
@@ -22,17 +22,19 @@ from .event_time.instants import Instants
 from .event_time.stats import Key, Stats
 from .event_time.troubles import Troubles
 from .hypotheses.identity import IdAllocator
-from .partition import Method, SpaceSpec
+from .methods import make_method
+from .partition import SpaceSpec
+from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .source_checks import MOST_ROWS, SourceChecks
-from .space import Space, SpaceUpdate
+from .space import Space
+from .space_update import SpaceUpdate
 
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
 _REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
 # Rows of an instant that are looked at, for each trajectory that there may be.
 _ROWS_FOR_A_TRACK = 2
-MakeMethod = Callable[[SpaceSpec], Method]
 
 
 @dataclass
@@ -41,7 +43,7 @@ class Spaces:
 
     Attributes
     ----------
-    config, ids, stats, faults, make_method
+    config, ids, stats, faults
         Of the fusion.
     at_ns
         The clock of arrivals.
@@ -55,7 +57,6 @@ class Spaces:
     ids: IdAllocator
     stats: Stats
     faults: Faults
-    make_method: MakeMethod
     budget: Budget
     troubles: Troubles
     at_ns: int = 0
@@ -63,6 +64,7 @@ class Spaces:
 
     def __post_init__(self) -> None:
         self._checks = SourceChecks(self.troubles)
+        self._turns = Turns(self.budget)
 
     def __iter__(self) -> Iterator[Space]:
         return iter(self._spaces.values())
@@ -151,37 +153,27 @@ class Spaces:
         sessions
             (source, session) by session number.
         """
-        shares = {name: self._shares(name, sessions) for name in self._spaces}
-        waiting = sorted(self._spaces, key=lambda name: (self._spaces[name].updated, name))
-        self.budget.begin(self.at_ns, set().union(*shares.values()))
         updates: dict[str, SpaceUpdate] = {}
-        while waiting:
-            costly = []
-            for name in waiting:
-                # One at least, so that every space has its turn.
-                if updates and not any(self.budget.allows(source) for source in shares[name]):
-                    costly.append(name)
-                    continue
-                with self.budget.charge(shares[name]):
-                    updates |= self._updated_space(name, stamp_ns, timeout_ns, effort)
-            waiting = costly
-            if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
-                break
-        for name in waiting:
-            for source in shares[name]:
-                self.troubles.note("over-budget", source)
+
+        def update(name: str) -> None:
+            updates.update(self._updated_space(name, stamp_ns, timeout_ns, effort))
+
+        shares = {name: self._shares(name, sessions) for name in self._spaces}
+        for name in self._turns.take(self.at_ns, shares, update):
             with self.faults.guard(f"repeating space {name!r}"):
                 again = self._spaces[name].repeated()
                 updates |= {} if again is None else {name: again}
+        for source in self._turns.costly:
+            self.troubles.note("over-budget", source)
         self._note_troubles(sessions)
         doubted = self.troubles.sources("ids-reused", "ids-short-lived")
         numbers = [number for number, (source, _) in sessions.items() if source in doubted]
-        return [_doubted(updates[name], numbers) for name in sorted(updates)]
+        return [updates[name].doubted(numbers) for name in sorted(updates)]
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Take note of who drifts away from the others of a space, or alone says that it is carried."""
         for space in self:
-            for source in space.contradicting:
+            for source in space.carrying.contradicting:
                 text = f"that {space.spec.name} is carried, which others do not say"
                 self.troubles.note("contradicts-space", source, text)
             for number in space.drift.drifting:
@@ -204,7 +196,6 @@ class Spaces:
         self, name: str, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort
     ) -> dict[str, SpaceUpdate]:
         """The update of a space by its name; none where it fails even when it is empty."""
-        self._spaces[name].updated = self.stats.updates
         for keep in (True, False, False):
             with self.faults.guard(f"updating space {name!r}"):
                 return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
@@ -226,7 +217,7 @@ class Spaces:
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        space = Space(self.config, spec, self.make_method(spec), self.ids, self.stats)
+        space = Space(self.config, spec, make_method(self.config, spec), self.ids, self.stats)
         space.fed_ns = self.at_ns
         # In the order in which they were opened.
         self._spaces.pop(spec.name, None)
@@ -292,7 +283,8 @@ class Spaces:
         number, source = instant.session, instant.batch.source
         before, instant = self.stats.refused_rows, self._cut(instant)
         elsewhere = self._elsewhere(instant, space)
-        stored = space.store(instant, lambda wanted: self._allowance(number, wanted), elsewhere)
+        most, spaces = self.config.max_tracks, self._spaces.values()
+        stored = space.store(instant, lambda wanted: allowance(spaces, most, number, wanted), elsewhere)
         if not stored.factor and self.stats.refused_rows - before > stored.ended:
             self.troubles.note("limit", source, _REFUSED)
         where = number, space.spec.name
@@ -316,43 +308,11 @@ class Spaces:
         if not others:
             return None
         ids = instant.batch.ids[instant.rows]
-        found: Bools = np.any([space.index.find(ids, instant.session) >= 0 for space in others], axis=0)
+        # What has a trajectory here has none elsewhere.
+        unknown = home.index.find(ids, instant.session) < 0
+        if not unknown.any():
+            return None
+        taken = [space.index.find(ids[unknown], instant.session) >= 0 for space in others]
+        found: Bools = np.zeros(len(ids), bool)
+        found[unknown] = np.any(taken, axis=0)
         return found if found.any() else None
-
-    def _allowance(self, session: int, wanted: int) -> int:
-        """How many new trajectories a session may open; who holds more than its share loses some."""
-        free = max(self.config.max_tracks - sum(space.occupied() for space in self), 0)
-        if wanted <= free:
-            return wanted
-        held: dict[int, int] = {}
-        for space in self:
-            for number, count in space.held().items():
-                held[number] = held.get(number, 0) + count
-        share = self.config.max_tracks // len(held.keys() | {session})
-        due = min(wanted, share - held.get(session, 0))
-        while free < due:
-            greediest = max(held, key=lambda number: held[number], default=session)
-            excess = held.get(greediest, 0) - share
-            if greediest == session or excess <= 0:
-                break
-            freed = self._displace(greediest, min(due - free, excess))
-            if not freed:
-                break
-            held[greediest] -= freed
-            free += freed
-        return min(wanted, free)
-
-    def _displace(self, session: int, count: int) -> int:
-        """Drop the youngest trajectories of a session; returns how many."""
-        freed = 0
-        for space in self:
-            freed += space.displace(session, count - freed)
-        return freed
-
-
-def _doubted(update: SpaceUpdate, numbers: list[int]) -> SpaceUpdate:
-    """The same with half the confidence at most in what sessions say whose ids change hands."""
-    if not numbers:
-        return update
-    most = np.where(np.isin(update.sessions, numbers), 0.5, 1.0)
-    return replace(update, confidence=np.minimum(update.confidence, most))

@@ -95,6 +95,10 @@ class Outcome:
     def blames_the_honest(self) -> bool:
         return any(who in HONEST for _, who in self.problems)
 
+    def names_the_attacker(self, *kinds: str) -> bool:
+        """Whether one of some kinds of problem is laid to the attacker, or to a name that it has taken."""
+        return any(kind in kinds and (who or "").startswith(NAME) for kind, who in self.problems)
+
 
 def _certificates(folder: Path) -> Path:
     """Certificates of all processes."""
@@ -111,18 +115,24 @@ class Arena:
     """The processes of a scene; a context manager.
 
     `held`: the honest start only with :meth:`begin`; `also`: further sources of the soak; `secure`: all have
-    certificates, the attacker an ordinary one.
+    certificates, the attacker an ordinary one; `serve`: further options of the service.
     """
 
     def __init__(
-        self, folder: Path, *, held: bool = False, also: tuple[str, ...] = (), secure: bool = False
+        self,
+        folder: Path,
+        *,
+        held: bool = False,
+        also: tuple[str, ...] = (),
+        secure: bool = False,
+        serve: tuple[str, ...] = (),
     ) -> None:
         self.endpoint = free_endpoint()
         self._tls: Path | None = None
         if secure:
             self.endpoint = self.endpoint.replace("tcp/127.0.0.1", "tls/localhost")
             self._tls = _certificates(folder / "pki")
-        every = system(self.endpoint, SCENE, folder)
+        every = system(self.endpoint, SCENE, folder, serve=serve)
         self._also = also
         self.processes = {name: every[name] for name in ("router", "service", *HONEST, *also)}
         self._folder, self._held = folder, held

@@ -12,7 +12,15 @@ from typing import Any
 from pydantic import BaseModel
 
 from comotion import FusionConfig
-from comotion.config import JointsConfig, LimitsConfig, LinkingConfig, PixelsConfig, RigidConfig, ThesisConfig
+from comotion.config import (
+    HypothesesConfig,
+    JointsConfig,
+    LimitsConfig,
+    LinkingConfig,
+    PixelsConfig,
+    RigidConfig,
+    ThesisConfig,
+)
 
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
@@ -20,6 +28,7 @@ _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
     "ThesisConfig": ("thesis.", ThesisConfig),
     "RigidConfig": ("rigid.", RigidConfig),
     "PixelsConfig": ("pixels.", PixelsConfig),
+    "HypothesesConfig": ("hypotheses.", HypothesesConfig),
     "LinkingConfig": ("linking.", LinkingConfig),
     "JointsConfig": ("joints.", JointsConfig),
     "LimitsConfig": ("limits.", LimitsConfig),

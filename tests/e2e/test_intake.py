@@ -30,7 +30,8 @@ class Reader:
 
     def __init__(self, session: zenoh.Session, **options: int) -> None:
         self.stats = Stats()
-        self.intake = Intake(session, KEYS, Ledger(self.stats), **options)
+        self.ledger = Ledger(self.stats)
+        self.intake = Intake(session, KEYS, self.ledger, **options)
         self.got: list[tuple[str, int]] = []
 
     def poll(self, now_ns: int = 0) -> None:
@@ -200,6 +201,17 @@ def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session)
     stats = reader.stats
     assert stats.batches == stats.rejected["source-mismatch"] + stats.overflow > 900
     assert list(reader.intake.queues.of) == [OTHERS, "a"]
+
+
+def test_of_a_storm_of_names_those_too_many_are_refused_and_named_though_others_wait(router, session) -> None:
+    reader = Reader(router, most=20)
+    for k in range(40):
+        session.put(KEYS.stream("obs", f"new-{k:02}"), payload(f"new-{k:02}", 0))
+    until(lambda: waiting(reader) == 40, lambda: None)
+    reader.poll()
+    assert reader.got == [(f"new-{k:02}", 0) for k in range(16)]
+    assert reader.stats.rejected == {"limit": 20}
+    assert reader.ledger.troubles.sources("limit") == {f"new-{k}" for k in range(20, 40)}
 
 
 def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(router, session) -> None:

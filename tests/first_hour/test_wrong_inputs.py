@@ -105,6 +105,21 @@ def test_what_is_probably_wrong_is_said():
     rolled = np.stack([np.roll(one, k // 10, axis=0) for k, one in enumerate(P)])
     with pytest.warns(UserWarning, match="at 5 of 59 steps, first after instant 9, features jump to"):
         comotion.group(rolled, TIMES)
+    with pytest.warns(UserWarning, match="if they are shares of the image, multiply them by its size"):
+        comotion.group(scene()[..., :2] / 100, TIMES)
+    unseen = np.random.default_rng(0).random(P.shape[:2]) < 0.1
+    with pytest.warns(UserWarning, match="10% of the positions are exactly zero.*: give NaN for unseen"):
+        comotion.group(np.where(unseen[..., None], 0.0, P), TIMES)
+    frozen = P.copy()
+    frozen[30:50, ::4] = frozen[30, ::4]
+    with pytest.warns(
+        UserWarning, match=r"\d% of the positions repeat the last ones exactly, 5 times or more"
+    ):
+        comotion.group(frozen, TIMES)
+    with pytest.warns(UserWarning, match="positions are 4.2e.06 from the origin, where the single precision"):
+        comotion.group(P + np.array([5e5, 4.2e6, 0]), TIMES)
+    with pytest.warns(UserWarning, match="subtract a fixed place amid the features"):
+        comotion.Scene().push(range(P.shape[1]), P[0] + 5e6, 0.0)
 
 
 def test_a_gap_costs_no_updates():

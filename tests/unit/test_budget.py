@@ -1,5 +1,7 @@
 """What one source costs, nobody else pays: time is counted here, not measured."""
 
+from itertools import repeat
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from comotion.event_time.budget import Budget
 from comotion.extent_check import ExtentCheck, _View
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import of_fusion
+from comotion.shares import Turns
 
 from ..builders import MS, T0, S, batch
 
@@ -47,7 +50,7 @@ class TestInstants:
         assert found["many"].rejected["over-budget"] > 60
         assert found["many"].fused > 10, "he has his share"
         assert found["many"].waiting < 60
-        assert list(fusion.troubles()["over-budget"]) == ["many"]
+        assert list(fusion.timeline.troubles.lately()["over-budget"]) == ["many"]
         assert ("many", "over-budget") in of_fusion(fusion)
         honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
         assert (update.track_source == honest[0]).sum() == 12
@@ -65,7 +68,7 @@ class TestInstants:
         found = accounts(fusion)
         assert found["honest"].fused == found["honest"].batches - found["honest"].waiting
         assert fusion.stats.rejected["over-budget"] > 100
-        assert all(name.startswith("name") for name in fusion.troubles()["over-budget"])
+        assert all(name.startswith("name") for name in fusion.timeline.troubles.lately()["over-budget"])
 
     @pytest.mark.parametrize("spenders", ["a", "abc"])
     def test_a_pause_of_the_machine_mutes_nobody_for_long(self, spenders):
@@ -90,7 +93,7 @@ class TestRows:
         assert sorted(update.track_id.tolist()) == list(range(10))
         assert fusion.stats.observations == 30
         assert fusion.stats.refused_rows == 3 * 990
-        assert list(fusion.troubles()["limit"]) == ["large"]
+        assert list(fusion.timeline.troubles.lately()["limit"]) == ["large"]
         assert ("large", "limit") in of_fusion(fusion)
 
     def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
@@ -108,37 +111,85 @@ class TestRows:
 
 
 class TestSpaces:
-    def test_many_spaces_of_one_source_are_its_own_cost(self, monkeypatch):
-        """A grouping takes 5 ms: 40 spaces of one source take two periods."""
-        fusion, clock, grouped = Fusion(FusionConfig()), Clock(), []
-        plain = RigidMethod.partition
+    """Two honest sources in one space beside 40 spaces of another one."""
 
-        def partition(method, *args):
-            clock.ns += 5 * MS
-            grouped[-1] += 1
-            return plain(method, *args)
+    def run(self, monkeypatch, costs, updates=40):
+        """Costs of a grouping of the honest, ns, by its number; one of the others takes 5 ms."""
+        fusion, clock, plain = Fusion(FusionConfig()), Clock(), RigidMethod.partition
+        self.grouped, self.ages, self.named, honest = [], [], set(), iter(costs)
+
+        def partition(method, window, current, *args):
+            clock.ns += next(honest) if len(current) > 3 else 5 * MS
+            self.grouped[-1] += len(current) == 3
+            return plain(method, window, current, *args)
 
         monkeypatch.setattr(RigidMethod, "partition", partition)
         fusion.measure(clock)
-        ages = []
-        for k in range(20):
-            now = T0 + k * 100 * MS
-            fusion.ingest(batch("honest", k, now, POINTS + np.array([0.02 * k, 0, 0])))
+        for k in range(updates):
+            now, expected = T0 + k * 100 * MS, POINTS + np.array([0.02 * k, 0, 0])
+            fusion.ingest(batch("left", k, now, expected))
+            fusion.ingest(batch("right", k, now, expected))
             for n in range(40):
                 ids = np.arange(3, dtype=np.uint64) + 3 * n
                 fusion.ingest(batch("many", 40 * k + n, now, POINTS[:3], space=f"s{n}", ids=ids))
-            grouped.append(0)
+            self.grouped.append(0)
             update = fusion.update(now)
-            mine = np.array([one.name == "honest" for one in update.sources])[update.track_source]
-            expected = POINTS + np.array([0.02 * k, 0, 0])
-            ages.append(np.abs(update.track_position[mine] - expected).max())
+            self.named |= set(fusion.timeline.troubles.lately().get("over-budget", ()))
+            mine = np.array([one.name != "many" for one in update.sources])[update.track_source]
+            places = update.track_position[mine].reshape(2, -1, 3)
+            self.ages.append(np.abs(places - expected).max() / 0.02)
         assert fusion.stats.faults == 0
-        assert accounts(fusion)["honest"].fused == 20
-        assert max(ages) < 1e-5, "the honest space is as of now in every update"
-        assert max(grouped[1:]) <= 20, "within a period"
-        assert len(update.track_id) == 12 + 120, "what waits is listed as it was"
-        assert list(fusion.troubles()["over-budget"]) == ["many"]
+        assert all(one.rejected == {} for name, one in accounts(fusion).items() if name != "many")
+        return fusion, update
+
+    def test_many_spaces_of_one_source_are_its_own_cost(self, monkeypatch):
+        fusion, update = self.run(monkeypatch, repeat(5 * MS), 20)
+        assert max(self.ages) < 1e-3, "the honest space is as of now in every update"
+        assert max(self.grouped[1:]) <= 20, "within a period"
+        assert len(update.track_id) == 24 + 120, "what waits is listed as it was"
+        assert self.named == {"many"}
         assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
+
+    @pytest.mark.parametrize(
+        "costs",
+        [
+            pytest.param([300 if k % 10 == 5 else 10 for k in range(40)], id="now and then"),
+            pytest.param([70] * 40, id="a busy machine, on which everything takes long"),
+        ],
+    )
+    def test_who_costs_little_beside_another_is_not_named_when_its_space_has_to_wait(
+        self, monkeypatch, costs
+    ):
+        self.run(monkeypatch, (one * MS for one in costs))
+        assert max(self.ages) > 0.99, "it had to wait"
+        assert self.named == {"many"}
+
+    def test_what_somebody_has_cost_is_not_laid_to_those_who_remain_in_the_space(self):
+        turns, clock = Turns(Budget(0.6, 100 * MS)), Clock()
+        turns.budget.clock = clock
+        others = {f"s{n}": {"many": 1.0} for n in range(10)}
+        for k in range(12):
+            stays = k < 6
+            crowd = {"left": 0.02, "right": 0.02, "many": 0.96}
+            world, cost_ns = (crowd, 150 * MS) if stays else ({"left": 0.5, "right": 0.5}, 10 * MS)
+
+            def update(name, cost_ns=cost_ns):
+                clock.ns += cost_ns if name == "world" else 10 * MS
+
+            assert turns.take(k * 100 * MS, others | {"world": world}, update)
+            assert turns.costly == {"many"}
+
+    def test_who_is_alone_is_named_where_its_spaces_take_too_long(self):
+        turns, clock = Turns(Budget(0.6, 100 * MS)), Clock()
+        turns.budget.clock, cost = clock, {"a": 50 * MS, "b": 30 * MS}
+
+        def update(name):
+            clock.ns += cost[name]
+
+        for k in range(9):
+            waiting = turns.take(k * 100 * MS, {"a": {"cam": 1.0}, "b": {"cam": 1.0}}, update)
+            assert turns.costly == ({"cam"} if waiting and k else set())
+        assert waiting
 
 
 class Clock:

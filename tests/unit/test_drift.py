@@ -70,7 +70,7 @@ class Scene:
 
     @property
     def drifting(self) -> list[str]:
-        return list(self.fusion.troubles().get("drifts", ()))
+        return list(self.fusion.timeline.troubles.lately().get("drifts", ()))
 
 
 def turned(since: float, until: float = 1e9) -> Change:

@@ -54,7 +54,7 @@ def test_a_space_that_fails_is_built_anew_and_keeps_its_hypotheses(monkeypatch):
     monkeypatch.setattr(space._method, "partition", lambda *_: 1 / 0)
     after = run(fusion, 40, 60)
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
-    (fault,) = fusion.faults()
+    (fault,) = fusion.faults.take()
     assert "world" in fault.what
     assert "ZeroDivisionError" in fault.trace
     assert fusion.stats.faults == 1
@@ -70,7 +70,7 @@ def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch):
     assert fusion.stats.rejected == {"defect": 1}
     assert len(after.track_id) == 12
     assert min(h.id for h in after.hypotheses) > max(h.id for h in before.hypotheses)
-    assert fusion.faults()[0].source == "cam"
+    assert fusion.faults.take()[0].source == "cam"
 
 
 def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back():
@@ -131,7 +131,7 @@ def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
     assert accounts["right", SESSION].fused >= 89
     wrong = accounts["wrong", SESSION]
     assert wrong.late + wrong.rejected.get("future", 0) + wrong.waiting == 60
-    assert "wrong" in fusion.troubles()["clock-ahead" if step_s > 0 else "clock-behind"]
+    assert "wrong" in fusion.timeline.troubles.lately()["clock-ahead" if step_s > 0 else "clock-behind"]
     assert abs(update.stamp_ns - now) < S
 
 
@@ -143,7 +143,7 @@ def test_sources_that_are_all_a_second_behind_are_fused_and_told():
         update = fusion.update(now)
     assert len(update.track_id) == 12
     assert fusion.stats.fused >= 55
-    assert "slow" in fusion.troubles()["clock-behind"]
+    assert "slow" in fusion.timeline.troubles.lately()["clock-behind"]
 
 
 def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_followed_late_ones():
@@ -156,10 +156,10 @@ def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_follow
         if k >= 91:
             fusion.ingest(batch("late", k, now - 1_500 * MS, POINTS))
         update = fusion.update(now)
-        assert not {"left", "right"} & fusion.troubles().get("clock-ahead", {}).keys()
+        assert not {"left", "right"} & fusion.timeline.troubles.lately().get("clock-ahead", {}).keys()
     accounts = fusion.timeline.ledger.accounts()
     assert [accounts[name, SESSION].fused for name in honest] == [180, 180]
-    assert "late" in fusion.troubles()["clock-behind"]
+    assert "late" in fusion.timeline.troubles.lately()["clock-behind"]
     assert now - update.stamp_ns < 100 * MS
 
 

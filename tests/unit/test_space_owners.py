@@ -35,7 +35,7 @@ def test_a_batch_without_rows_claims_no_space():
     assert len(update.track_id) == 12
     assert rejected(fusion)["honest"] == {}
     assert rejected(fusion)["claims"]["space-mismatch"] > 25
-    assert list(fusion.troubles()["contradicts-space"]) == ["claims"]
+    assert list(fusion.timeline.troubles.lately()["contradicts-space"]) == ["claims"]
     text = of_fusion(fusion)["claims", "contradicts-space"]
     assert "says that world has unit px and dim 2, where honest says m and 3" in text
 
@@ -49,7 +49,7 @@ def test_the_first_that_observes_something_keeps_the_space_while_it_lives():
         fusion.ingest(pixels("other", k, now, 5))
         fusion.update(now)
         if k == 100:
-            assert list(fusion.troubles()["contradicts-space"]) == ["other"]
+            assert list(fusion.timeline.troubles.lately()["contradicts-space"]) == ["other"]
     assert rejected(fusion)["first"] == {}
     refused = rejected(fusion)["other"]["space-mismatch"]
     assert 90 < refused < 260, "released 5 s after the first has left"
@@ -76,7 +76,7 @@ def test_the_configuration_decides_before_anybody_observes():
     assert len(fusion.update(T0 + MS).track_id) == 12
     assert rejected(fusion)["first"] == {"space-mismatch": 1}
     fusion.ingest(pixels("first", 1, T0 + 2 * MS, 5))
-    assert "the configuration says m and 3" in fusion.troubles()["contradicts-space"]["first"]
+    assert "the configuration says m and 3" in fusion.timeline.troubles.lately()["contradicts-space"]["first"]
 
 
 def frames(fusion, ticks, *, other):
@@ -93,7 +93,7 @@ def frames(fusion, ticks, *, other):
 def test_a_frame_moves_where_all_sources_say_so_and_until_they_do_not():
     fusion = Fusion()
     assert frames(fusion, range(60), other=True) == {}
-    assert "is carried" in fusion.troubles()["contradicts-space"]["other"]
+    assert "is carried" in fusion.timeline.troubles.lately()["contradicts-space"]["other"]
     alone = Fusion()
     for k in range(60):
         now = T0 + k * 33 * MS

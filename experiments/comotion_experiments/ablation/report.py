@@ -4,12 +4,12 @@ from ..tables import Table, mean, number
 from .experiment import SCATTER, WHOLE, Results
 from .rules import RULES
 
-_SHOWN = 4
+_SHOWN = 2
 _HEAD = """# Ablation
 
 Made by `comotion dev reproduce ablation`. Each rule of the default method is left out alone; mean NMI
 over all updates. Stress families with seeds {seeds}, and recordings.
-The last column names scenes that change by more than {scatter:.3f}, the largest changes first."""
+The last column names the two scenes that change most, by more than {scatter:.3f}."""
 
 
 def markdown(results: Results) -> str:

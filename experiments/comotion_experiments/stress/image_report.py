@@ -11,12 +11,9 @@ _COLUMNS = (
     ("exact", "K exact, %", 0, 100.0),
     ("over", "K over, %", 0, 100.0),
     ("under", "K under, %", 0, 100.0),
-    ("found", "K", 1, 1.0),
-    ("true", "true K", 1, 1.0),
     ("nmi", "NMI", 3, 1.0),
     ("given", "K given, %", 1, 1.0),
     ("one", "one, %", 1, 1.0),
-    ("ms", "ms", 0, 1.0),
 )
 
 _TEXT = """## Images

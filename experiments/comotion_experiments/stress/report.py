@@ -119,8 +119,8 @@ _MARKDOWN = (
     ("spurious", "spurious", 0),
 )
 
-_OF_BOTH = {"nmi_apart", "delay"}
-_BOTH = ", of NMI and delay the default method before the thesis method"
+_OF_BOTH = {"nmi_apart"}
+_BOTH = " of the default method; NMI also of the thesis method"
 
 
 def _head(results: Results) -> str:

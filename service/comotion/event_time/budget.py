@@ -35,11 +35,17 @@ class Budget:
         The time for which at most a round may make up, ns.
     clock
         Measures costs; None: nothing is limited.
+    share_ns
+        What everyone had of this round when it began, ns.
+    cost_ns
+        What was charged last, ns.
     """
 
     share: float
     period_ns: int
     clock: CostClock | None = None
+    share_ns: int = 0
+    cost_ns: int = 0
     _credit: dict[str, int] = field(default_factory=dict)
     _new: Collection[str] = ()
     _left_to_new: int = 0
@@ -54,6 +60,7 @@ class Budget:
         self._at_ns = at_ns
         self._left = round(self.share * min(max(elapsed, 0), self.period_ns))
         self._share(spenders)
+        self.share_ns = self._left_to_new
         # Who has nothing to do saves nothing.
         self._credit = {name: one for name, one in self._credit.items() if one < 0 or name in spenders}
 
@@ -91,7 +98,7 @@ class Budget:
         try:
             yield
         finally:
-            cost = self.clock() - began
+            self.cost_ns = cost = self.clock() - began
             self._left -= cost
             least = -round(self.share * _MOST_DEBT_NS / self._parties)
             for name, share in shares.items():

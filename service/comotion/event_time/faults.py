@@ -51,22 +51,19 @@ class Faults:
         self._stats = stats
         self._kept: deque[Fault] = deque(maxlen=_MOST_FAULTS)
 
-    def note(self, what: str, error: Exception, batch: ObservationBatch | None = None) -> None:
-        """Take note of an exception that is being handled."""
-        self._stats.faults += 1
-        trace = "".join(traceback.format_exception(error))[-_MAX_TRACE:]
-        if batch is not None:
-            what += f" (source {batch.source}, seq {batch.seq}, {len(batch.ids)} rows, space {batch.space!r})"
-        source = None if batch is None else batch.source
-        self._kept.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
-
     @contextmanager
     def guard(self, what: str, batch: ObservationBatch | None = None) -> Iterator[None]:
         """Go on behind a block that does `what` if it fails: the one place that catches any exception."""
         try:
             yield
         except Exception as error:
-            self.note(what, error, batch)
+            self._stats.faults += 1
+            trace = "".join(traceback.format_exception(error))[-_MAX_TRACE:]
+            if batch is not None:
+                rows = f"{len(batch.ids)} rows, space {batch.space!r}"
+                what += f" (source {batch.source}, seq {batch.seq}, {rows})"
+            source = None if batch is None else batch.source
+            self._kept.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
 
     def take(self) -> list[Fault]:
         """The faults since the last call."""

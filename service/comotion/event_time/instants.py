@@ -15,7 +15,7 @@ from .stats import Fate, Key
 Indices = NDArray[np.intp]
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
-_NO_STAMPS, _NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
+NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
 
@@ -54,8 +54,8 @@ class Entry:
     judged: bool = False
     at_ns: int = 0
     offset_ns: int = 0
-    stamps: Stamps = field(default_factory=lambda: _NO_STAMPS)
-    rows: Indices = field(default_factory=lambda: _NO_ROWS)
+    stamps: Stamps = field(default_factory=lambda: NO_STAMPS)
+    rows: Indices = field(default_factory=lambda: NO_ROWS)
     generation: int = 0
     order: int = 0
     out: int = 0
@@ -86,10 +86,6 @@ class Entry:
         self.stamps, self.rows = self.stamps[stop:], self.rows[stop:]
         self.out += 1
         return taken
-
-    def give_up(self) -> None:
-        """Let what still waits not come out."""
-        self.stamps, self.rows = _NO_STAMPS, _NO_ROWS
 
     @property
     def fate(self) -> Fate | None:

@@ -1,6 +1,6 @@
 """Holds batches until the watermark has passed, and releases their instants in time order.
 
-These are rules 9 to 11 of event time (:mod:`.timeline`). What waits is bounded for each source here too.
+These are rules 9 to 11 of :mod:`comotion.event_time`. What waits is bounded for each source here too.
 """
 
 import heapq
@@ -10,7 +10,7 @@ from comotion_schemas import RejectionReason
 
 from ..config import LimitsConfig
 from .budget import Budget
-from .instants import Entry, Instants, Rank, SessionEnded
+from .instants import NO_ROWS, NO_STAMPS, Entry, Instants, Rank, SessionEnded
 from .sources import Sources
 from .stats import Fate, Key
 from .troubles import Troubles
@@ -179,7 +179,7 @@ class Release:
 
     def _give_up(self, entry: Entry) -> None:
         """What is left of a batch does not come out."""
-        entry.give_up()
+        entry.stamps, entry.rows = NO_STAMPS, NO_ROWS
         self._finish(entry)
 
     def _finish(self, entry: Entry) -> None:

@@ -1,45 +1,6 @@
-"""Merges batches of many sources, in any order, into one time line.
+"""Merges batches of many sources, in any order, into one time line, by the rules of this room.
 
-Event time is one state machine. It reads no clock: both its clocks come from the caller. `now_ns` is what
-stamps are compared with. `at_ns` is when something arrived; it must never be set. Without it, `now_ns` is
-taken. The rules are those of docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
-
-A batch comes in (`receive`):
-
-1. Sequence numbers are followed per session. A skipped number is `lost` until it comes, a repeated batch is
-   dropped.
-2. What the caller refuses is rejected, and so is what finds more waiting than its source may have.
-
-The clock is known (`advance`). Each batch that has come in since is judged, in the order of arrival:
-
-3. One whose stamp is far from now may have to wait until it is clear whose clock is wrong (:mod:`.steps`).
-4. Rejected, and moves nothing: a stamp more than 1 s ahead of now (`future`); one older than the window
-   while there is no watermark yet (`past`); one source too many (`limit`).
-5. A source has one session at a time. Batches of another one wait; it takes over once the first has been
-   silent for three of its periods, at least 0.2 s. As long as both send, the second is rejected
-   (`duplicate-name`). What a session that is over sent before the next one started is `late`.
-6. newest(s) is the largest stamp of source s.
-7. Rows behind the watermark by at most `allowed_lateness` are `reordered`; older ones are dropped as `late`.
-   What a late batch says about ended trajectories holds.
-
-Then the watermark moves and releases:
-
-8. W = max(previous W, now - `max_lag`, smallest newest(s) over live sources), never beyond now. A source is
-   live while now - newest(s) <= `source_timeout`. Where none is live, those that still send count, since
-   their clocks are behind; without any W stands still.
-9. What is stamped <= W comes out in stamp order, ties by source name and then by arrival; newer data waits.
-10. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
-    Nothing of an ended session comes out any more: what still waits is dropped as `late`.
-
-11. What a source's instants cost is charged to it; those that have sent for less than a second have one
-    share together. One that has spent its share waits for its next one, and comes out behind the watermark
-    then. After a second behind it, its batches there are dropped (`over-budget`). See :mod:`.budget`.
-
-What is forgotten:
-
-12. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
-13. A session is forgotten when it is not its source's and has no trajectory left, and a source when it has
-    been silent for `limits.expiry` (`forget_idle`). One source too many displaces the one silent for longest.
+The rules are in the head of :mod:`comotion.event_time`.
 """
 
 from collections.abc import Collection, Iterator
@@ -71,7 +32,7 @@ Verdict = Literal["clock", "name", "watermark"] | Fate
 
 
 class Timeline:
-    """Event time of one scene, as the rules above say.
+    """Event time of one scene, as the rules say.
 
     Parameters
     ----------
@@ -95,6 +56,8 @@ class Timeline:
         The time scale of the scene.
     budget
         What instants may cost, by source.
+    sessions
+        (source, session) by number, of every session that is current or has trajectories.
     troubles
         What sources do wrong.
     """
@@ -115,6 +78,7 @@ class Timeline:
         self.troubles = Troubles()
         self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
+        self.sessions = self._release.sessions
         self.at_ns = 0
         self.watermark_ns: int | None = None
         self.steps = Steps(self._source_timeout_ns, self._window_ns)
@@ -180,11 +144,6 @@ class Timeline:
     def done(self, instants: Instants, refused: RejectionReason | None = None) -> None:
         """Settle instants that came out: they were fused, or refused for a reason."""
         self._release.done(instants, refused)
-
-    @property
-    def sessions(self) -> dict[int, Key]:
-        """(source, session) by number, of every session that is current or has trajectories."""
-        return self._release.sessions
 
     @property
     def newest_ns(self) -> int | None:

@@ -21,7 +21,7 @@ from .states import States, quantiles, turns_between
 KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")
 # Parameters of a free pair: the mean of six numbers and the spread of each.
 _FREE = 12
-# Successive states are not independent: so many count as one. A guess that served in docs/joints.md.
+# Successive states are not independent: so many count as one. A guess that served in docs/research/joints.md.
 _TEMPERATURE = 2.0
 # States; residuals farther apart are taken to be independent: pairs of frames over two seconds.
 _LAGS = 15

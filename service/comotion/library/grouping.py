@@ -147,7 +147,7 @@ def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Itera
         due = max(due, last + 1)
         fusion.ingest(batch)
     yield fusion.update(start_ns + due * period_ns)
-    warn_of(fusion.faults(), stacklevel=4)
+    warn_of(fusion.faults.take(), stacklevel=4)
     if fusion.stats.refused_rows:
         warnings.warn(
             f"{fusion.stats.refused_rows} observations were refused, and have the label -1: more than "

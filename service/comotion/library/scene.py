@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # help() shows short types
 
+import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping
 from types import TracebackType
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
 from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas.doubts import coarse
 from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.rows import Rows, check_space, usable_rows
 from comotion_schemas.time_units import instant, seconds
@@ -148,6 +150,8 @@ class Scene:
             raise KnownError("the scene is closed; make a new one")
         stamp_ns = self._stamp(source, t)
         rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid)
+        if source not in self._newest and (text := coarse(rows.positions)):
+            warnings.warn(f"source {source!r}: {text}", stacklevel=2)
         try:
             self._ingest(source, stamp_ns, rows)
         except ValidationError as error:
@@ -177,7 +181,7 @@ class Scene:
             raise KnownError("nothing has been pushed")
         now = max(self._newest.values()) if t is None else round(instant(t) * 1e9)
         self._update = self.fusion.update(now)
-        warn_of(self.fusion.faults(), stacklevel=2)
+        warn_of(self.fusion.faults.take(), stacklevel=2)
         self._unread.append(self._update)
         self._due_ns = now + self._period_ns
         return self._update

@@ -197,7 +197,7 @@ class Merging:
         return self._decided[a, b]
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
-        """The logistic rule that was fitted to merge decisions, see docs/pixels.md."""
+        """The logistic rule that was fitted to merge decisions, see docs/research/pixels.md."""
         hysteresis = self._hysteresis(a, b)
         contrast = self._boundary.between(self._members[a], self._members[b])
         if contrast is None:

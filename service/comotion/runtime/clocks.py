@@ -86,8 +86,3 @@ def _offset_ns() -> int:
         before_ns, wall_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
         looks.append((after_ns - before_ns, wall_ns - after_ns))
     return min(looks)[1]
-
-
-def make_clock(name: ClockName, watermark_ns: int | None = None) -> WallClock:
-    """Clock by its name on the command line; `watermark_ns` is up to where everything is fused, if known."""
-    return WallClock() if name == "wall" else EventClock(watermark_ns)

@@ -19,7 +19,6 @@ import re
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from zenoh import Locality, Sample, SampleKind
@@ -146,9 +145,7 @@ class Presence:
         self._looked_ns = self._speaks_ns = time.monotonic_ns()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._withdraw()
         self._tokens.undeclare()
         self._updates.undeclare()  # type: ignore[no-untyped-call]

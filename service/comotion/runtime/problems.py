@@ -27,6 +27,8 @@ _START_NS = 3_000_000_000
 # Bound on what a hostile scene can make the Status.
 _MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
+# Whose batches were displaced before they were read.
+_NO_QUEUE = "invalid names, or too many"
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
 _log = logging.getLogger(__name__)
@@ -73,7 +75,7 @@ class Problems:
 def of_fusion(fusion: Fusion) -> Found:
     """What the core has noticed."""
     found: Found = {}
-    for kind, evidence in fusion.troubles().items():
+    for kind, evidence in fusion.timeline.troubles.lately().items():
         found |= _each(kind, evidence, _TEXTS[kind])
     return found
 
@@ -81,7 +83,7 @@ def of_fusion(fusion: Fusion) -> Found:
 def _each(kind: ProblemKind, evidence: Mapping[str, Any], text: Callable[[Any], str]) -> Found:
     """A problem of some sources; of many, the first ones and how many more: a storm of tokens is one line."""
     some = islice(evidence.items(), _MOST_ALIKE)
-    found: Found = {(name or None, kind): f"{name or 'invalid names'}: {text(one)}" for name, one in some}
+    found: Found = {(name or None, kind): f"{name or _NO_QUEUE}: {text(one)}" for name, one in some}
     if len(evidence) > _MOST_ALIKE:
         found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
     return found

@@ -99,10 +99,13 @@ class Queues:
         self._receiver = Receiver(session, keys.streams("obs"), "obs", _RING, self._add)
 
     def active(self) -> dict[str, Queue]:
-        """Those in which something waits; of those of which nothing valid was read, some that came first."""
+        """Those in which something waits; of those of which nothing valid was read, some that came first.
+
+        However many names somebody takes, what shares a queue is read: what is refused there says who it is.
+        """
         with self._lock:
             waiting = {name: queue for name, queue in self.of.items() if queue.waiting}
-        known = {name: queue for name, queue in waiting.items() if queue.received}
+        known = {name: queue for name, queue in waiting.items() if queue.received or name == OTHERS}
         new = (one for one in waiting.items() if one[0] not in known)
         return known | dict(islice(new, _NEW_AT_ONCE))
 

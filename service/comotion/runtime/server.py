@@ -24,7 +24,7 @@ from comotion_schemas.transport import SessionSettings
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
-from .clocks import ClockName, EventClock, make_clock
+from .clocks import ClockName, EventClock, WallClock
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
@@ -109,7 +109,7 @@ def serve(options: ServeOptions) -> None:
         if presence is not None:
             presence.require()
         keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-        clocks = stack.enter_context(SourceClocks(component, correct=options.correct_clocks))
+        clocks = SourceClocks(component, correct=options.correct_clocks)
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
         overload = Overload(to_ns(options.config.period))
@@ -183,8 +183,9 @@ class _Loop:
         self._component = component
         self._leadership = leadership
         self._housekeeping = housekeeping
-        self._clock = make_clock(options.clock, fusion.timeline.watermark_ns)
-        if isinstance(self._clock, EventClock):
+        self._clock = WallClock()
+        if options.clock == "event":
+            self._clock = EventClock(fusion.timeline.watermark_ns)
             fusion.timeline.follow_recordings()
         self._defects = DefectLog()
         self._head_start = HeadStart(to_ns(options.config.period))
@@ -223,12 +224,12 @@ class _Loop:
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
-        with self._fusion.guard("an update"):
+        with self._fusion.faults.guard("an update"):
             update = self._compute()
             self._wait(ticker.remaining_ns(time.monotonic_ns()))
             self._last = self._publish(update)
-        with self._fusion.guard("housekeeping"):
-            for fault in self._fusion.faults():
+        with self._fusion.faults.guard("housekeeping"):
+            for fault in self._fusion.faults.take():
                 self._defects.write(fault)
             self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
 
@@ -241,7 +242,7 @@ class _Loop:
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
         ledger = fusion.timeline.ledger
-        with fusion.guard("taking in batches"):
+        with fusion.faults.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
@@ -254,9 +255,9 @@ class _Loop:
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
-            with fusion.guard("following another service"):
+            with fusion.faults.guard("following another service"):
                 self._follower.look()
-        with fusion.guard("answering queries"):
+        with fusion.faults.guard("answering queries"):
             self._output.answer(self._answering_ns)
 
     def _now(self) -> tuple[int, int]:
@@ -273,7 +274,7 @@ class _Loop:
     def _fuse_ahead(self, spare_ns: int) -> None:
         """Fuse what has come in, so that little is left to do when the update is due; then wait."""
         if spare_ns > _SLICE_NS:
-            with self._fusion.guard("fusing"):
+            with self._fusion.faults.guard("fusing"):
                 self._fusion.advance(*self._now())
                 self._follow_events()
         self._wait(min(spare_ns, _SLICE_NS))

@@ -18,6 +18,7 @@ from comotion_schemas import ObservationBatch
 from ..compiled import folder
 from ..config import FusionConfig
 from ..fusion import Fusion
+from ..methods import make_method
 from ..partition import SpaceSpec
 from ..precompiling import compile_ahead, entries, kinds_of_method, load
 
@@ -93,7 +94,7 @@ def _compiled_apart(config: FusionConfig) -> Iterator[None]:
 
 def _import(config: FusionConfig) -> None:
     if config.method != "comotion":
-        Fusion(config).make_method(SpaceSpec("any", "m", 3))
+        make_method(config, SpaceSpec("any", "m", 3))
 
 
 def warm_up(config: FusionConfig, frames: int = _FRAMES) -> Iterator[None]:

@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
@@ -73,11 +74,8 @@ class Etcd:
         """End a lease; its keys are deleted."""
         from etcd3gw.exceptions import Etcd3Exception  # noqa: PLC0415
 
-        try:
-            self._post("/lease/revoke", {"ID": lease}, known=Etcd3Exception)
-        except Etcd3Exception as error:  # it has ended already
-            if isinstance(error, _no_answer()):
-                raise
+        with suppress(Etcd3Exception):  # it has ended already
+            self._post("/lease/revoke", {"ID": lease}, refusable=True)
 
     def create(self, key: str, value: bytes, lease: int = 0) -> int | None:
         """Make a key that does not exist; the revision of it, None if it does exist."""
@@ -127,22 +125,18 @@ class Etcd:
         answer = self._post("/kv/txn", {"compare": [compare], "success": [put], "failure": []})
         return int(answer["header"]["revision"]) if answer.get("succeeded") else None
 
-    def _post(
-        self, path: str, request: dict[str, Any], known: type[Exception] | None = None
-    ) -> dict[str, Any]:
+    def _post(self, path: str, request: dict[str, Any], *, refusable: bool = False) -> dict[str, Any]:
         def post(member: "Etcd3Client") -> dict[str, Any]:
             answer: dict[str, Any] = member.post(member.get_url(path), json=request)
             return answer
 
-        answer = self._ask(post, known)
+        answer = self._ask(post, refusable=refusable)
         header = answer.get("result", answer).get("header", {})
         self.revision = int(header.get("revision", self.revision))
         return answer
 
-    def _ask(
-        self, request: "Callable[[Etcd3Client], Answer]", known: type[Exception] | None = None
-    ) -> Answer:
-        """Ask the member that answered last, then the others."""
+    def _ask(self, request: "Callable[[Etcd3Client], Answer]", *, refusable: bool = False) -> Answer:
+        """Ask the member that answered last, then the others; where it may refuse, that is its answer."""
         from etcd3gw.exceptions import Etcd3Exception  # noqa: PLC0415
 
         reason = ""
@@ -150,7 +144,7 @@ class Etcd:
             try:
                 return request(self._members[0])
             except Etcd3Exception as error:
-                if known is not None and not isinstance(error, _no_answer()):
+                if refusable and not isinstance(error, _no_answer()):
                     raise
                 reason = str(error).split("\n")[0][:200]
                 self._members.append(self._members.pop(0))

@@ -1,0 +1,127 @@
+"""What each source has of what all share: turns in which spaces are updated, and trajectories."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from statistics import median_low
+
+from .event_time.budget import Budget
+from .space import Space
+
+# Updates of a space whose costs are remembered: their median counts, for one may cost anything.
+_REMEMBERED = 5
+# Who costs so much of what the costliest one does is named beside it.
+_AS_COSTLY = 0.5
+
+
+@dataclass
+class Turns:
+    """Lets spaces be updated in turn, as far as the budget of their sources goes.
+
+    Attributes
+    ----------
+    budget
+        What spaces may cost, by source.
+    costly
+        Sources for which spaces had to wait in the last round: what theirs cost is more than their share, and
+        at least half as much as of the costliest one. Beside that one, on a machine with little time left,
+        the share of those who cost little may be too small as well.
+    """
+
+    budget: Budget
+    costly: set[str] = field(default_factory=set)
+    _round: int = 0
+    # By space: in which round it was updated last, and what each source has paid for its last updates, ns.
+    _updated: dict[str, int] = field(default_factory=dict)
+    _costs: dict[str, deque[dict[str, int]]] = field(default_factory=dict)
+
+    def take(
+        self, at_ns: int, shares: Mapping[str, Mapping[str, float]], update: Callable[[str], None]
+    ) -> list[str]:
+        """Update some spaces, the one that has waited for longest first: one at least.
+
+        Parameters
+        ----------
+        at_ns
+            The clock of arrivals.
+        shares
+            By name of a space, the share of each source in what it costs.
+        update
+            Updates a space by its name.
+
+        Returns
+        -------
+        list[str]
+            Names of those that wait.
+        """
+        self._round += 1
+        self._updated = {name: self._updated.get(name, 0) for name in shares}
+        self._costs = {name: self._costs.get(name, deque(maxlen=_REMEMBERED)) for name in shares}
+        waiting = sorted(shares, key=lambda name: (self._updated[name], name))
+        self.budget.begin(at_ns, set().union(*shares.values()))
+        some = False
+        while waiting:
+            others = []
+            for name in waiting:
+                if some and not any(self.budget.allows(source) for source in shares[name]):
+                    others.append(name)
+                    continue
+                some = True
+                with self.budget.charge(shares[name]):
+                    update(name)
+                self._updated[name] = self._round
+                cost_ns = self.budget.cost_ns
+                self._costs[name].append({one: round(part * cost_ns) for one, part in shares[name].items()})
+            waiting = others
+            if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
+                break
+        self.costly = self._costliest(shares) if waiting else set()
+        return waiting
+
+    def _costliest(self, shares: Mapping[str, Mapping[str, float]]) -> set[str]:
+        """Sources whose spaces cost more than their share, and about as much as those of any other."""
+        paid = {name: _medians(costs) for name, costs in self._costs.items() if costs}
+        # What has not been updated yet counts as others do.
+        usual_ns = median_low(sum(one.values()) for one in paid.values())
+        spent: Counter[str] = Counter()
+        for name, parts in shares.items():
+            spent.update(paid.get(name) or {source: round(part * usual_ns) for source, part in parts.items()})
+        least = max(self.budget.share_ns, _AS_COSTLY * max(spent.values()))
+        return {source for source, cost_ns in spent.items() if source and cost_ns >= least}
+
+
+def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
+    """What each source has paid in the median."""
+    sources: set[str] = set().union(*costs)
+    return {source: median_low(one.get(source, 0) for one in costs) for source in sources}
+
+
+def allowance(spaces: Collection[Space], most: int, session: int, wanted: int) -> int:
+    """How many new trajectories a session may open; of `most`, who holds more than its share loses some."""
+    free = max(most - sum(space.occupied() for space in spaces), 0)
+    if wanted <= free:
+        return wanted
+    held: Counter[int] = Counter()
+    for space in spaces:
+        held.update(space.held())
+    share = most // len(held.keys() | {session})
+    due = min(wanted, share - held[session])
+    while free < due:
+        greediest = max(held, key=lambda number: held[number], default=session)
+        excess = held[greediest] - share
+        if greediest == session or excess <= 0:
+            break
+        freed = _displace(spaces, greediest, min(due - free, excess))
+        if not freed:
+            break
+        held[greediest] -= freed
+        free += freed
+    return min(wanted, free)
+
+
+def _displace(spaces: Collection[Space], session: int, count: int) -> int:
+    """Drop the youngest trajectories of a session; returns how many."""
+    freed = 0
+    for space in spaces:
+        freed += space.displace(session, count - freed)
+    return freed

@@ -1,0 +1,64 @@
+"""What an update of one space comes to: its current trajectories, and their hypotheses."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from comotion_schemas import Event, Hypothesis, Pose
+
+from .arrays import Bools, Floats, Labels, Slots
+from .linking.linker import SpaceView
+from .trajectories.track_index import Ids
+
+_COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
+# Of what is in doubt.
+_MOST_CONFIDENCE = 0.5
+
+
+@dataclass(frozen=True)
+class SpaceUpdate:
+    """Current trajectories of one space and their hypotheses, as of one update.
+
+    Attributes
+    ----------
+    sessions, ids
+        intp [n], number of the session, and uint64 [n], id of the feature: who each trajectory is.
+    positions
+        float64 [n, 3]: newest fused positions, in the space's unit; the third column is NaN in 2-D.
+    labels
+        int64 [n], hypothesis id, negative for none.
+    confidence
+        float64 [n] in 0..1.
+    hypotheses
+        The hypotheses with current members, and the absent ones.
+    events
+        Those of this update only.
+    view
+        What the linker needs to see.
+    frame
+        Where the frame of the space is in the world; None where it does not move.
+    """
+
+    sessions: Slots
+    ids: Ids
+    positions: Floats
+    labels: Labels
+    confidence: Floats
+    hypotheses: list[Hypothesis]
+    events: list[Event]
+    view: SpaceView
+    frame: Pose | None = None
+
+    def without_some(self, kept: Bools) -> Self:
+        """The same again, without events, and with some of its trajectories: bool [n]."""
+        view = replace(self.view, current=self.view.current[kept], labels=self.view.labels[kept])
+        columns = {name: getattr(self, name)[kept] for name in _COLUMNS}
+        return replace(self, **columns, events=[], view=view)
+
+    def doubted(self, sessions: list[int]) -> Self:
+        """The same with half the confidence at most in what some sessions say, by number."""
+        if not sessions:
+            return self
+        most = np.where(np.isin(self.sessions, sessions), _MOST_CONFIDENCE, 1.0)
+        return replace(self, confidence=np.minimum(self.confidence, most))
