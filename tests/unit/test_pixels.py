@@ -140,6 +140,23 @@ def test_a_hypothesis_says_how_it_moves():
     assert by_state["static"].noise < 0.2
 
 
+def test_what_rests_in_the_image_of_a_moving_camera_is_undetermined():
+    rng = np.random.default_rng(3)
+    # The camera drives along z between walls; of a car ahead at its own speed nobody knows that it moves.
+    wall = np.stack([rng.choice([-3.0, 3.0], 90), rng.uniform(-2, 1.5, 90), rng.uniform(8, 16, 90)], axis=1)
+    car = rng.uniform([280, 220], [360, 280], (30, 2))
+    fusion = pixel_fusion()
+    for k in range(30):
+        ahead = wall - [0.0, 0.0, 0.15 * k]
+        moved = np.concatenate([320 + 500 * ahead[:, :2] / ahead[:, 2:], car])
+        stamp = T0 + k * 1000 * MS // 15
+        fusion.ingest(batch(k, stamp, np.arange(120), moved + rng.normal(0, 0.1, moved.shape)))
+        update = fusion.update(stamp)
+    of, states = labels_of(update), {h.id: h.state for h in update.hypotheses}
+    assert {states[of[k]] for k in range(90, 120)} == {"undetermined"}
+    assert {states[of[k]] for k in range(90)} == {"moving"}
+
+
 def test_a_restart_keeps_hypotheses():
     camera = Camera(None, None)
     fusion = pixel_fusion()

@@ -1,5 +1,7 @@
 """What is said of a hypothesis beside its members: where it is, how it moves, how well it fits."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from comotion_schemas import Twist
@@ -45,6 +47,13 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
             )
         )
     return found
+
+
+def of_moving_camera(groups: list[Group]) -> list[Group]:
+    """Groups before a camera that moves: what rests in the image then is far away, or moves along with it."""
+    if all(one.state != "moving" for one in groups):
+        return groups
+    return [replace(one, state="undetermined") if one.state == "static" else one for one in groups]
 
 
 def _state(steps: Floats, members: int) -> HypothesisState:

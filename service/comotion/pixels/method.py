@@ -17,7 +17,7 @@ from ..matching import continued, largest_first
 from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
 from .belief import Belief
-from .describe import describe
+from .describe import describe, of_moving_camera
 from .grouping import group
 from .key_frames import compared_trajectories
 from .newborns import assign_newborns
@@ -74,13 +74,14 @@ class PixelMethod(Method):
         if len(newborn):
             groups[newborn], confidence[newborn] = self._newborn(window, newborn, current, groups, previous)
         slots = np.union1d(current, compared)
+        described = describe(window, current, groups[current], residual[current], count)
         return Partition(
             slots=slots,
             groups=groups[slots],
             deciding=np.isin(slots, compared),
             confidence=confidence[current],
             position=window.positions[current, window.stop[current] - 1],
-            described=describe(window, current, groups[current], residual[current], count),
+            described=of_moving_camera(described),
         )
 
     def _believed(self, belief: Belief, window: Window, current: Slots, previous: Previous) -> Partition:
