@@ -36,9 +36,9 @@ def test_an_attack_costs_its_source_alone(fair, attack) -> None:
 def test_an_empty_batch_claims_no_space(enter) -> None:
     arena = enter(held=True)
     with arena.attacked_by("claim", 60.0):
-        arena.watch(3.0)
+        arena.wait(3.0)
         arena.begin()
-    assert all(not one["rejected"] for one in arena.accounts() if one["source"] != NAME)
+    assert all(not one["rejected"] for one in arena.sessions() if one["source"] != NAME)
 
 
 def test_after_that_the_space_is_at_rest(enter) -> None:
@@ -52,7 +52,7 @@ def test_after_that_the_space_is_at_rest(enter) -> None:
 def test_what_is_shown_is_not_obeyed(enter, command) -> None:
     arena = enter()
     with arena.attacked_by("markup", 60.0):
-        arena.watch(2.0)
+        arena.wait(2.0)
         words = [sys.executable, "-m", "comotion_deploy", *command]
         where = ["--scene", SCENE, "--connect", arena.endpoint]
         env = {**os.environ, "COLUMNS": "200"}
@@ -73,7 +73,7 @@ def test_a_service_that_starts_beside_a_token_has_the_scene(enter) -> None:
         service.end()
         service.start()
         arena.until(lambda: arena.last.session != before.session)
-        arena.watch(5.0)
+        arena.wait(5.0)
         assert not service.has_ended()
     assert NAME not in {one.name for one in arena.last.sources}
 
@@ -92,18 +92,18 @@ def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by) -> None:
     service, gone, stays = (arena.processes[name] for name in ("service", "left", "right"))
     session = gone.account["session"]
     service.end()
-    arena.watch(3.0)
+    arena.wait(3.0)
     gone.signal(ends_by)
     gone.end()
-    arena.watch(2.0)
+    arena.wait(2.0)
     service.start()
     before = arena.last.session
     arena.until(lambda: arena.last.session != before)
-    arena.watch(5.0)
+    arena.wait(5.0)
     stays.send({"do": "pause"})
     arena.until(lambda: bool(stays.account.get("paused")))
-    arena.watch(4.0)
-    accounts = {(one["source"], one["session"]): one for one in arena.accounts()}
+    arena.wait(4.0)
+    accounts = {(one["source"], one["session"]): one for one in arena.sessions()}
     assert accounts["left", session]["lost"] is None
     mine = accounts["right", stays.account["session"]]
     assert mine["batches"] - mine["duplicates"] + mine["lost"] == stays.account["sent"]
@@ -112,11 +112,11 @@ def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by) -> None:
 def test_a_session_that_ends_while_the_service_listens_is_exact(enter) -> None:
     arena = enter()
     gone = arena.processes["left"]
-    arena.watch(2.0)
+    arena.wait(2.0)
     session = gone.account["session"]
     gone.end()
-    arena.watch(4.0)
-    mine = {(one["source"], one["session"]): one for one in arena.accounts()}["left", session]
+    arena.wait(4.0)
+    mine = {(one["source"], one["session"]): one for one in arena.sessions()}["left", session]
     assert mine["lost"] == 0
     assert mine["batches"] >= gone.account["sent"]
 

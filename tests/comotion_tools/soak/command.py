@@ -44,5 +44,5 @@ def soak(options: "Soak") -> bool:
         report.save_plot(out / "soak.png", runner.result)
     except ModuleNotFoundError:
         text.append("no plot: pip install 'comotion[plot]'")
-    print(json.dumps(values, indent=2) if options.json_ else "\n".join(text))
+    options.show(values, *text)
     return bool(values["violations"])

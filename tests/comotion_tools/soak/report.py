@@ -5,9 +5,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from ..processes import Usage
 from .load import KINDS
 from .monitor import Gap
-from .processes import Usage
 from .run import Soak
 from .schedule import Fault
 

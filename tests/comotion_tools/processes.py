@@ -1,4 +1,4 @@
-"""The processes of a soak: started with the parent, killed, stopped and continued; what they hold on to."""
+"""Processes that are started with their parent, killed, stopped and continued; what they hold on to."""
 
 import json
 import os
@@ -14,10 +14,10 @@ from typing import IO, Any
 
 from comotion_deploy.processes import PYTHON
 
-from .schedule import SOURCES
-
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _STOP_S = 10.0
+COMOTION = (*PYTHON, "comotion_deploy")
+"""Words before a command of ours."""
 STARTS = "%starts%"
 """Stands in a command for how often it has been started."""
 
@@ -136,6 +136,16 @@ class Managed:
         log_bytes = self.log.stat().st_size if self.log.exists() else 0
         return Usage(pages * _PAGE / 1e6, descriptors, threads, log_bytes)
 
+    def processor_s(self) -> float:
+        """Processor time so far, s; that of its threads included."""
+        fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def most_mb(self) -> float:
+        """The most memory that it has held, MB."""
+        status = Path(f"/proc/{self.pid}/status").read_text(encoding="utf-8")
+        return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
+
     def _release(self) -> None:
         if self._popen is None:
             return
@@ -146,29 +156,3 @@ class Managed:
                 with suppress(OSError):  # a command that it has never read
                     stream.close()
         self._popen = None
-
-
-def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = ()) -> dict[str, Managed]:
-    """Build the processes of a soak, by name, in the order in which they start.
-
-    Parameters
-    ----------
-    endpoint, scene
-        Where they meet.
-    folder
-        Where logs, state and recording go.
-    serve
-        Further options of ``comotion serve``.
-    """
-    at = ("--connect", endpoint, "--scene", scene)
-    comotion = (*PYTHON, "comotion_deploy")
-    commands: dict[str, tuple[str, ...]] = {
-        "router": (*comotion, "router", "--listen", endpoint),
-        "service": (*comotion, "serve", "--state", str(folder / "scene.state"), *serve, *at),
-    }
-    for name in SOURCES:
-        commands[name] = (*PYTHON, "comotion_tools.soak.load", endpoint, scene, name)
-    record = ("record", str(folder / f"take-{STARTS}.mcap"), "--max-size", "20")
-    commands["recorder"] = (*comotion, *record, *at)
-    commands["viewer"] = (*comotion, "watch", *at)
-    return {name: Managed(name, command, folder) for name, command in commands.items()}
