@@ -26,14 +26,14 @@ MOST_MB = 500
         *("seize", "outrank"),
     ],
 )
-def test_an_attack_costs_its_source_alone(fair, attack) -> None:
+def test_an_attack_costs_its_source_alone(fair, attack):
     outcome = fair(attack)
     before, most, after = outcome.memory_mb
     assert attack not in {"large", "tokens"} or (most - before < MOST_MB and after - before < 60)
     assert attack not in {"seize", "outrank"} or outcome.updates > 50
 
 
-def test_an_empty_batch_claims_no_space(enter) -> None:
+def test_an_empty_batch_claims_no_space(enter):
     arena = enter(held=True)
     with arena.attacked_by("claim", 60.0):
         arena.wait(3.0)
@@ -41,7 +41,7 @@ def test_an_empty_batch_claims_no_space(enter) -> None:
     assert all(not one["rejected"] for one in arena.sessions() if one["source"] != NAME)
 
 
-def test_after_that_the_space_is_at_rest(enter) -> None:
+def test_after_that_the_space_is_at_rest(enter):
     arena = enter()
     arena.attack("carry", 3.0)
     assert arena.last is not None
@@ -49,7 +49,7 @@ def test_after_that_the_space_is_at_rest(enter) -> None:
 
 
 @pytest.mark.parametrize("command", [("status",), ("watch", "--once")])
-def test_what_is_shown_is_not_obeyed(enter, command) -> None:
+def test_what_is_shown_is_not_obeyed(enter, command):
     arena = enter()
     with arena.attacked_by("markup", 60.0):
         arena.wait(2.0)
@@ -66,7 +66,7 @@ def test_what_is_shown_is_not_obeyed(enter, command) -> None:
     assert all(line.isprintable() for line in log.split("\n"))
 
 
-def test_a_service_that_starts_beside_a_token_has_the_scene(enter) -> None:
+def test_a_service_that_starts_beside_a_token_has_the_scene(enter):
     arena = enter()
     with arena.attacked_by("seize", 120.0):
         service, before = arena.processes["service"], arena.last
@@ -78,7 +78,7 @@ def test_a_service_that_starts_beside_a_token_has_the_scene(enter) -> None:
     assert NAME not in {one.name for one in arena.last.sources}
 
 
-def test_a_drifting_source_takes_no_ids_along_and_is_named(enter) -> None:
+def test_a_drifting_source_takes_no_ids_along_and_is_named(enter):
     outcome = enter().attack("drift", 20.0)
     assert ("drifts", NAME) in outcome.problems
     assert not outcome.blames_the_honest, outcome
@@ -87,7 +87,7 @@ def test_a_drifting_source_takes_no_ids_along_and_is_named(enter) -> None:
 
 
 @pytest.mark.parametrize("ends_by", [signal.SIGTERM, signal.SIGKILL])
-def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by) -> None:
+def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by):
     arena = enter()
     service, gone, stays = (arena.processes[name] for name in ("service", "left", "right"))
     session = gone.account["session"]
@@ -109,7 +109,7 @@ def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by) -> None:
     assert mine["batches"] - mine["duplicates"] + mine["lost"] == stays.account["sent"]
 
 
-def test_a_session_that_ends_while_the_service_listens_is_exact(enter) -> None:
+def test_a_session_that_ends_while_the_service_listens_is_exact(enter):
     arena = enter()
     gone = arena.processes["left"]
     arena.wait(2.0)
@@ -121,7 +121,7 @@ def test_a_session_that_ends_while_the_service_listens_is_exact(enter) -> None:
     assert mine["batches"] >= gone.account["sent"]
 
 
-def test_a_recorder_loses_nothing_beside_other_work(enter, tmp_path) -> None:
+def test_a_recorder_loses_nothing_beside_other_work(enter, tmp_path):
     arena = enter(also=("arm",))
     others = [subprocess.Popen([sys.executable, "-c", _BUSY]) for _ in range(6)]
     try:
@@ -136,7 +136,7 @@ def test_a_recorder_loses_nothing_beside_other_work(enter, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("scene", "cores"), [("3d_4:60", 0.5), ("3d_4:300", 1.0), ("3d_async", 0.5)])
-def test_live_is_as_good_as_offline_with_a_share_of_a_core(scene, cores) -> None:
+def test_live_is_as_good_as_offline_with_a_share_of_a_core(scene, cores):
     found = measure(scene, cores, 12.0)
     live, offline = found.nmi
     assert live > offline - 0.05, found

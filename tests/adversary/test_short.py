@@ -14,7 +14,7 @@ ATTACKS = ("instants", "new-spaces", "names", "statuses", "large")
 SECONDS = 1.0
 
 
-def test_short_attacks_are_laid_to_their_source_and_cost_the_others_nothing(enter) -> None:
+def test_short_attacks_are_laid_to_their_source_and_cost_the_others_nothing(enter):
     arena = enter()
     before, named = arena.counted(), set()
     for attack in ATTACKS:

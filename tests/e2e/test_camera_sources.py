@@ -1,7 +1,6 @@
 """Camera sources as processes: files, RGB-D folders, markers, a network camera that is unplugged."""
 
 import threading
-from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -45,7 +44,7 @@ def objects(k: int) -> np.ndarray:
 
 
 @pytest.fixture
-def video(tmp_path: Path) -> Path:
+def video(tmp_path):
     path = tmp_path / "video.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SHAPE[::-1])
     for k in range(20):
@@ -55,7 +54,7 @@ def video(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     """An RGB-D recording with truth; frames 6 to 9 are without depth."""
     with TumWriter(tmp_path / "rgbd", CAMERA, PLACE, {0: "wall", 1: "board"}) as writer:
         for k in range(20):
@@ -68,7 +67,7 @@ def observed(batches) -> list:
     return [batch for batch in batches if len(batch.ids)]
 
 
-def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session, listen, video) -> None:
+def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session, listen, video):
     batches = listen(session, KEYS.stream("obs", "door"), "obs")
     source = start("source", "klt", video, "--name", "door", "--connect", endpoint)
     first = batches.next()
@@ -81,9 +80,7 @@ def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session,
     assert source.lines[-1].startswith(f"INFO: {video}: ended; ")
 
 
-def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
-    start, endpoint, session, listen, recording
-) -> None:
+def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint, session, listen, recording):
     batches = listen(session, KEYS.stream("obs", "a"), "obs")
     truths = listen(session, KEYS.stream("truth", "a"), "truth")
     source = start(
@@ -116,15 +113,13 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
     assert "depth is back" in source.output
 
 
-def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording) -> None:
+def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording):
     batches = listen(session, KEYS.stream("obs", "klt"), "obs")
     start("source", "klt", recording, "--no-depth", "--connect", endpoint)
     assert batches.next().space == "klt/pixels"
 
 
-def test_the_preview_is_written_and_coloured_by_the_service(
-    start, serve, listen, video, tmp_path: Path
-) -> None:
+def test_the_preview_is_written_and_coloured_by_the_service(start, serve, listen, video, tmp_path):
     service = serve("--method", "thesis")
     arguments = ("--connect", service.endpoint)
     source = start("source", "klt", video, "--preview", tmp_path / "preview", *arguments)
@@ -138,7 +133,7 @@ def test_the_preview_is_written_and_coloured_by_the_service(
     assert colours & {rgb[::-1] for rgb in (*COLOURS, BACKGROUND)}
 
 
-def test_the_preview_is_published_on_request(start, endpoint, session, listen, video) -> None:
+def test_the_preview_is_published_on_request(start, endpoint, session, listen, video):
     start("source", "klt", video, "--loop", "--connect", endpoint)
     preview = listen(session, KEYS.stream("preview", "klt"), "preview").next()
     image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
@@ -161,8 +156,8 @@ def marker_images(folder: Path) -> list[np.ndarray]:
 
 
 def test_an_external_camera_publishes_markers_with_their_orientation(
-    start, endpoint, session, listen, tmp_path: Path
-) -> None:
+    start, endpoint, session, listen, tmp_path
+):
     middles = marker_images(tmp_path / "images")
     calibration = tmp_path / "b.toml"
     calibration.write_text(format_calibration(CAMERA, PLACE))
@@ -188,9 +183,7 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
     assert statuses.until(lambda status: status.feature_names).feature_names == {"11": "marker 11"}
 
 
-def test_a_calibration_that_does_not_fit_the_images_is_one_line(
-    start, endpoint, recording, tmp_path: Path
-) -> None:
+def test_a_calibration_that_does_not_fit_the_images_is_one_line(start, endpoint, recording, tmp_path):
     other = tmp_path / "other.toml"
     other.write_text(format_calibration(Intrinsics(100, 100, 9, 9, 9, 9), None))
     source = start("source", "klt", recording, "--calibration", other, "--connect", endpoint)
@@ -241,7 +234,7 @@ class NetworkCamera:
 
 
 @pytest.fixture
-def network_camera() -> Iterator[NetworkCamera]:
+def network_camera():
     camera = NetworkCamera()
     yield camera
     camera.close()
@@ -249,7 +242,7 @@ def network_camera() -> Iterator[NetworkCamera]:
 
 def test_an_unplugged_camera_is_told_and_comes_back_and_ctrl_c_ends_one_that_is_away(
     start, endpoint, session, listen, network_camera
-) -> None:
+):
     statuses = listen(session, KEYS.stream("status", "klt"), "status")
     batches = listen(session, KEYS.stream("obs", "klt"), "obs")
     source = start("source", "klt", network_camera.url, "--connect", endpoint)
@@ -275,14 +268,14 @@ def test_an_unplugged_camera_is_told_and_comes_back_and_ctrl_c_ends_one_that_is_
     assert source.wait() == 0
 
 
-def test_an_unplugged_camera_may_end_the_process(start, endpoint, network_camera) -> None:
+def test_an_unplugged_camera_may_end_the_process(start, endpoint, network_camera):
     source = start("source", "klt", network_camera.url, "--no-reconnect", "--connect", endpoint)
     network_camera.unplugged.set()
     assert source.wait() == 2
     assert source.lines[-1].startswith("error: http://127.0.0.1")
 
 
-def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path: Path) -> None:
+def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path):
     board = cv2.aruco.CharucoBoard((5, 4), 0.04, 0.03, find_dictionary("4x4_50"))
     sheet = np.pad(board.generateImage((250, 200), marginSize=0), 10, constant_values=255)
     for name, x in (("a", 20), ("b", 50)):

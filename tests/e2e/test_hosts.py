@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -221,7 +221,7 @@ def grant(role: str, name: str) -> Grant:
 
 
 @pytest.fixture
-def site(tmp_path: Path, spawn: Callable[..., Process], start: object) -> Iterator[Site]:
+def site(tmp_path, spawn, start):
     # `start` is asked for because the kernels are then compiled before any deadline runs.
     reason = why_not()
     if reason:
@@ -282,7 +282,7 @@ def accounts_for(sent: int, now: dict[str, int]) -> bool:
     return abs(sent - now["batches"] - now["lost"]) <= few
 
 
-def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
+def test_a_scene_over_three_hosts_survives_its_network(site):
     before = seen(site)
 
     # The host of the sources: what they publish meanwhile does not arrive, and is counted.

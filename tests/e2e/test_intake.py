@@ -54,7 +54,7 @@ def until(
         step()
 
 
-def test_every_batch_comes_once_from_the_first_on(router, session) -> None:
+def test_every_batch_comes_once_from_the_first_on(router, session):
     reader = Reader(router)
     names = [f"s{k}" for k in range(8)]
     # Sources drop what is congested, as on a loaded machine. What is put must reach the intake here.
@@ -75,7 +75,7 @@ def test_every_batch_comes_once_from_the_first_on(router, session) -> None:
     assert reader.intake.received == dict.fromkeys(names, 200)
 
 
-def test_a_source_is_present_while_its_token_is(router, session) -> None:
+def test_a_source_is_present_while_its_token_is(router, session):
     reader = Reader(router)
     seconds = count(step=1_000_000_000)
     asking = {"meanwhile": lambda: reader.intake.tokens.look(next(seconds))}
@@ -85,7 +85,7 @@ def test_a_source_is_present_while_its_token_is(router, session) -> None:
     reader.until(lambda: not reader.intake.present, **asking)
 
 
-def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(router, session) -> None:
+def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(router, session):
     tokens = Tokens(router, KEYS, 3)
     seconds = count(step=20_000_000_000)
     known = session.liveliness().declare_token(KEYS.live("source", "cam"))
@@ -101,7 +101,7 @@ def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(router, 
     until(lambda: not tokens.present, lambda: tokens.look(next(seconds)))
 
 
-def test_a_flood_of_one_source_does_not_displace_another(router, session) -> None:
+def test_a_flood_of_one_source_does_not_displace_another(router, session):
     reader = Reader(router)
     loud, quiet = (stream_publisher(session, KEYS, "obs", name) for name in ("loud", "quiet"))
     loud.put(payload("loud", 0))
@@ -117,7 +117,7 @@ def test_a_flood_of_one_source_does_not_displace_another(router, session) -> Non
     assert [seq for source, seq in reader.got if source == "quiet"] == list(range(5))
 
 
-def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, session) -> None:
+def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, session):
     reader = Reader(router)
     # No congestion here: what is put reaches the service.
     blocking = zenoh.CongestionControl.BLOCK
@@ -145,7 +145,7 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
     assert (reader.stats.overflow, reader.stats.lost) == (6, 0)
 
 
-def test_each_source_has_a_batch_read_however_little_time_there_is(router, session) -> None:
+def test_each_source_has_a_batch_read_however_little_time_there_is(router, session):
     reader = Reader(router)
     blocking = zenoh.CongestionControl.BLOCK
     names = ("a", "b")
@@ -169,7 +169,7 @@ def waiting(reader: Reader) -> int:
     return sum(len(queue.waiting) for queue in list(reader.intake.queues.of.values()))
 
 
-def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, session) -> None:
+def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, session):
     reader = Reader(router)
     publisher = stream_publisher(session, KEYS, "obs", "cam")
     publisher.put(payload("cam", 0))
@@ -183,7 +183,7 @@ def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, sess
     reader.until(lambda: reader.got == [("cam", 0), ("cam", 1)])
 
 
-def test_one_source_too_many_is_refused(router, session) -> None:
+def test_one_source_too_many_is_refused(router, session):
     reader = Reader(router, most=2)
     for name in ("a", "b", "c"):
         session.put(KEYS.stream("obs", name), payload(name, 0))
@@ -191,7 +191,7 @@ def test_one_source_too_many_is_refused(router, session) -> None:
     assert sorted(reader.got) == [("a", 0), ("b", 0)]
 
 
-def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session) -> None:
+def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session):
     reader = Reader(router)
     for k in range(2000):
         session.put(f"{KEYS.streams('obs')[:-1]}No-{k}", payload("a", 0))
@@ -202,7 +202,7 @@ def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session)
     assert list(reader.intake.queues.of) == [OTHERS, "a"]
 
 
-def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(router, session) -> None:
+def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(router, session):
     reader = Reader(router)
     session.put(KEYS.stream("obs", "known"), payload("known", 0))
     reader.until(lambda: len(reader.got) == 1)

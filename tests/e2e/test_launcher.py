@@ -7,7 +7,6 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -86,7 +85,7 @@ def pid_of(launcher, name: str, start: int = 0) -> int:
 
 
 @pytest.fixture
-def await_end() -> Iterator[Callable[[int], None]]:
+def await_end():
     """Wait until a process that is no child of ours has ended."""
 
     def wait(pid: int) -> None:
@@ -121,8 +120,8 @@ def settled(updates) -> dict[tuple[str, int], int]:
 
 
 def test_what_dies_is_started_again_and_nothing_is_left_behind(
-    start, free_port_endpoint, connect, listen, await_end, tmp_path: Path
-) -> None:
+    start, free_port_endpoint, connect, listen, await_end, tmp_path
+):
     launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
     updates = listen(connect(free_port_endpoint), KEYS.hypotheses, "hypotheses")
@@ -158,9 +157,7 @@ def test_what_dies_is_started_again_and_nothing_is_left_behind(
         await_end(pid)
 
 
-def test_a_killed_launcher_takes_everything_with_it(
-    start, free_port_endpoint, await_end, tmp_path: Path
-) -> None:
+def test_a_killed_launcher_takes_everything_with_it(start, free_port_endpoint, await_end, tmp_path):
     launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
     children = [pid_of(launcher, name) for name in ("router", "serve", "left", "right")]
@@ -179,9 +176,7 @@ def test_a_killed_launcher_takes_everything_with_it(
         ),
     ],
 )
-def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(
-    start, tmp_path: Path, content, words
-) -> None:
+def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(start, tmp_path, content, words):
     (tmp_path / "up.toml").write_text(content)
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 2
@@ -190,7 +185,7 @@ def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(
     assert "Traceback" not in launcher.output
 
 
-def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path: Path) -> None:
+def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path):
     (tmp_path / "up.toml").write_text("[process.a]\ncommand = 'echo hello'\n[process.b]\ncommand = 'true'")
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 0
@@ -211,7 +206,7 @@ class UntilListening:
             self._stop.set()
 
 
-def test_a_process_that_ignores_the_stop_is_killed(await_end, tmp_path: Path) -> None:
+def test_a_process_that_ignores_the_stop_is_killed(await_end, tmp_path):
     stop = threading.Event()
     lines = UntilListening(stop)
     deaf = ("sh", "-c", "trap '' TERM; echo listening; while :; do sleep 60; done")

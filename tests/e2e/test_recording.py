@@ -6,11 +6,9 @@ import re
 import signal
 import urllib.request
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import zenoh
 from mcap.reader import make_reader
 
 from comotion import FusionConfig
@@ -54,9 +52,7 @@ def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
 
 
 @pytest.fixture
-def recorded(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable, tmp_path: Path
-) -> Path:
+def recorded(start, endpoint, session, listen, heard, tmp_path):
     """A short scene of three sources and a service, with one payload that is no message."""
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
@@ -76,7 +72,7 @@ def recorded(
     return path
 
 
-def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Path, tmp_path: Path) -> None:
+def test_record_replay_and_evaluate(start, endpoint, recorded, tmp_path):
     first = read(recorded)
     sources = of_sources(first)
     assert first[KEYS.stream("obs", "noise")] == [b"nonsense"]
@@ -113,8 +109,8 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
 
 
 def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
-) -> None:
+    start, endpoint, session, listen, tmp_path
+):
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     recorder = start("record", path, "--connect", endpoint)
@@ -136,9 +132,7 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
 
 
-def test_a_recorder_begins_a_new_file_every_second(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, track: Callable, tmp_path: Path
-) -> None:
+def test_a_recorder_begins_a_new_file_every_second(start, endpoint, session, listen, track, tmp_path):
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     track(endpoint, rate=50.0)
     recorder = start("record", tmp_path / "take.mcap", "--max-time", "1", "--connect", endpoint)
@@ -153,9 +147,7 @@ def scrape(line: str) -> str:
         return reply.read().decode()
 
 
-def test_metrics_of_service_and_sources_feed_the_dashboard(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable
-) -> None:
+def test_metrics_of_service_and_sources_feed_the_dashboard(start, endpoint, session, listen, heard):
     statuses = listen(session, KEYS.stream("status", "fusion"), "status")
     service = start("serve", "--metrics-port", "0", "--connect", endpoint)
     source = start(
@@ -185,7 +177,7 @@ def test_metrics_of_service_and_sources_feed_the_dashboard(
         assert len(ticks) == (page is pages[0])
 
 
-def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys) -> None:
+def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys):
     options = ("--scene", "typo", "--duration", "0.3", "--connect", endpoint)
     assert run(["record", str(tmp_path / "x.mcap"), *options]) == 2
     said = capsys.readouterr().err.splitlines()[-1]

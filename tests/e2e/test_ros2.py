@@ -2,7 +2,6 @@
 
 import queue
 import struct
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ pytestmark = pytest.mark.e2e
 DOMAIN = 17
 
 
-def test_every_topic_arrives_as_ros_sends_it(start: Callable, endpoint: str, session: zenoh.Session) -> None:
+def test_every_topic_arrives_as_ros_sends_it(start, endpoint, session):
     arrived: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
     # What a node of rmw_zenoh declares: a plain subscriber on the key of the topic, with any hash.
     subscriber = session.declare_subscriber(f"{DOMAIN}/**", arrived.put)
@@ -94,9 +93,7 @@ def cloud(types: Any, points: list[tuple[float, float, float, int]], seconds: in
     )
 
 
-def test_messages_of_a_node_become_observations(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable
-) -> None:
+def test_messages_of_a_node_become_observations(start, endpoint, session, listen, heard):
     store = get_typestore(Stores.ROS2_JAZZY)
     batches = {name: listen(session, Keys().stream("obs", name), "obs") for name in ("frames", "points")}
     at = ("--domain", DOMAIN, "--connect", endpoint)

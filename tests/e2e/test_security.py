@@ -3,7 +3,7 @@
 import json
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -61,19 +61,19 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory, start_shared) -> Site:
+def site(tmp_path_factory, start_shared):
     return Site(tmp_path_factory.mktemp("site") / "pki", start_shared)
 
 
 @pytest.fixture
-def log_in(site) -> Iterator[Callable[[str], zenoh.Session]]:
+def log_in(site):
     """Open a session with the certificate of a component."""
     with ExitStack() as stack:
         yield lambda name: stack.enter_context(connect(site.settings(name), timeout=DEADLINE))
 
 
 @pytest.fixture
-def all_seeing(log_in) -> zenoh.Session:
+def all_seeing(log_in):
     """A session with the certificate of a router, which may see everything."""
     return log_in("hall")
 
@@ -116,7 +116,7 @@ FORBIDDEN_PUTS = [
 ]
 
 
-def test_puts_outside_ones_own_keys_arrive_nowhere(log_in, all_seeing) -> None:
+def test_puts_outside_ones_own_keys_arrive_nowhere(log_in, all_seeing):
     everything = all_seeing.declare_subscriber("comotion/@v1/**", RingChannel(1000))
     beyond = all_seeing.declare_subscriber("anything/**", RingChannel(1000))
     sessions = {name: log_in(name) for name, _ in FORBIDDEN_PUTS}
@@ -134,7 +134,7 @@ def test_puts_outside_ones_own_keys_arrive_nowhere(log_in, all_seeing) -> None:
 
 
 @pytest.mark.parametrize("name", ["cam", "laptop", "disk", "fusion"])
-def test_nobody_can_claim_the_presence_of_another(name, log_in, all_seeing) -> None:
+def test_nobody_can_claim_the_presence_of_another(name, log_in, all_seeing):
     presence = all_seeing.liveliness().declare_subscriber("comotion/@v1/**", RingChannel(100), history=True)
     session = log_in(name)
     roles = {"cam": "source", "laptop": "viewer", "disk": "recorder", "fusion": "service"}
@@ -151,7 +151,7 @@ def test_nobody_can_claim_the_presence_of_another(name, log_in, all_seeing) -> N
         token.undeclare()
 
 
-def test_a_source_reads_nothing_of_others(log_in, all_seeing) -> None:
+def test_a_source_reads_nothing_of_others(log_in, all_seeing):
     spy = log_in("cam")
     wanted = [KEYS.streams("obs"), KEYS.stream("obs", "mocap"), KEYS.hypotheses, KEYS.streams("status")]
     wanted += [KEYS.stream("joints", "mocap"), "comotion/@v1/**", "**", KEYS.stream("preview", "mocap")]
@@ -173,7 +173,7 @@ def test_a_source_reads_nothing_of_others(log_in, all_seeing) -> None:
     assert [samples(ring) for ring in (*rings, tokens)] == [[]] * (len(rings) + 1)
 
 
-def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log_in) -> None:
+def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log_in):
     def answer(query: zenoh.Query) -> None:
         with query:
             query.reply(query.key_expr, b"yes")
@@ -224,7 +224,7 @@ def raw_client(site: Site, tls: TlsFiles | None, protocol: str = "tls") -> bool:
     return True
 
 
-def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path) -> None:
+def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path):
     own = load_tls(site.authority.folder / "cam")
     assert raw_client(site, own)
     stranger = Authority.create(tmp_path / "strange")
@@ -241,7 +241,7 @@ def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path) -> N
     assert not raw_client(site, None, protocol="tcp"), "no encryption"
 
 
-def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing) -> None:
+def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing):
     """It was issued, but the router has not been restarted yet; or its folder was removed."""
     site.issue("viewer", "fresh")
     fresh = log_in("fresh")
@@ -254,7 +254,7 @@ def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing) ->
     assert set(samples(ring)) <= {KEYS.stream("status", "fresh")}, "more than its own"
 
 
-def test_a_link_ends_with_its_certificate(site) -> None:
+def test_a_link_ends_with_its_certificate(site):
     site.issue("source", "brief", days=3.0 / 86_400)
     with connect(site.settings("brief"), timeout=DEADLINE) as session:
         until = time.monotonic() + DEADLINE
@@ -263,7 +263,7 @@ def test_a_link_ends_with_its_certificate(site) -> None:
             time.sleep(0.1)
 
 
-def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in, all_seeing) -> None:
+def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in, all_seeing):
     arrived = all_seeing.declare_subscriber(KEYS.stream("obs", "cam"), RingChannel(10))
     publisher = log_in("cam").declare_publisher(KEYS.stream("obs", "cam"))
     until_heard(publisher)
@@ -277,7 +277,7 @@ def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in
     assert sample.payload.to_bytes() == b"small"
 
 
-def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing) -> None:
+def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing):
     flood = log_in("cam").declare_publisher(
         KEYS.stream("obs", "cam"), congestion_control=zenoh.CongestionControl.DROP
     )
@@ -307,7 +307,7 @@ def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing) 
     assert 0 < passed <= RATE * lasted + 1
 
 
-def test_adding_a_component_is_one_command_and_a_restart(site, listen, all_seeing) -> None:
+def test_adding_a_component_is_one_command_and_a_restart(site, listen, all_seeing):
     """The router restarts in place by SIGHUP, and for good; a source and its listener go on by themselves."""
     witness = listen(all_seeing, KEYS.stream("status", "mocap"), "status")
     updates = listen(all_seeing, KEYS.stream("obs", "mocap"), "obs")
@@ -342,7 +342,7 @@ def test_adding_a_component_is_one_command_and_a_restart(site, listen, all_seein
         witness.until(lambda status: status.component == "mocap")
 
 
-def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing) -> None:
+def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing):
     authority = site.authority.folder / "ca.crt"
     content = authority.read_bytes()
     authority.write_bytes(b"damaged")
@@ -356,7 +356,7 @@ def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing) -
     assert str(everything.recv().key_expr) == KEYS.stream("status", "cam")
 
 
-def test_the_commands_work_with_certificates(site, start, tmp_path) -> None:
+def test_the_commands_work_with_certificates(site, start, tmp_path):
     """A whole scene over a secure router, and a second router behind which a viewer sees it all."""
     folder = site.authority.folder
     site.issue("router", "annex", hosts=("localhost", "127.0.0.1"))

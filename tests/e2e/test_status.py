@@ -25,7 +25,7 @@ def shifted(component: Component) -> Status:
     return Status(**{**vars(now), "stamp_ns": now.stamp_ns + round(AHEAD_S * 1e9)})
 
 
-def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session, capsys) -> None:
+def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session, capsys):
     look = ("status", "--connect", endpoint)
     assert run(list(look)) == 3
     assert "no service" in capsys.readouterr().out
@@ -62,7 +62,7 @@ def _as_cam(status: Status) -> Status:
     return Status(**{**vars(status), "component": "cam", "role": "source"})
 
 
-def test_no_router_is_an_error(free_port_endpoint, capsys) -> None:
+def test_no_router_is_an_error(free_port_endpoint, capsys):
     assert "no router answers" in refused(capsys, "status", "--connect", free_port_endpoint, "--timeout", 0.5)
 
 
@@ -84,7 +84,7 @@ with SourcePublisher("ahead", space="world", unit="m", dim=3, settings=settings)
 
 
 @pytest.mark.long
-def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, spawn, tmp_path) -> None:
+def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, spawn, tmp_path):
     service = serve("--correct-clocks", "--no-state")
     script = tmp_path / "ahead.py"
     script.write_text(AHEAD)

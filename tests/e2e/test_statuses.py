@@ -1,7 +1,7 @@
 """What the service reads of Statuses: each component's newest, about itself alone."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 
@@ -36,18 +36,18 @@ class Reader:
 
 
 @pytest.fixture
-def reader(router) -> Iterator[Reader]:
+def reader(router):
     statuses = Statuses(router, KEYS, most=100)
     yield Reader(statuses)
     statuses.close()
 
 
 @pytest.fixture
-def put(reader, session) -> Callable[[str, Status], None]:
+def put(reader, session):
     return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
 
 
-def test_of_a_storm_the_newest_is_read_and_others_with_it(reader, put) -> None:
+def test_of_a_storm_the_newest_is_read_and_others_with_it(reader, put):
     for k in range(3000):
         put("loud", status("loud", k))
     put("quiet", status("quiet", 7))
@@ -57,14 +57,14 @@ def test_of_a_storm_the_newest_is_read_and_others_with_it(reader, put) -> None:
     assert reader.statuses.refused == 0
 
 
-def test_a_status_about_another_component_is_refused_and_counted(reader, put) -> None:
+def test_a_status_about_another_component_is_refused_and_counted(reader, put):
     put("liar", status("cam", 2**31))
     put("cam", status("cam", 5))
     reader.until(lambda: reader.statuses.refused == 1 and bool(reader.got))
     assert reader.got == [("cam", 5)]
 
 
-def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(reader, put, session) -> None:
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(reader, put, session):
     put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
     session.put(KEYS.stream("status", "cam"), b"\x00")
     reader.until(lambda: reader.statuses.refused == 2)

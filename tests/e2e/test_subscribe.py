@@ -3,7 +3,6 @@
 import asyncio
 import secrets
 import threading
-from collections.abc import Iterator
 
 import pytest
 import zenoh
@@ -20,19 +19,19 @@ pytestmark = pytest.mark.e2e
 
 
 @pytest.fixture(scope="module")
-def endpoint(shared_endpoint: str) -> Iterator[str]:
+def endpoint(shared_endpoint):
     with routing(shared_endpoint):
         yield shared_endpoint
 
 
 @pytest.fixture(scope="module")
-def session(endpoint: str) -> Iterator[zenoh.Session]:
+def session(endpoint):
     with open_session(SessionSettings(connect=(endpoint,))) as session:
         yield session
 
 
 @pytest.fixture
-def scene() -> str:
+def scene():
     """A scene of its own for every test: they share a router."""
     return f"scene-{secrets.token_hex(4)}"
 
@@ -41,9 +40,7 @@ def update(scene: str, seq: int, *, session: str = SESSION) -> HypothesisUpdate:
     return builders.update(scene=scene, seq=seq, stamp_ns=seq, session=session)
 
 
-def test_the_last_update_comes_at_once_and_then_the_next(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
+def test_the_last_update_comes_at_once_and_then_the_next(session, endpoint, scene):
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     for seq in range(3):
         publisher.put(encode(update(scene, seq)))
@@ -53,9 +50,7 @@ def test_the_last_update_comes_at_once_and_then_the_next(
         assert next(updates).seq == 3
 
 
-def test_a_reader_that_is_too_slow_loses_the_oldest(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
+def test_a_reader_that_is_too_slow_loses_the_oldest(session, endpoint, scene):
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     other = Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE)
     with other, Subscription(session, HypothesisUpdate, scene, capacity=2, timeout=DEADLINE) as slow:
@@ -68,9 +63,7 @@ def test_a_reader_that_is_too_slow_loses_the_oldest(
         assert [message.seq for _, message in slow.drain()] == [8, 9]
 
 
-def test_invalid_payloads_are_counted_by_reason_and_skipped(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
+def test_invalid_payloads_are_counted_by_reason_and_skipped(session, endpoint, scene):
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     with Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE) as updates:
         publisher.put(b"\xc1 not msgpack")
@@ -81,7 +74,7 @@ def test_invalid_payloads_are_counted_by_reason_and_skipped(
         assert updates.counters.invalid == {"malformed": 1, "schema": 1, "source-mismatch": 1}
 
 
-def test_gaps_repeats_and_restarts_are_told_apart(session: zenoh.Session, scene: str) -> None:
+def test_gaps_repeats_and_restarts_are_told_apart(session, scene):
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     with Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE) as updates:
         for seq in (5, 8, 8, 7):
@@ -92,7 +85,7 @@ def test_gaps_repeats_and_restarts_are_told_apart(session: zenoh.Session, scene:
         assert (updates.counters.lost, updates.counters.stale) == (1, 2)
 
 
-def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, scene: str) -> None:
+def test_observations_status_and_truth(session, endpoint, scene):
     truths = declare_publisher(session, Keys(scene).stream("truth", "cam"), "truth")
     for feature in range(1500):
         truths.put(encode(TruthBatch(source="cam", session=SESSION, ids=[feature], objects=[1], names={})))
@@ -110,9 +103,7 @@ def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, sc
         assert next(statuses).component == "cam"
 
 
-def test_a_storm_of_statuses_of_one_component_displaces_no_other(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
+def test_a_storm_of_statuses_of_one_component_displaces_no_other(session, endpoint, scene):
     keys = Keys(scene)
     with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
         session.put(keys.stream("status", "quiet"), encode(status("quiet", "source")))
@@ -128,7 +119,7 @@ def test_a_storm_of_statuses_of_one_component_displaces_no_other(
         assert statuses.counters.received + statuses.counters.stale == 502
 
 
-def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:
+def test_asyncio(session, endpoint, scene):
     publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
     publisher.put(encode(update(scene, 0)))
 
@@ -145,7 +136,7 @@ def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:
     assert asyncio.run(read()) == [0, 1, 2]
 
 
-def test_closing_ends_a_loop_that_waits(session: zenoh.Session, scene: str) -> None:
+def test_closing_ends_a_loop_that_waits(session, scene):
     updates = Subscription(session, HypothesisUpdate, scene)
     closer = threading.Thread(target=updates.close)
     closer.start()
@@ -154,17 +145,17 @@ def test_closing_ends_a_loop_that_waits(session: zenoh.Session, scene: str) -> N
     updates.close()
 
 
-def test_silence_is_a_timeout(endpoint: str, scene: str) -> None:
+def test_silence_is_a_timeout(endpoint, scene):
     with subscribe(scene, endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
         next(updates)
 
 
-def test_no_router_is_a_timeout_that_names_it() -> None:
+def test_no_router_is_a_timeout_that_names_it():
     with pytest.raises(TimeoutError, match=r"no router answers at tcp/127\.0\.0\.1:1"):
         subscribe("scene", "tcp/127.0.0.1:1", timeout=0.2).__enter__()
 
 
-def test_wrong_names_and_endpoints_are_refused_at_once() -> None:
+def test_wrong_names_and_endpoints_are_refused_at_once():
     with pytest.raises(ValueError, match="scene"):
         subscribe("No Scene")
     with pytest.raises(ValueError, match="cannot open a session at nonsense"):

@@ -6,12 +6,9 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-import zenoh
 
 from comotion_experiments.screens import CHROMIUM, opened
 from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
@@ -44,16 +41,14 @@ def update(seq: int) -> HypothesisUpdate:
 
 
 @pytest.fixture
-def scene(session: zenoh.Session) -> Iterator[None]:
+def scene(session):
     """A service, at 10 Hz."""
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
     with every(0.1, lambda seq: hypotheses.put(encode(update(seq)))):
         yield
 
 
-def test_a_live_scene_into_a_file(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, scene: None, tmp_path: Path
-) -> None:
+def test_a_live_scene_into_a_file(start, endpoint, session, listen, scene, tmp_path):
     statuses = listen(session, KEYS.streams("status"), "status")
     process = start("view", "--save", tmp_path / "a.rrd", "--connect", endpoint, "--json")
     shown = statuses.until(lambda s: s.role == "viewer" and s.counters.get("updates", 0) > 2)
@@ -70,9 +65,7 @@ def test_a_live_scene_into_a_file(
 
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(CHROMIUM not in os.environ, reason="needs the browser named by COMOTION_CHROMIUM")
-def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
-    start: Callable, endpoint: str, scene: None
-) -> None:
+def test_the_page_shows_features_in_the_colour_of_their_hypothesis(start, endpoint, scene):
     pytest.importorskip("playwright")
     from comotion_clients.viewing.sink import free_port
 

@@ -1,11 +1,9 @@
 """The workcell as a user runs it: real processes, every input of proprioception, what goes wrong."""
 
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
-import zenoh
 
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.transport import declare_publisher
@@ -26,7 +24,7 @@ def expected(scene: Scene, stamp_ns: int) -> np.ndarray:
     return kinematics.poses(JointSample(stamp_ns, scene.joints, q)).positions
 
 
-def test_robot_and_camera_see_one_workcell(start, endpoint: str, session: zenoh.Session, listen) -> None:
+def test_robot_and_camera_see_one_workcell(start, endpoint, session, listen):
     """Three processes that share nothing but the wire agree on where the hand is."""
     scene = Scene.named("arm")
     robot = listen(session, KEYS.stream("obs", "robot"), "obs")
@@ -55,9 +53,7 @@ def test_robot_and_camera_see_one_workcell(start, endpoint: str, session: zenoh.
     assert klt.wait() == 0
 
 
-def test_the_camera_waits_for_the_workcell_and_survives_its_restart(
-    start, endpoint: str, session: zenoh.Session, listen
-) -> None:
+def test_the_camera_waits_for_the_workcell_and_survives_its_restart(start, endpoint, session, listen):
     camera = listen(session, KEYS.stream("obs", "klt"), "obs")
     klt = start("source", "klt", "workcell:truck/a?size=160x120&rate=5", "--connect", endpoint)
     klt.wait_line(lambda line: "waiting for joint states 'workcell'" in line)
@@ -79,9 +75,7 @@ def joints(seq: int, stamp_ns: int, names: list[str], source: str = "ur") -> byt
     )
 
 
-def test_malformed_joint_states_are_counted_and_the_process_goes_on(
-    start, endpoint: str, session: zenoh.Session, listen, heard
-) -> None:
+def test_malformed_joint_states_are_counted_and_the_process_goes_on(start, endpoint, session, listen, heard):
     names = [f"arm_{name}" for name in ("yaw", "shoulder", "elbow", "wrist", "roll")]
     poses = listen(session, KEYS.stream("obs", "robot"), "obs")
     statuses = listen(session, KEYS.stream("status", "robot"), "status")
@@ -101,9 +95,7 @@ def test_malformed_joint_states_are_counted_and_the_process_goes_on(
     publisher.undeclare()
 
 
-def test_joint_states_live_from_rmw_zenoh(
-    start, endpoint: str, session: zenoh.Session, listen, heard
-) -> None:
+def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen, heard):
     pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
     from ..reference.joint_states import encode_sample
 
@@ -124,9 +116,7 @@ def test_joint_states_live_from_rmw_zenoh(
     publisher.undeclare()
 
 
-def test_a_csv_log_is_played_and_ends(
-    start, endpoint: str, session: zenoh.Session, listen, tmp_path: Path
-) -> None:
+def test_a_csv_log_is_played_and_ends(start, endpoint, session, listen, tmp_path):
     scene = Scene.named("arm")
     lines = [",".join(("time", *scene.joints))]
     lines += [",".join(map(repr, (k / 100, *scene.configuration(k / 100).tolist()))) for k in range(20)]

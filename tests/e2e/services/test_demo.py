@@ -2,14 +2,13 @@
 
 import json
 import re
-from pathlib import Path
 
 import pytest
 
 pytestmark = pytest.mark.e2e
 
 
-def test_the_demo_ends_with_a_summary_and_a_plot_on_ctrl_c(start, tmp_path: Path) -> None:
+def test_the_demo_ends_with_a_summary_and_a_plot_on_ctrl_c(start, tmp_path):
     # A folder of certificates for another scene is not for the demo.
     env = {"COMOTION_TLS": str(tmp_path / "pki" / "me"), "COMOTION_METRICS_PORT": "1"}
     demo = start("demo", "--out", tmp_path / "out", ready=False, env=env)

@@ -3,10 +3,8 @@
 import json
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
-import zenoh
 
 from comotion import FusionConfig
 from comotion_clients import evaluate as live
@@ -48,9 +46,7 @@ def stands_still(times: int = 5) -> Callable[[HypothesisUpdate], bool]:
     return repeats
 
 
-def test_live_agrees_with_offline(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
-) -> None:
+def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
     updates = listen(session, Keys().hypotheses, "hypotheses")
     scene, plot, ready = tmp_path / "two.toml", tmp_path / "live.png", tmp_path / "ready"
     scene.write_text(SCENE)
@@ -82,9 +78,7 @@ def test_live_agrees_with_offline(
     assert not ready.exists()
 
 
-def test_a_scene_that_nobody_serves_is_one_clear_line(
-    endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scene_that_nobody_serves_is_one_clear_line(endpoint, monkeypatch, capsys):
     monkeypatch.setattr(live, "FIRST_UPDATE_TIMEOUT_S", 0.6)
     assert run(["evaluate", "--connect", endpoint, "--duration", "0.5", "--scene", "typo"]) == 2
     said = capsys.readouterr().err.splitlines()

@@ -11,10 +11,8 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
 
 import pytest
-import zenoh
 
 from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
 from comotion_schemas.transport import declare_publisher
@@ -29,7 +27,7 @@ KEYS = Keys("default")
 
 
 @pytest.fixture
-def scene(session: zenoh.Session) -> Iterator[None]:
+def scene(session):
     """A source and a service, at 20 Hz."""
     observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
@@ -50,7 +48,7 @@ def update(seq: int) -> HypothesisUpdate:
     )
 
 
-def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
+def test_once_as_json(start, endpoint, scene):
     process = start("watch", "--once", "--json", "--timeout", DEADLINE, "--connect", endpoint, ready=False)
     assert process.wait() == 0
     found = json.loads(process.output)
@@ -61,12 +59,12 @@ def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
     assert found["service"]["state"] == "ok"
 
 
-def test_once_without_a_scene_is_one_clear_line(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_once_without_a_scene_is_one_clear_line(endpoint, capsys):
     said = refused(capsys, "watch", "--once", "--timeout", 0.3, "--connect", endpoint)
     assert said == f"error: no message of scene 'default' arrives at {endpoint}"
 
 
-def test_lines_when_the_output_is_no_terminal(start: Callable, endpoint: str, scene: None) -> None:
+def test_lines_when_the_output_is_no_terminal(start, endpoint, scene):
     process = start("watch", "--connect", endpoint, ready=False)
     process.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
     process.interrupt()
@@ -118,7 +116,7 @@ class Terminal:
             os.close(self._main)
 
 
-def test_a_terminal_of_80x24(endpoint: str, scene: None) -> None:
+def test_a_terminal_of_80x24(endpoint, scene):
     terminal = Terminal(80, 24, "watch", "--connect", endpoint)
     terminal.until("sorted by size")
     terminal.until("camera")
