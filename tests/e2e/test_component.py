@@ -14,7 +14,6 @@ from comotion_schemas.transport import SessionSettings
 
 from .conftest import DEADLINE, routing
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 

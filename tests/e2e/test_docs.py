@@ -37,7 +37,6 @@ from comotion_deploy.cli import app, run
 from comotion_deploy.processes import read_processes
 from comotion_tools.parameter_table import filled
 
-pytestmark = pytest.mark.e2e
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"

@@ -1,35 +1,28 @@
 """Election of the service that speaks for a scene, by real etcd servers."""
 
-import threading
-from collections.abc import Callable
-
 import pytest
 
 from comotion.runtime.standby import Election, Etcd
 
 from .etcd_cluster import NEEDS_ETCD, EtcdCluster
+from .tracker import until
 
 pytestmark = NEEDS_ETCD
-DEADLINE = 60.0
 
 
 class Candidate:
     """A service that takes part; `until` waits for a state of its election."""
 
     def __init__(self, cluster, name):
-        self._news = threading.Condition()
         self.epochs = []
         self.election = Election(lambda: Etcd(cluster.urls), "a", name, name[-1] * 16, changed=self._note)
 
     def _note(self):
-        with self._news:
-            self.epochs.append(self.election.epoch)
-            self._news.notify_all()
+        self.epochs.append(self.election.epoch)
 
-    def until(self, condition: Callable[[int | None], bool]) -> int | None:
-        with self._news:
-            assert self._news.wait_for(lambda: condition(self.election.epoch), DEADLINE)
-            return self.election.epoch
+    def until(self, condition):
+        until(lambda: condition(self.election.epoch))
+        return self.election.epoch
 
     def __enter__(self):
         self.election.__enter__()
@@ -51,8 +44,7 @@ def test_one_speaks_and_when_it_resigns_the_other_does_with_a_higher_epoch(etcd)
     with Candidate(etcd, "s1") as first:
         before = first.until(speaks)
         with Candidate(etcd, "s2") as second:
-            while second.election.leader is None:
-                threading.Event().wait(0.02)
+            until(lambda: second.election.leader is not None)
             assert second.election.leader == "s1"
             assert second.election.epoch is None
             first.election.__exit__(None, None, None)
@@ -80,8 +72,7 @@ def test_who_has_just_lost_the_scene_does_not_take_it_back(etcd):
             first.until(silent)
             first.election.suspect("s2")
             with Candidate(etcd, "s3") as third:
-                while third.election.leader is None:
-                    threading.Event().wait(0.02)
+                until(lambda: third.election.leader is not None)
                 assert third.election.leader == "s2"
             assert second.election.epoch == epoch
 
@@ -100,14 +91,12 @@ def test_while_etcd_is_away_the_active_service_goes_on_and_nobody_else_is_electe
         with Candidate(etcd, "s2") as second:
             etcd.pause()
             second.election.suspect("s1")
-            while second.election.error is None or first.election.error is None:
-                threading.Event().wait(0.05)
+            until(lambda: second.election.error is not None and first.election.error is not None)
             assert first.election.epoch is not None
             assert second.election.epoch is None
             etcd.go_on()
             # Whoever gets the lease: in the end one of them speaks.
-            while (first.election.epoch is None) == (second.election.epoch is None):
-                threading.Event().wait(0.05)
+            until(lambda: (first.election.epoch is None) != (second.election.epoch is None))
 
 
 def test_three_members_lose_one_and_nothing_happens(tmp_path):

@@ -21,10 +21,12 @@ import pytest
 from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import Grant
 
-from .conftest import DEADLINE, Process
+from . import tracker
+from .conftest import Process
 from .etcd_cluster import NEEDS_ETCD
+from .tracker import until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.long, NEEDS_ETCD]
+pytestmark = [pytest.mark.long, NEEDS_ETCD]
 HOSTS = ("a", "b", "c")
 REPLICAS = ("b", "c")
 SCENE = "cell"
@@ -34,35 +36,6 @@ CUT_S = 5.0
 RATE = 20.0
 FIRST = 3
 """Batches that may be published before the service hears the source."""
-SOURCE = """
-import sys, time
-import numpy as np
-from comotion_schemas import ObservationBatch, encode
-from comotion_schemas.component import Component
-from comotion_schemas.transport import client_settings, stream_publisher
-
-scene, name, folder = sys.argv[1:]
-rng = np.random.default_rng(len(name))
-rest = rng.random((12, 3)) * 0.4
-settings = client_settings(["tls/127.0.0.1:7447"], folder)
-with Component(role="source", name=name, scene=scene, settings=settings) as source:
-    publisher = stream_publisher(source.session, source.keys, "obs", name)
-    while not publisher.matching_status.matching:
-        time.sleep(0.05)
-    sent = 0
-    while not source.stop.wait(0.05):
-        now = time.time()
-        swing = 0.3 * np.sin(np.pi * now)
-        positions = rest + rng.normal(0, 0.001, rest.shape)
-        positions[:6, 0] += swing
-        positions[6:, 1] += 1.0 + swing
-        publisher.put(encode(ObservationBatch(
-            source=name, session=source.session_id, seq=sent, space="world", unit="m", dim=3,
-            stamp_ns=int(now * 1e9), ids=np.arange(12, dtype=np.uint64), positions=positions)))
-        sent += 1
-    time.sleep(1.0)  # the last batch arrives before the presence ends
-print(f"sent {sent}", flush=True)
-"""
 
 
 def ip(*words: str) -> None:
@@ -137,11 +110,7 @@ class Site:
         replicas = [self._replica(host) for host in REPLICAS]
         for process in (*self.routers.values(), *replicas):
             process.wait_ready()
-        script = folder / "source.py"
-        script.write_text(SOURCE)
-        self.sources = [
-            self._run("a", sys.executable, script, SCENE, name, self.pki / name) for name in SOURCES
-        ]
+        self.sources = [self._source(name) for name in SOURCES]
         self.clients = {host: self._client(host) for host in HOSTS}
 
     def _issue(self) -> None:
@@ -191,6 +160,13 @@ class Site:
         standby = ("--standby", "--etcd", f"http://{address(host, of_relay=True)}:2379")
         return self.comotion(host, "serve", "--no-state", "--scene", SCENE, *own, *standby)
 
+    def _source(self, name: str) -> Process:
+        own = {"name": name, "tls": str(self.pki / name), "seed": len(name), "noise": 0.001}
+        at = {"endpoint": f"tls/127.0.0.1:{QUIC}", "scene": SCENE, "rate": RATE}
+        # The last batch arrives before the presence ends.
+        options = json.dumps(own | at | {"stays_s": 1.0})
+        return self._run("a", sys.executable, tracker.__file__, options)
+
     def _client(self, host: str) -> Process:
         tls = self.pki / f"viewer-{host}"
         return self.comotion(host, "watch", "--json", "--scene", SCENE, "--tls", tls)
@@ -206,13 +182,14 @@ class Site:
 
     def until_active(self, host: str) -> int:
         """Wait until this replica alone is active; its epoch."""
-        end = time.monotonic() + DEADLINE
-        while time.monotonic() < end:
-            found = self.replicas()
-            active = [name for name, (role, _) in found.items() if role == "active"]
-            if active == [host] and len(found) == len(REPLICAS):
-                return found[host][1]
-        raise AssertionError(f"not {host} alone is active: {found}")
+        found: dict[str, tuple[str, int]] = {}
+
+        def is_active() -> bool:
+            found.update(self.replicas())
+            return [name for name, (role, _) in found.items() if role == "active"] == [host]
+
+        until(lambda: is_active() and len(found) == len(REPLICAS))
+        return found[host][1]
 
 
 def grant(role: str, name: str) -> Grant:
@@ -221,8 +198,7 @@ def grant(role: str, name: str) -> Grant:
 
 
 @pytest.fixture
-def site(tmp_path, spawn, start):
-    # `start` is asked for because the kernels are then compiled before any deadline runs.
+def site(tmp_path, start):
     reason = why_not()
     if reason:
         pytest.skip(reason)
@@ -230,7 +206,7 @@ def site(tmp_path, spawn, start):
         network = Network(stack)
 
         def run(host: str, *command: object) -> Process:
-            process = spawn(*network.on(host), *command)
+            process = start.any(*network.on(host), *command)
             stack.callback(process.close)
             return process
 

@@ -1,10 +1,8 @@
 """The service's subscriptions, against a publisher in the same process."""
 
-import time
 from collections.abc import Callable
 from itertools import count
 
-import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
@@ -15,9 +13,8 @@ from comotion_schemas import Keys, encode
 from comotion_schemas.transport import stream_publisher
 
 from ..builders import batch
-from .conftest import DEADLINE
+from .tracker import until
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 
@@ -41,17 +38,7 @@ class Reader:
             meanwhile()
             self.poll()
 
-        until(fulfilled, poll, lambda: f"{len(self.got)}: {self.got[-9:]} {self.stats.rejected}")
-
-
-def until(
-    fulfilled: Callable[[], bool], step: Callable[[], None], told: Callable[[], str] = lambda: ""
-) -> None:
-    """Take steps until something is so."""
-    deadline = time.monotonic() + DEADLINE
-    while not fulfilled():
-        assert time.monotonic() < deadline, told()
-        step()
+        until(fulfilled, poll)
 
 
 def test_every_batch_comes_once_from_the_first_on(router, session):
@@ -129,10 +116,9 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
         publisher.put(payload(name, 0))
     reader.until(lambda: len(reader.got) == 2)
 
-    def awaited(name: str, newest: bytes, count: int) -> None:
-        waiting, deadline = reader.intake.queues.of[name].waiting, time.monotonic() + DEADLINE
-        while not waiting or waiting[-1].content != newest or len(waiting) != count:
-            assert time.monotonic() < deadline, len(waiting)
+    def awaited(name, newest, count):
+        waiting = reader.intake.queues.of[name].waiting
+        until(lambda: waiting and waiting[-1].content == newest and len(waiting) == count)
 
     for seq in range(1, 301):
         fast.put(payload("fast", seq))
@@ -157,7 +143,7 @@ def test_each_source_has_a_batch_read_however_little_time_there_is(router, sessi
             publisher.put(payload(name, seq))
         reader.until(lambda: len(reader.got) >= 2 or seq > 0)  # noqa: B023
     left = 2 * 6 - len(reader.got)
-    until(lambda: waiting(reader) == left, lambda: None)
+    until(lambda: waiting(reader) == left)
     before = len(reader.got)
     reader.got += [(batch.source, batch.seq) for batch in reader.intake.receive(0, budget_ns=0)]
     assert sorted(source for source, _ in reader.got[before:]) == ["a", "b"]
@@ -209,7 +195,7 @@ def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(r
     for k in range(50):
         session.put(KEYS.stream("obs", f"new-{k}"), payload(f"new-{k}", 0))
     session.put(KEYS.stream("obs", "known"), payload("known", 1))
-    until(lambda: waiting(reader) == 51, lambda: None)
+    until(lambda: waiting(reader) == 51)
     reader.poll()
     assert reader.got[1:] == [("known", 1), *((f"new-{k}", 0) for k in range(16))]
     reader.until(lambda: len(reader.got) == 52)

@@ -15,43 +15,25 @@ from comotion_deploy.launcher import Launcher
 from comotion_deploy.processes import ProcessSpec
 from comotion_schemas import HypothesisUpdate, Keys
 
-from .conftest import DEADLINE
+from . import tracker
 from .services.test_service import labels
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
-
-TRACKER = """
-import sys, time
-import numpy as np
-from comotion_schemas import ObservationBatch, encode
-from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings, stream_publisher
-
-name, endpoint = sys.argv[1:]
-with Component(role="source", name=name, settings=SessionSettings(connect=[endpoint])) as component:
-    publisher = stream_publisher(component.session, component.keys, "obs", name)
-    rest = np.random.default_rng(7).random((12, 3)) * 0.4
-    seq = 0
-    while not component.stop.wait(0.04):
-        now = time.time()
-        positions = rest.copy()
-        positions[:6, 0] += 0.3 * np.sin(np.pi * now)
-        positions[6:, 1] += 1.0 + 0.3 * np.sin(np.pi * now)
-        publisher.put(encode(ObservationBatch(
-            source=name, session=component.session_id, seq=seq, space=name, unit="m", dim=3,
-            stamp_ns=int(now * 1e9), ids=np.arange(12, dtype=np.uint64), positions=positions)))
-        seq += 1
-"""
 
 
 class System:
     """A launcher with router, service and two trackers in spaces of their own."""
 
     def __init__(self, folder: Path, endpoint: str) -> None:
-        (folder / "tracker.py").write_text(TRACKER)
         self.file = folder / "system.toml"
-        command = [sys.executable, str(folder / "tracker.py")]
+        left, right = (
+            [
+                sys.executable,
+                tracker.__file__,
+                json.dumps({"endpoint": endpoint, "name": name, "space": name}),
+            ]
+            for name in ("left", "right")
+        )
         self.file.write_text(
             f"""
 connect = ["{endpoint}"]
@@ -69,9 +51,9 @@ run = "router"
 [process.serve]
 run = "serve"
 [process.left]
-command = {json.dumps([*command, "left", endpoint])}
+command = {json.dumps(left)}
 [process.right]
-command = {json.dumps([*command, "right", endpoint])}
+command = {json.dumps(right)}
 """
         )
 
@@ -94,7 +76,7 @@ def await_end():
         except ProcessLookupError:
             return
         try:
-            assert select.select([handle], [], [], DEADLINE)[0], f"process {pid} lives on"
+            assert select.select([handle], [], [], tracker.DEADLINE)[0], f"process {pid} lives on"
         finally:
             os.close(handle)
 
@@ -151,8 +133,7 @@ def test_what_dies_is_started_again_and_nothing_is_left_behind(
 
     children = [int(pid) for pid in re.findall(r"started \w+, pid (\d+)", launcher.output)]
     assert len(children) == 7
-    launcher.interrupt()
-    assert launcher.wait() == 0
+    assert launcher.interrupt() == 0
     for pid in children:
         await_end(pid)
 

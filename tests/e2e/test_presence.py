@@ -14,9 +14,8 @@ from comotion_schemas import Keys, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings
 
-from .conftest import DEADLINE
+from .tracker import DEADLINE
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 OTHER = "b" * 16
 UPDATE = Fusion(session=OTHER).update(0)

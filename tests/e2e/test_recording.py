@@ -17,9 +17,8 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
 
-from .conftest import DEADLINE
+from .tracker import DEADLINE, until_heard
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 ROOT = Path(__file__).parents[2]
 PERIOD = 0.25
@@ -52,22 +51,20 @@ def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
 
 
 @pytest.fixture
-def recorded(start, endpoint, session, listen, heard, tmp_path):
+def recorded(start, endpoint, session, listen, tmp_path):
     """A short scene of three sources and a service, with one payload that is no message."""
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     start("serve", "--connect", endpoint)
     recorder = start("record", path, "--connect", endpoint)
     source = start("source", "simulator", "3d_async", "--connect", endpoint)
-    heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
+    until_heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     told: Status = statuses.until(lambda s: s.counters["messages"] > 600 and s.rejected)
-    source.interrupt()
-    assert source.wait() == 0
+    assert source.interrupt() == 0
     assert told.role == "recorder"
     assert told.rejected == {"malformed": 1}
     assert told.rates["hypotheses"] > 0
-    recorder.interrupt()
-    assert recorder.wait() == 0
+    assert recorder.interrupt() == 0
     assert "recorded although invalid: 1 malformed" in recorder.lines
     return path
 
@@ -95,8 +92,7 @@ def test_record_replay_and_evaluate(start, endpoint, recorded, tmp_path):
     recorder = start("record", again, "--name", "second", "--connect", endpoint)
     how = ("--stamps", "original", "--speed", 2, "--connect", endpoint)
     assert start("source", "replay", recorded, *how, ready=False).wait() == 0
-    recorder.interrupt()
-    assert recorder.wait() == 0
+    assert recorder.interrupt() == 0
     second = of_sources(read(again))
     assert second.keys() == sources.keys()
     for key, payloads in second.items():
@@ -137,8 +133,7 @@ def test_a_recorder_begins_a_new_file_every_second(start, endpoint, session, lis
     track(endpoint, rate=50.0)
     recorder = start("record", tmp_path / "take.mcap", "--max-time", "1", "--connect", endpoint)
     statuses.until(lambda s: s.counters["files"] > 2)
-    recorder.interrupt()
-    assert recorder.wait() == 0
+    assert recorder.interrupt() == 0
     assert all(map(read, sorted(tmp_path.glob("take-*.mcap"))))
 
 
@@ -147,13 +142,13 @@ def scrape(line: str) -> str:
         return reply.read().decode()
 
 
-def test_metrics_of_service_and_sources_feed_the_dashboard(start, endpoint, session, listen, heard):
+def test_metrics_of_service_and_sources_feed_the_dashboard(start, endpoint, session, listen):
     statuses = listen(session, KEYS.stream("status", "fusion"), "status")
     service = start("serve", "--metrics-port", "0", "--connect", endpoint)
     source = start(
         "source", "simulator", "3d_async", "--loop", "--metrics-port", "127.0.0.1:0", "--connect", endpoint
     )
-    heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
+    until_heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     # Two Statuses later the first of them is what a scrape tells.
     for _ in range(2):
         statuses.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)

@@ -16,8 +16,8 @@ from comotion_schemas import Keys, encode
 from comotion_schemas.transport import declare_publisher
 
 from ..unit.test_ros2 import PUBLISHED, reader, update
+from .tracker import until_heard
 
-pytestmark = pytest.mark.e2e
 DOMAIN = 17
 
 
@@ -48,8 +48,7 @@ def test_every_topic_arrives_as_ros_sends_it(start, endpoint, session):
     assert sum("/MP/" in token for token in tokens) == 6
     subscriber.undeclare()
     publisher.undeclare()
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0
     assert "/tf: 1" in process.output
 
 
@@ -93,7 +92,7 @@ def cloud(types: Any, points: list[tuple[float, float, float, int]], seconds: in
     )
 
 
-def test_messages_of_a_node_become_observations(start, endpoint, session, listen, heard):
+def test_messages_of_a_node_become_observations(start, endpoint, session, listen):
     store = get_typestore(Stores.ROS2_JAZZY)
     batches = {name: listen(session, Keys().stream("obs", name), "obs") for name in ("frames", "points")}
     at = ("--domain", DOMAIN, "--connect", endpoint)
@@ -103,7 +102,7 @@ def test_messages_of_a_node_become_observations(start, endpoint, session, listen
     def send(topic: str, kind: str, *messages: Any) -> None:
         package, middle, name = kind.split("/")
         key = f"{DOMAIN}{topic}/{package}::{middle}::dds_::{name}_/{store.hash_rihs01(kind)}"
-        publisher = heard(session.declare_publisher(key))
+        publisher = until_heard(session.declare_publisher(key))
         for sequence, message in enumerate(messages, 1):
             payload = message if isinstance(message, bytes) else bytes(store.serialize_cdr(message, kind))
             publisher.put(payload, attachment=struct.pack("<qqB", sequence, 0, 16) + bytes(16))

@@ -13,9 +13,9 @@ from comotion_schemas.component import Component, StatusFields
 from comotion_schemas.transport import SessionSettings, declare_publisher
 
 from ..command_line import refused
+from . import tracker
 from .conftest import KEYS
 
-pytestmark = pytest.mark.e2e
 AHEAD_S = 0.5
 
 
@@ -66,33 +66,12 @@ def test_no_router_is_an_error(free_port_endpoint, capsys):
     assert "no router answers" in refused(capsys, "status", "--connect", free_port_endpoint, "--timeout", 0.5)
 
 
-AHEAD = """
-import sys, time
-real = time.time_ns
-time.time_ns = lambda: real() + 400_000_000
-import numpy as np
-from comotion_sources.runtime import SourcePublisher
-from comotion_schemas.transport import client_settings
-
-rest = np.random.default_rng(7).random((12, 3))
-settings = client_settings([sys.argv[1]])
-with SourcePublisher("ahead", space="world", unit="m", dim=3, settings=settings) as source:
-    source.ready()
-    while not source.stop.wait(0.05):
-        source.observe(ids=np.arange(12), positions=rest)
-"""
-
-
 @pytest.mark.long
-def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, spawn, tmp_path):
+def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, start):
     service = serve("--correct-clocks", "--no-state")
-    script = tmp_path / "ahead.py"
-    script.write_text(AHEAD)
-    source = spawn(sys.executable, script, service.endpoint)
-    try:
-        status = service.statuses.until(lambda status: status.clock_offsets.get("ahead", 0.0) > 0.3)
-        assert abs(status.clock_offsets["ahead"] - 0.4) < 0.1
-        # Its stamps are no longer those of the future.
-        service.statuses.until(lambda status: status.ages.get("ahead", -1.0) > 0.0)
-    finally:
-        source.close()
+    options = {"endpoint": service.endpoint, "name": "ahead", "ahead_s": 0.4}
+    start.any(sys.executable, tracker.__file__, json.dumps(options))
+    status = service.statuses.until(lambda status: status.clock_offsets.get("ahead", 0.0) > 0.3)
+    assert abs(status.clock_offsets["ahead"] - 0.4) < 0.1
+    # Its stamps are no longer those of the future.
+    service.statuses.until(lambda status: status.ages.get("ahead", -1.0) > 0.0)

@@ -1,7 +1,7 @@
 """What the service reads of Statuses: each component's newest, about itself alone."""
 
-import time
 from collections.abc import Callable
+from contextlib import closing
 
 import pytest
 
@@ -9,14 +9,19 @@ from comotion.runtime.statuses import Statuses
 from comotion_schemas import Keys, Status, encode
 
 from .. import builders
-from .conftest import DEADLINE
+from .tracker import until
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 
 def status(component: str, sent: int = 0, **fields: object) -> Status:
     return builders.status(component, **({"role": "source", "counters": {"sent": sent}} | fields))
+
+
+@pytest.fixture
+def reader(router):
+    with closing(Statuses(router, KEYS, most=100)) as statuses:
+        yield Reader(statuses)
 
 
 class Reader:
@@ -27,19 +32,12 @@ class Reader:
         self.got: list[tuple[str, int]] = []
 
     def until(self, fulfilled: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + DEADLINE
-        while not fulfilled():
-            assert time.monotonic() < deadline, (self.got[-9:], self.statuses.refused)
-            found = self.statuses.read()
-            assert len(found) <= 16
-            self.got += [(one.component, one.counters["sent"]) for one, _ in found]
+        until(fulfilled, self._read)
 
-
-@pytest.fixture
-def reader(router):
-    statuses = Statuses(router, KEYS, most=100)
-    yield Reader(statuses)
-    statuses.close()
+    def _read(self) -> None:
+        found = self.statuses.read()
+        assert len(found) <= 16
+        self.got += [(one.component, one.counters["sent"]) for one, _ in found]
 
 
 @pytest.fixture

@@ -15,8 +15,6 @@ from .. import builders
 from ..builders import SESSION, batch, status
 from .conftest import DEADLINE, routing
 
-pytestmark = pytest.mark.e2e
-
 
 @pytest.fixture(scope="module")
 def endpoint(shared_endpoint):

@@ -17,10 +17,9 @@ from comotion_schemas.transport import declare_publisher
 
 from .. import builders
 from ..builders import SESSION
-from .conftest import every
+from .tracker import every
 
 pytest.importorskip("rerun", reason="needs the extra view")
-pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
 
 
@@ -53,8 +52,7 @@ def test_a_live_scene_into_a_file(start, endpoint, session, listen, scene, tmp_p
     process = start("view", "--save", tmp_path / "a.rrd", "--connect", endpoint, "--json")
     shown = statuses.until(lambda s: s.role == "viewer" and s.counters.get("updates", 0) > 2)
     assert shown.ages["hypotheses"] < 30
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0
     result = json.loads(process.output.partition("ready\n")[2])
     assert result["updates"] > 2
     assert result["dropped"] == 0
@@ -79,5 +77,4 @@ def test_the_page_shows_features_in_the_colour_of_their_hypothesis(start, endpoi
             image = picture()[:, :, ::-1].astype(int)
             found = max(int((np.abs(image - rgb).max(axis=2) < 16).sum()) for rgb in COLOURS)
         assert found >= 100
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0

@@ -13,7 +13,8 @@ pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 from comotion_sources.proprioception import JointSample, Kinematics
 from comotion_sources.workcell import Scene
 
-pytestmark = pytest.mark.e2e
+from .tracker import until_heard
+
 KEYS = Keys()
 
 
@@ -75,13 +76,13 @@ def joints(seq: int, stamp_ns: int, names: list[str], source: str = "ur") -> byt
     )
 
 
-def test_malformed_joint_states_are_counted_and_the_process_goes_on(start, endpoint, session, listen, heard):
+def test_malformed_joint_states_are_counted_and_the_process_goes_on(start, endpoint, session, listen):
     names = [f"arm_{name}" for name in ("yaw", "shoulder", "elbow", "wrist", "roll")]
     poses = listen(session, KEYS.stream("obs", "robot"), "obs")
     statuses = listen(session, KEYS.stream("status", "robot"), "status")
     options = ("--joints", "ur", "--name", "robot", "--batch", "0")
     process = start("source", "proprioception", "workcell:arm", *options, "--connect", endpoint)
-    publisher = heard(declare_publisher(session, KEYS.stream("joints", "ur"), "joints"))
+    publisher = until_heard(declare_publisher(session, KEYS.stream("joints", "ur"), "joints"))
     publisher.put(b"\xc1 no msgpack")
     publisher.put(joints(0, 1_000_000_000, names, source="other"))
     publisher.put(joints(1, 1_000_000_000, names[:3]))
@@ -95,7 +96,7 @@ def test_malformed_joint_states_are_counted_and_the_process_goes_on(start, endpo
     publisher.undeclare()
 
 
-def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen, heard):
+def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen):
     pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
     from ..reference.joint_states import encode_sample
 
@@ -105,7 +106,7 @@ def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen, hear
     options = ("--ros", "/ur/joint_states", "--ros-domain", "3", "--name", "robot", "--batch", "0")
     start("source", "proprioception", "workcell:arm", *options, "--connect", endpoint)
     key = "3/ur/joint_states/sensor_msgs::msg::dds_::JointState_/RIHS01_a13e"
-    publisher = heard(session.declare_publisher(key))
+    publisher = until_heard(session.declare_publisher(key))
     publisher.put(b"\x00\x01\x00\x00broken")
     q = scene.configuration(5.0)
     publisher.put(encode_sample(JointSample(5_000_000_000, scene.joints, q)))

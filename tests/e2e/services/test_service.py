@@ -17,9 +17,8 @@ from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
 
 from ... import builders
-from ..conftest import DEADLINE
+from ..tracker import DEADLINE
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 
@@ -254,8 +253,7 @@ def test_a_recording_loses_nothing_in_a_running_service_nor_after_a_restart(serv
 
     replay(1, service.session)
     replay(2, service.session)
-    service.process.interrupt()
-    assert service.process.wait() == 0
+    assert service.process.interrupt() == 0
     service.statuses.drain()
     start("serve", "--listen", service.endpoint, *options)
     replay(3, connect(service.endpoint))
@@ -275,8 +273,7 @@ def test_an_overloaded_service_leaves_out_work_and_no_observation(serve, connect
 def test_waiting_for_a_router_can_be_interrupted(start, free_port_endpoint):
     service = start("serve", "--connect", free_port_endpoint, ready=False)
     service.wait_line(lambda line: "waiting for a router" in line)
-    service.interrupt()
-    assert service.wait() == 0
+    assert service.interrupt() == 0
 
 
 def test_a_clean_stop_keeps_the_state(serve, start, connect, listen, track, tmp_path):
@@ -284,8 +281,7 @@ def test_a_clean_stop_keeps_the_state(serve, start, connect, listen, track, tmp_
     service = serve(*arguments)
     track(service.endpoint)
     before = service.updates.until(is_sorted_out)
-    service.process.interrupt()
-    assert service.process.wait() == 0
+    assert service.process.interrupt() == 0
     again = start("serve", "--listen", service.endpoint, *arguments)
     after = service.updates.until(lambda u: u.session != before.session and is_sorted_out(u))
     assert labels(after) == labels(before)

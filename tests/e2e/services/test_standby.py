@@ -9,12 +9,12 @@ import pytest
 from comotion_clients.subscription import Subscription
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
 
-from ..conftest import DEADLINE
 from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ..tracker import DEADLINE, until
 from ..wire import Wire
 from .test_service import is_sorted_out, labels
 
-pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
+pytestmark = NEEDS_ETCD
 KEYS = Keys()
 NAMES = ("one", "two")
 FOLLOWED_NS = 3_000_000_000
@@ -70,13 +70,13 @@ class Watched:
         self.epochs = []
 
     def until(self, condition):
-        end = time.monotonic() + DEADLINE
-        while time.monotonic() < end:
-            update = self.subscription.get(DEADLINE)
-            self.epochs.append(update.epoch)
-            if condition(update):
-                return update
-        raise AssertionError("what was awaited did not come")
+        def is_so():
+            self.last = self.subscription.get(DEADLINE)
+            self.epochs.append(self.last.epoch)
+            return condition(self.last)
+
+        until(is_so)
+        return self.last
 
 
 @pytest.fixture

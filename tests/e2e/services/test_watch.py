@@ -20,9 +20,8 @@ from comotion_schemas.transport import declare_publisher
 from ... import builders
 from ...builders import SESSION
 from ...command_line import refused
-from ..conftest import DEADLINE, every
+from ..tracker import DEADLINE, every
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
 
 
@@ -67,8 +66,7 @@ def test_once_without_a_scene_is_one_clear_line(endpoint, capsys):
 def test_lines_when_the_output_is_no_terminal(start, endpoint, scene):
     process = start("watch", "--connect", endpoint, ready=False)
     process.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0
     assert "\x1b" not in process.output
 
 
