@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from comotion_deploy.cli import run
 from comotion_schemas import Keys
 from comotion_schemas.colours import BACKGROUND, COLOURS
 from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
@@ -61,12 +62,11 @@ def recording(tmp_path):
     return tmp_path / "rgbd"
 
 
-def observed(batches) -> list:
-    return [batch for batch in batches if len(batch.ids)]
-
-
-def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session, listen, video):
+def test_a_video_becomes_tracks_in_its_own_pixel_space_and_a_preview_on_request(
+    start, endpoint, session, listen, video
+):
     batches = listen(session, KEYS.stream("obs", "door"), "obs")
+    previews = listen(session, KEYS.stream("preview", "door"), "preview")
     source = start("source", "klt", video, "--name", "door", "--connect", endpoint)
     first = batches.next()
     last = batches.until(lambda batch: batch.ended is not None and not len(batch.ids))
@@ -76,6 +76,10 @@ def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session,
     assert (first.sigma > 0).all()
     assert last.seq > 5
     assert source.lines[-1].startswith(f"INFO: {video}: ended; ")
+    preview = previews.next()
+    image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (*SHAPE, 3)
+    assert len(preview.ids) == len(preview.pixels) > 50
 
 
 def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint, session, listen, recording):
@@ -129,14 +133,6 @@ def test_the_preview_is_written_and_coloured_by_the_service(start, serve, listen
     colours = {tuple(pixel) for pixel in last.reshape(-1, 3).tolist()}
     # The image is dimmed, and undetermined features are dark grey: only hypotheses are as bright. BGR.
     assert colours & {rgb[::-1] for rgb in (*COLOURS, BACKGROUND)}
-
-
-def test_the_preview_is_published_on_request(start, endpoint, session, listen, video):
-    start("source", "klt", video, "--loop", "--connect", endpoint)
-    preview = listen(session, KEYS.stream("preview", "klt"), "preview").next()
-    image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
-    assert image.shape == (*SHAPE, 3)
-    assert len(preview.ids) == len(preview.pixels) > 50
 
 
 def marker_images(folder: Path) -> list[np.ndarray]:
@@ -272,7 +268,7 @@ def test_an_unplugged_camera_may_end_the_process(start, endpoint, network_camera
     assert source.lines[-1].startswith("error: http://127.0.0.1")
 
 
-def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path):
+def test_calibrate_writes_what_an_external_camera_reads(monkeypatch, capsys, tmp_path):
     board = cv2.aruco.CharucoBoard((5, 4), 0.04, 0.03, find_dictionary("4x4_50"))
     sheet = np.pad(board.generateImage((250, 200), marginSize=0), 10, constant_values=255)
     for name, x in (("a", 20), ("b", 50)):
@@ -280,19 +276,10 @@ def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path):
         image[10:230, x : x + 250] = sheet[:, :250]
         cv2.imwrite(str(tmp_path / f"{name}.png"), image)
     (tmp_path / "inner.toml").write_text(format_calibration(CAMERA, None))
-    arguments = ("--calibration-a", "inner.toml", "--calibration-b", "inner.toml", "-o", "b.toml")
-    process = start(
-        "calibrate",
-        "a.png",
-        "b.png",
-        "--target",
-        "charuco:5x4:0.04:0.03",
-        *arguments,
-        ready=False,
-        cwd=tmp_path,
-    )
-    assert process.wait() == 0
-    assert "1 views, reprojection error" in process.output
+    monkeypatch.chdir(tmp_path)
+    arguments = "--calibration-a inner.toml --calibration-b inner.toml -o b.toml"
+    assert run(["calibrate", "a.png", "b.png", "--target", "charuco:5x4:0.04:0.03", *arguments.split()]) == 0
+    assert "1 views, reprojection error" in capsys.readouterr().out
     written = (tmp_path / "b.toml").read_text()
     assert "[intrinsics]" in written
     assert 'frame = "world"' in written

@@ -1,7 +1,6 @@
 """Presence of a process: token, Status, readiness, signals, a router that comes late."""
 
 import signal
-import subprocess
 import sys
 import threading
 
@@ -97,7 +96,7 @@ def test_a_session_is_open_within_the_context_alone(endpoint):
     assert one.stop.is_set()
 
 
-SCRIPT = """
+HANGS = """
 import sys
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings
@@ -105,32 +104,15 @@ with Component(role="source", name="cam", settings=SessionSettings(connect=[sys.
     component.ready()
     component.stop.wait()
     print("stopping", flush=True)
-    if len(sys.argv) > 2:
-        while True:
-            pass
-print("closed", flush=True)
+    while True:
+        pass
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_it_cleanly(endpoint, number):
-    with subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, endpoint], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(number)
-        assert process.stdout.read() == "stopping\nclosed\n"
-        assert process.wait(DEADLINE) == 0
-
-
-def test_a_second_signal_ends_one_that_hangs(endpoint):
-    with subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, endpoint, "hang"], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(signal.SIGTERM)
-        assert process.stdout.readline() == "stopping\n"
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(DEADLINE) == -signal.SIGTERM
+def test_a_second_signal_ends_one_that_hangs(endpoint, start):
+    process = start.any(sys.executable, "-c", HANGS, endpoint)
+    process.wait_ready()
+    process.signal(signal.SIGTERM)
+    process.wait_line(lambda line: line == "stopping")
+    process.signal(signal.SIGTERM)
+    assert process.wait() == -signal.SIGTERM

@@ -22,9 +22,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-import threading
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -71,8 +70,6 @@ SUBSCRIBERS = [name for name, text in PYTHON.items() if "subscribe(" in text]
 SCRIPTS = [name for name in PYTHON if name not in PUBLISHERS and name not in SUBSCRIBERS]
 SESSIONS = [page for page in PAGES if any(block.mark in {"start", "run"} for block in blocks(page))]
 
-Run = Callable[..., subprocess.Popen[str]]
-
 
 @pytest.fixture(scope="module")
 def endpoint(start_shared, shared_endpoint):
@@ -83,29 +80,13 @@ def endpoint(start_shared, shared_endpoint):
 
 
 @pytest.fixture
-def spawn(tmp_path):
-    """Start a program in the folder of the test; it is killed in the end."""
-    running: list[subprocess.Popen[str]] = []
-
-    def begin(*command: object) -> subprocess.Popen[str]:
-        process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, text=True, cwd=tmp_path)
-        running.append(process)
-        return process
-
-    yield begin
-    for process in running:
-        process.kill()
-        process.communicate()
-
-
-@pytest.fixture
-def run_block(endpoint, tmp_path, spawn):
+def run_block(endpoint, tmp_path, start):
     """Start a block of Python as a user would: pasted into a file."""
 
-    def begin(name: str) -> subprocess.Popen[str]:
+    def begin(name):
         script = tmp_path / "block.py"
         script.write_text(PYTHON[name].replace(DEFAULT_ENDPOINT, endpoint))
-        return spawn(sys.executable, "-u", "-W", "error", script)
+        return start.any(sys.executable, "-W", "error", script, cwd=tmp_path)
 
     return begin
 
@@ -156,7 +137,7 @@ def test_code_that_publishes(name, endpoint, run_block):
     ],
     ids=["C", "Rust"],
 )
-def test_sources_in_other_languages(command, endpoint, spawn, tmp_path):
+def test_sources_in_other_languages(command, endpoint, start, tmp_path):
     if shutil.which(command[0]) is None:
         pytest.skip(f"no {command[0]}")
     examples, tracker = ROOT / "docs" / "examples", tmp_path / "tracker"
@@ -164,18 +145,13 @@ def test_sources_in_other_languages(command, endpoint, spawn, tmp_path):
     (pipe,) = [block for block in ALL if block.argument == "pipe.py"]
     (tmp_path / "pipe.py").write_text(pipe.text)
     with box_and_floor_are_told_apart(endpoint):
-        spawn(sys.executable, "-W", "error", "pipe.py", endpoint, tracker)
+        start.any(sys.executable, "-W", "error", "pipe.py", endpoint, tracker, cwd=tmp_path)
 
 
 @pytest.mark.parametrize("name", SUBSCRIBERS)
 def test_code_that_subscribes(name, start, endpoint, run_block):
     start("source", "simulator", "fig4_1", "--loop", "--connect", endpoint)
-    process = run_block(name)
-    alarm = threading.Timer(30, process.kill)
-    alarm.start()
-    line = process.stdout.readline()
-    alarm.cancel()
-    assert re.match(r"\d+ (moving|undetermined|static) \[", line)
+    run_block(name).wait_line(lambda line: re.match(r"\d+ (moving|undetermined|static) \[", line))
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

@@ -1,19 +1,16 @@
-"""Three hosts as network namespaces, with a bad network between them: routers meshed with certificates.
+"""Three hosts with a bad network between them: routers meshed with certificates.
 
 Sources on A; two replicas of their scene on B and C; clients on all; etcd on a fourth host. Routers reach
-each other through a relay that delays by 50 ms, jitters and loses datagrams. The host of the sources and that
+each other by links that delay by 50 ms, jitter and lose datagrams. The host of the sources and that
 of the active replica are cut off for 5 s, and routers are killed: output resumes by itself, counters tell
 what was lost, ids survive.
 """
 
 import json
-import os
-import shutil
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,8 +19,9 @@ from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import Grant
 
 from . import tracker
-from .conftest import Process
+from .conftest import Commands, Process
 from .etcd_cluster import NEEDS_ETCD
+from .network import BadLink, Wire, free_endpoints
 from .tracker import until
 
 pytestmark = [pytest.mark.long, NEEDS_ETCD]
@@ -31,81 +29,26 @@ HOSTS = ("a", "b", "c")
 REPLICAS = ("b", "c")
 SCENE = "cell"
 SOURCES = ("left", "right")
-QUIC = 7447
 CUT_S = 5.0
 RATE = 20.0
 FIRST = 3
 """Batches that may be published before the service hears the source."""
 
 
-def ip(*words: str) -> None:
-    subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
-
-
-def why_not() -> str:
-    """Why namespaces cannot be made here; empty if they can."""
-    if sys.platform != "linux" or shutil.which("ip") is None:
-        return "no 'ip'"
-    probe = f"comotion-probe-{os.getpid()}"
-    try:
-        ip("netns", "add", probe)
-    except subprocess.CalledProcessError as error:
-        return f"network namespaces are not permitted: {error.stderr.strip()}"
-    try:
-        ip("-n", probe, "link", "add", "x", "type", "veth", "peer", "name", "y")
-    except subprocess.CalledProcessError as error:
-        return f"no virtual links: {error.stderr.strip()}"
-    finally:
-        ip("netns", "del", probe)
-    return ""
-
-
-class Network:
-    """Three hosts, each linked to the namespace of the relay alone."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        self._prefix = f"comotion-{os.getpid()}-"
-        for name in ("relay", *HOSTS):
-            ip("netns", "add", self.namespace(name))
-            stack.callback(ip, "netns", "del", self.namespace(name))
-            ip("-n", self.namespace(name), "link", "set", "lo", "up")
-        for number, host in enumerate(HOSTS, 1):
-            near, far = self.namespace(host), self.namespace("relay")
-            ip("-n", far, "link", "add", f"to-{host}", "type", "veth", "peer", "name", "out", "netns", near)
-            ip("-n", far, "address", "add", f"10.99.{number}.1/24", "dev", f"to-{host}")
-            ip("-n", near, "address", "add", f"10.99.{number}.2/24", "dev", "out")
-            ip("-n", near, "link", "set", "out", "up")
-            self.set_link(host, "up")
-
-    def namespace(self, host: str) -> str:
-        return self._prefix + host
-
-    def on(self, host: str) -> tuple[str, ...]:
-        """Words before a command that is to run on a host."""
-        return ("ip", "netns", "exec", self.namespace(host))
-
-    def set_link(self, host: str, state: str) -> None:
-        ip("-n", self.namespace("relay"), "link", "set", f"to-{host}", state)
-
-
-def address(host: str, *, of_relay: bool = False) -> str:
-    return f"10.99.{HOSTS.index(host) + 1}.{1 if of_relay else 2}"
-
-
-def port(near: str, far: str) -> int:
-    """Where the relay listens for a link between two hosts."""
-    return 9000 + 10 * HOSTS.index(near) + HOSTS.index(far)
-
-
 class Site:
-    """The network with its certificates, routers, etcd, replicas, sources and clients."""
+    """The links with certificates, routers, etcd, replicas, sources and clients."""
 
-    def __init__(self, network: Network, folder: Path, run: Callable[..., Process]) -> None:
-        self.network, self._run = network, run
-        self.pki = folder / "pki"
+    def __init__(self, folder: Path, start: Commands, etcd: str) -> None:
+        self._start, self._pki = start, folder / "pki"
         self._issue()
-        self._relay()
-        self._etcd(folder / "etcd")
+        endpoints = iter(free_endpoints(2 * len(HOSTS)))
+        self._local = {host: next(endpoints).replace("tcp", "tls") for host in HOSTS}
+        self._quic = {host: next(endpoints).replace("tcp", "quic") for host in HOSTS}
+        self._links = {
+            pair: start.enter_context(BadLink(int(self._quic[pair[1]].rpartition(":")[2])))
+            for pair in [("b", "a"), ("c", "a"), ("c", "b")]
+        }
+        self._wires = {host: start.enter_context(Wire(etcd)) for host in REPLICAS}
         self.routers = {host: self.router(host) for host in HOSTS}
         replicas = [self._replica(host) for host in REPLICAS]
         for process in (*self.routers.values(), *replicas):
@@ -114,10 +57,9 @@ class Site:
         self.clients = {host: self._client(host) for host in HOSTS}
 
     def _issue(self) -> None:
-        authority = Authority.create(self.pki)
-        names = ["localhost", "127.0.0.1", *(address(host, of_relay=True) for host in HOSTS)]
+        authority = Authority.create(self._pki)
         for host in HOSTS:
-            authority.issue(grant("router", f"router-{host}"), hosts=names)
+            authority.issue(grant("router", f"router-{host}"), hosts=["localhost", "127.0.0.1"])
             authority.issue(grant("viewer", f"viewer-{host}"))
         for host in REPLICAS:
             authority.issue(grant("service", f"fusion-{host}"))
@@ -125,56 +67,47 @@ class Site:
             authority.issue(grant("source", name))
         authority.issue(grant("viewer", "operator"))
 
-    def _etcd(self, folder: Path) -> None:
-        """On the host of the relay: whoever is cut off does not reach it."""
-        urls = [f"http://{address(host, of_relay=True)}:2379" for host in HOSTS]
-        listen = ("--listen-client-urls", ",".join(urls), "--advertise-client-urls", urls[0])
-        self._run("relay", "etcd", "--data-dir", folder, "--log-level", "error", *listen)
-
-    def _relay(self) -> None:
-        pairs = [("b", "a"), ("c", "a"), ("c", "b")]
-        links = [
-            {"listen": [address(near, of_relay=True), port(near, far)], "target": [address(far), QUIC]}
-            for near, far in pairs
-        ]
-        spec = {"links": links, "delay_s": 0.05, "jitter_s": 0.01, "loss": 0.01}
-        relay = Path(__file__).with_name("relay.py")
-        self._run("relay", sys.executable, relay, json.dumps(spec)).wait_ready()
+    @contextmanager
+    def cut_off(self, host: str) -> Iterator[None]:
+        """Cut all links of a host, that to etcd too."""
+        links = [link for pair, link in self._links.items() if host in pair]
+        links += [wire for name, wire in self._wires.items() if name == host]
+        for link in links:
+            link.cut()
+        time.sleep(CUT_S)
+        yield
+        for link in links:
+            link.mend()
 
     def router(self, host: str) -> Process:
-        others = [other for other in HOSTS if other < host]
-        connect = [
-            word
-            for other in others
-            for word in ("--connect", f"quic/{address(host, of_relay=True)}:{port(host, other)}")
-        ]
-        listen = ("--listen", "tls/127.0.0.1:7447", "--listen", f"quic/{address(host)}:{QUIC}")
-        own = ("--secure", self.pki, "--tls", self.pki / f"router-{host}")
-        return self.comotion(host, "router", *own, *listen, *connect)
+        links = [link.port for (near, _), link in self._links.items() if near == host]
+        connect = [word for port in links for word in ("--connect", f"quic/127.0.0.1:{port}")]
+        listen = ("--listen", self._local[host], "--listen", self._quic[host])
+        own = ("--secure", self._pki, "--tls", self._pki / f"router-{host}")
+        return self._start("router", *own, *listen, *connect, ready=False)
 
-    def comotion(self, host: str, *words: object) -> Process:
-        return self._run(host, sys.executable, "-m", "comotion_deploy", *words)
+    def comotion(self, host: str, certificate: str, *words: object) -> Process:
+        at = ("--connect", self._local[host], "--scene", SCENE, "--tls", self._pki / certificate)
+        return self._start(*words, *at, ready=False)
 
     def _replica(self, host: str) -> Process:
-        own = ("--name", f"fusion-{host}", "--tls", self.pki / f"fusion-{host}")
-        standby = ("--standby", "--etcd", f"http://{address(host, of_relay=True)}:2379")
-        return self.comotion(host, "serve", "--no-state", "--scene", SCENE, *own, *standby)
+        name = f"fusion-{host}"
+        standby = ("--standby", "--etcd", self._wires[host].endpoint)
+        return self.comotion(host, name, "serve", "--no-state", "--name", name, *standby)
 
     def _source(self, name: str) -> Process:
-        own = {"name": name, "tls": str(self.pki / name), "seed": len(name), "noise": 0.001}
-        at = {"endpoint": f"tls/127.0.0.1:{QUIC}", "scene": SCENE, "rate": RATE}
+        own = {"name": name, "tls": str(self._pki / name), "seed": len(name), "noise": 0.001}
+        at = {"endpoint": self._local["a"], "scene": SCENE, "rate": RATE}
         # The last batch arrives before the presence ends.
         options = json.dumps(own | at | {"stays_s": 1.0})
-        return self._run("a", sys.executable, tracker.__file__, options)
+        return self._start.any(sys.executable, tracker.__file__, options)
 
     def _client(self, host: str) -> Process:
-        tls = self.pki / f"viewer-{host}"
-        return self.comotion(host, "watch", "--json", "--scene", SCENE, "--tls", tls)
+        return self.comotion(host, f"viewer-{host}", "watch", "--json")
 
     def replicas(self) -> dict[str, tuple[str, int]]:
         """Role and epoch of each replica, by host, as `comotion status` says on A."""
-        words = ("--json", "--scene", SCENE, "--tls", self.pki / "operator")
-        status = self.comotion("a", "status", *words)
+        status = self.comotion("a", "operator", "status", "--json")
         status.wait()
         rows = json.loads(status.output)["components"]
         found = {row["name"]: (row["replica"], row["epoch"]) for row in rows if row["role"] == "service"}
@@ -185,10 +118,12 @@ class Site:
         found: dict[str, tuple[str, int]] = {}
 
         def is_active() -> bool:
-            found.update(self.replicas())
-            return [name for name, (role, _) in found.items() if role == "active"] == [host]
+            nonlocal found
+            found = self.replicas()
+            active = [name for name, (role, _) in found.items() if role == "active"]
+            return active == [host] and len(found) == len(REPLICAS)
 
-        until(lambda: is_active() and len(found) == len(REPLICAS))
+        until(is_active)
         return found[host][1]
 
 
@@ -198,19 +133,8 @@ def grant(role: str, name: str) -> Grant:
 
 
 @pytest.fixture
-def site(tmp_path, start):
-    reason = why_not()
-    if reason:
-        pytest.skip(reason)
-    with ExitStack() as stack:
-        network = Network(stack)
-
-        def run(host: str, *command: object) -> Process:
-            process = start.any(*network.on(host), *command)
-            stack.callback(process.close)
-            return process
-
-        yield Site(network, tmp_path, run)
+def site(tmp_path, start, etcd):
+    return Site(tmp_path, start, etcd.urls[0])
 
 
 def bodies(line: str) -> set[int]:
@@ -262,9 +186,8 @@ def test_a_scene_over_three_hosts_survives_its_network(site):
     before = seen(site)
 
     # The host of the sources: what they publish meanwhile does not arrive, and is counted.
-    site.network.set_link("a", "down")
-    time.sleep(CUT_S)
-    site.network.set_link("a", "up")
+    with site.cut_off("a"):
+        pass
     assert seen(site) == before, "after the sources were cut off"
     until_counted(site, lambda now: now.get("lost", 0) > 0)
 
@@ -277,10 +200,8 @@ def test_a_scene_over_three_hosts_survives_its_network(site):
     # The host of the active replica, which goes on: the others hear the standby.
     active, epoch = next((host, epoch) for host, (role, epoch) in site.replicas().items() if role == "active")
     standby = next(host for host in REPLICAS if host != active)
-    site.network.set_link(active, "down")
-    time.sleep(CUT_S)
-    assert seen(site, ("a", standby)) == before, "while the active replica was cut off"
-    site.network.set_link(active, "up")
+    with site.cut_off(active):
+        assert seen(site, ("a", standby)) == before, "while the active replica was cut off"
     assert seen(site) == before, "after the active replica was cut off"
     assert site.until_active(standby) > epoch
 

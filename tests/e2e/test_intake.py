@@ -41,15 +41,18 @@ class Reader:
         until(fulfilled, poll)
 
 
+def blocking_publishers(session, names):
+    """Publishers by name that wait; sources drop what is congested, as on a loaded machine."""
+    block = zenoh.CongestionControl.BLOCK
+    return {
+        name: session.declare_publisher(KEYS.stream("obs", name), congestion_control=block) for name in names
+    }
+
+
 def test_every_batch_comes_once_from_the_first_on(router, session):
     reader = Reader(router)
     names = [f"s{k}" for k in range(8)]
-    # Sources drop what is congested, as on a loaded machine. What is put must reach the intake here.
-    blocking = zenoh.CongestionControl.BLOCK
-    publishers = {
-        name: session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking)
-        for name in names
-    }
+    publishers = blocking_publishers(session, names)
     for seq in range(200):
         for name in names:
             publishers[name].put(payload(name, seq))
@@ -106,12 +109,7 @@ def test_a_flood_of_one_source_does_not_displace_another(router, session):
 
 def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, session):
     reader = Reader(router)
-    # No congestion here: what is put reaches the service.
-    blocking = zenoh.CongestionControl.BLOCK
-    fast, large = (
-        session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking)
-        for name in ("fast", "large")
-    )
+    fast, large = blocking_publishers(session, ("fast", "large")).values()
     for name, publisher in (("fast", fast), ("large", large)):
         publisher.put(payload(name, 0))
     reader.until(lambda: len(reader.got) == 2)
@@ -133,13 +131,9 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
 
 def test_each_source_has_a_batch_read_however_little_time_there_is(router, session):
     reader = Reader(router)
-    blocking = zenoh.CongestionControl.BLOCK
-    names = ("a", "b")
-    publishers = [
-        session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking) for name in names
-    ]
+    publishers = blocking_publishers(session, ("a", "b"))
     for seq in range(6):
-        for name, publisher in zip(names, publishers, strict=True):
+        for name, publisher in publishers.items():
             publisher.put(payload(name, seq))
         reader.until(lambda: len(reader.got) >= 2 or seq > 0)  # noqa: B023
     left = 2 * 6 - len(reader.got)

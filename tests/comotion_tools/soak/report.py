@@ -1,9 +1,12 @@
 """Reports a soak: violations, a page of Markdown, JSON and a plot."""
 
+import json
 from collections import Counter
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+from comotion_experiments.plot import new_figure
 
 from ..processes import Usage
 from .load import KINDS
@@ -222,20 +225,23 @@ def lines(found: dict[str, Any]) -> list[str]:
     return text
 
 
-def save_plot(path: Path, soak: Soak) -> None:
-    """Draw memory and gaps over time, with the faults.
+def save(folder: Path, values: dict[str, Any], soak: Soak) -> list[str]:
+    """Write the figures of :func:`as_json`, their text and, with matplotlib, a plot; returns the text."""
+    text = lines(values)
+    (folder / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
+    (folder / "soak.txt").write_text("\n".join(text) + "\n", encoding="utf-8")
+    try:
+        figure = new_figure(10, 6, dpi=90)
+    except ModuleNotFoundError:
+        return [*text, "no plot: pip install 'comotion[plot]'"]
+    _draw(figure, soak)
+    figure.savefig(folder / "soak.png")
+    return text
 
-    Raises
-    ------
-    ModuleNotFoundError
-        Without matplotlib.
-    """
-    import matplotlib as mpl
 
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (above, below) = plt.subplots(2, 1, figsize=(10, 6), sharex=True, layout="constrained")
+def _draw(figure: Any, soak: Soak) -> None:
+    """Draw memory and gaps over time, with the faults."""
+    above, below = figure.subplots(2, 1, sharex=True)
     for name, samples in soak.usage.items():
         above.plot([s / 60 for s, *_ in samples], [u.memory_mb for *_, u in samples], lw=1, label=name)
     above.set_ylabel("memory, MB")
@@ -248,5 +254,3 @@ def save_plot(path: Path, soak: Soak) -> None:
     below.set_ylabel("time without updates, s")
     below.set_xlabel("min")
     below.legend(ncols=5, fontsize=8)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)

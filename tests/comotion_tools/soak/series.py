@@ -1,7 +1,5 @@
 """One fault at a time, again and again: kills of the service in a row, and each process stopped for long."""
 
-import signal
-import threading
 import time
 
 from .run import Runner
@@ -11,28 +9,27 @@ _RECOVERED_S = 60.0
 _BETWEEN_S = 4.0
 
 
-def kill_in_a_row(runner: Runner, count: int, stop: threading.Event) -> None:
+def kill_in_a_row(runner: Runner, count: int) -> None:
     """Kill the service, start it again, and wait until all bodies have their hypotheses; `count` times."""
-    monitor, service = runner.monitor, runner.processes["service"]
     for k in range(1, count + 1):
-        if stop.is_set():
+        if runner.stop.is_set():
             return
-        runner.result.faults.append((round(runner.now_s, 1), Fault(runner.now_s, "kill", "service")))
-        sessions = len(monitor.findings.sessions)
-        began = time.monotonic()
-        service.signal(signal.SIGKILL)
-        runner.expect("service")
-        while len(monitor.findings.sessions) == sessions or not monitor.is_sorted_out:
-            runner.turn()
-            if stop.is_set() or time.monotonic() - began > _RECOVERED_S:
-                break
-        seconds = time.monotonic() - began
+        seconds = _recovery_s(runner)
         runner.result.recovery.append(("kill service", seconds))
-        changed = len(monitor.findings.changes)
+        changed = len(runner.monitor.findings.changes)
         runner.say(
             f"kill {k} of {count}: all bodies again after {seconds:.2f} s, {changed} ids changed so far"
         )
         runner.wait(_BETWEEN_S)
+
+
+def _recovery_s(runner: Runner) -> float:
+    """Kill the service; how long until all bodies have their hypotheses again, at most a minute."""
+    monitor, began = runner.monitor, time.monotonic()
+    sessions = len(monitor.findings.sessions)
+    runner.carry_out(Fault(runner.now_s, "kill", "service"))
+    runner.is_so(lambda: len(monitor.findings.sessions) > sessions and monitor.is_sorted_out, _RECOVERED_S)
+    return time.monotonic() - began
 
 
 def stop_each(runner: Runner, seconds: float) -> None:

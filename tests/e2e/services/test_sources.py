@@ -10,8 +10,6 @@ from comotion_schemas import Keys, ObservationBatch
 from comotion_sources.recordings import read_recording, recording_batches
 from comotion_sources.simulator import Simulation, load_scene
 
-from ..conftest import routing
-
 KEYS = Keys()
 
 SCENE = """
@@ -33,13 +31,6 @@ size = [0.2, 0.2]
 sigma = 0.0
 motion = { kind = "key-states", states = [[0.0, 0.0, 0.0, 0.0], [2.0, 1.0, 0.0, 3.0]] }
 """
-
-
-@pytest.fixture(scope="module")
-def endpoint(shared_endpoint):
-    """One router for all tests of this module."""
-    with routing(shared_endpoint):
-        yield shared_endpoint
 
 
 @pytest.fixture
