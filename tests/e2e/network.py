@@ -129,6 +129,11 @@ class BadLink(Link):
         self._front = self._do(self._open(self._forth, local_addr=(_HERE, 0)))
         self.port: int = self._front.get_extra_info("sockname")[1]
 
+    async def _close(self) -> None:
+        for way in (self._front, *await asyncio.gather(*self._ways.values())):
+            way.close()
+        await super()._close()
+
     async def _open(self, take: Callable[[bytes, Any], None], **where: Any) -> Any:
         return (await self._loop.create_datagram_endpoint(lambda: Side(take), **where))[0]
 

@@ -138,10 +138,13 @@ def test_what_dies_is_started_again_and_nothing_is_left_behind(
         await_end(pid)
 
 
-def test_a_killed_launcher_takes_everything_with_it(start, free_port_endpoint, await_end, tmp_path):
-    launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
+def test_a_killed_launcher_takes_everything_with_it(start, await_end, tmp_path):
+    names = ("router", "left", "right")
+    run = "\n".join(f"[process.{name}]\ncommand = 'sleep 1000'" for name in names[1:])
+    (tmp_path / "up.toml").write_text(f"[process.router]\nrun = 'router --listen tcp/127.0.0.1:0'\n{run}")
+    launcher = start("up", tmp_path / "up.toml", ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
-    children = [pid_of(launcher, name) for name in ("router", "serve", "left", "right")]
+    children = [pid_of(launcher, name) for name in names]
     launcher.kill()
     for pid in children:
         await_end(pid)

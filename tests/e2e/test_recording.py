@@ -17,6 +17,7 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
 
+from .conftest import Process
 from .tracker import DEADLINE, until_heard
 
 KEYS = Keys()
@@ -55,11 +56,17 @@ def recorded(start, endpoint, session, listen, tmp_path):
     """A short scene of three sources and a service, with one payload that is no message."""
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
-    start("serve", "--connect", endpoint)
+    of_service = listen(session, KEYS.stream("status", "fusion"), "status")
+    service = start("serve", "--metrics-port", "0", "--connect", endpoint)
     recorder = start("record", path, "--connect", endpoint)
-    source = start("source", "simulator", "3d_async", "--connect", endpoint)
+    metrics = ("--metrics-port", "127.0.0.1:0")
+    source = start("source", "simulator", "3d_async", *metrics, "--connect", endpoint)
     until_heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     told: Status = statuses.until(lambda s: s.counters["messages"] > 600 and s.rejected)
+    # Two Statuses later the first of them is what a scrape tells.
+    for _ in range(2):
+        of_service.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
+    check_metrics(*(scrape(process) for process in (service, source)))
     assert source.interrupt() == 0
     assert told.role == "recorder"
     assert told.rejected == {"malformed": 1}
@@ -69,7 +76,29 @@ def recorded(start, endpoint, session, listen, tmp_path):
     return path
 
 
-def test_record_replay_and_evaluate(start, endpoint, recorded, tmp_path):
+def scrape(process: Process) -> str:
+    line = process.wait_line(lambda line: line.startswith("metrics at http://127."))
+    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
+        return reply.read().decode()
+
+
+def check_metrics(service: str, source: str) -> None:
+    """All that the dashboard shows is there."""
+    told = f"{service}\n{source}"
+    labels = 'component="fusion",reason="malformed",role="service",scene="default"'
+    assert f"comotion_rejected_total{{{labels}}} 1.0" in told
+    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in told
+    dashboard = json.loads((ROOT / "deploy" / "grafana-dashboard.json").read_text())
+    queries = [t["expr"] for panel in dashboard["panels"] for t in panel["targets"]]
+    names = {word for query in queries for word in re.findall(r"(?:comotion|process)_\w+", query)}
+    assert len(names) > 10
+    for name in sorted(names):
+        assert f"\n{name}" in told, name
+    assert service.count("\ncomotion_tick_seconds_count") == 1
+    assert "\ncomotion_tick_seconds_count" not in source
+
+
+def test_a_scene_is_recorded_measured_replayed_and_evaluated(start, endpoint, recorded, tmp_path):
     first = read(recorded)
     sources = of_sources(first)
     assert first[KEYS.stream("obs", "noise")] == [b"nonsense"]
@@ -135,41 +164,6 @@ def test_a_recorder_begins_a_new_file_every_second(start, endpoint, session, lis
     statuses.until(lambda s: s.counters["files"] > 2)
     assert recorder.interrupt() == 0
     assert all(map(read, sorted(tmp_path.glob("take-*.mcap"))))
-
-
-def scrape(line: str) -> str:
-    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
-        return reply.read().decode()
-
-
-def test_metrics_of_service_and_sources_feed_the_dashboard(start, endpoint, session, listen):
-    statuses = listen(session, KEYS.stream("status", "fusion"), "status")
-    service = start("serve", "--metrics-port", "0", "--connect", endpoint)
-    source = start(
-        "source", "simulator", "3d_async", "--loop", "--metrics-port", "127.0.0.1:0", "--connect", endpoint
-    )
-    until_heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
-    # Two Statuses later the first of them is what a scrape tells.
-    for _ in range(2):
-        statuses.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
-    pages = [
-        scrape(p.wait_line(lambda line: line.startswith("metrics at http://127."))) for p in (service, source)
-    ]
-    told = "\n".join(pages)
-    assert (
-        'comotion_rejected_total{component="fusion",reason="malformed",role="service",scene="default"} 1.0'
-        in told
-    )
-    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in told
-    dashboard = json.loads((ROOT / "deploy" / "grafana-dashboard.json").read_text())
-    queries = [t["expr"] for panel in dashboard["panels"] for t in panel["targets"]]
-    names = {word for query in queries for word in re.findall(r"(?:comotion|process)_\w+", query)}
-    assert len(names) > 10
-    for name in sorted(names):
-        assert f"\n{name}" in told, name
-    for page in pages:
-        ticks = [line for line in page.splitlines() if line.startswith("comotion_tick_seconds_count")]
-        assert len(ticks) == (page is pages[0])
 
 
 def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys):

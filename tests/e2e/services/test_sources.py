@@ -52,11 +52,6 @@ def take(tmp_path):
     return path
 
 
-def finish(process):
-    """Wait for a source that ends by itself."""
-    assert process.wait() == 0, process.output
-
-
 def by_source(messages):
     result = {}
     for message in messages:
@@ -77,7 +72,7 @@ def test_processes_divide_one_scene_and_agree_on_the_world(start, endpoint, sess
             process.wait_ready()
         in_time = time.time() < begin
         for process in processes:
-            finish(process)
+            assert process.wait() == 0, process.output
         messages, told = observations.drain(), truths.drain()
         if in_time:
             break
@@ -104,16 +99,14 @@ def test_processes_divide_one_scene_and_agree_on_the_world(start, endpoint, sess
     assert labels == objects
 
 
-@pytest.mark.parametrize("options", [(), ("--split", "3"), ("--rate", "25,10", "--split", "2")])
-def test_a_replay_publishes_what_the_recording_yields(start, endpoint, session, listen, take, options):
+def test_a_replay_publishes_what_the_recording_yields(start, endpoint, session, listen, take):
+    """Divided between sources of two rates; tests/unit/test_recordings.py has what else it yields."""
     observations = listen(session, KEYS.streams("obs"), "obs")
-    original = ("--stamps", "original", "--speed", 4, "--connect", endpoint)
-    finish(start("source", "replay", take, *original, *options))
-    split = int(options[-1]) if options else 1
-    rates = [25.0, 10.0] if "--rate" in options else None
+    options = ("--stamps", "original", "--speed", 4, "--rate", "25,10", "--split", 2)
+    assert start("source", "replay", take, *options, "--connect", endpoint).wait() == 0
     expected = by_source(
         message
-        for message in recording_batches(read_recording(take), split=split, rates=rates)
+        for message in recording_batches(read_recording(take), split=2, rates=[25.0, 10.0])
         if isinstance(message, ObservationBatch)
     )
     found = by_source(observations.drain())

@@ -47,27 +47,25 @@ def update(seq: int) -> HypothesisUpdate:
     )
 
 
-def test_once_as_json(start, endpoint, scene):
-    process = start("watch", "--once", "--json", "--timeout", DEADLINE, "--connect", endpoint, ready=False)
-    assert process.wait() == 0
-    found = json.loads(process.output)
+def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint, scene):
+    at = ("--connect", endpoint)
+    lines = start("watch", *at, ready=False)
+    once = start("watch", "--once", "--json", "--timeout", DEADLINE, *at, ready=False)
+    assert once.wait() == 0
+    found = json.loads(once.output)
     (source,) = found["sources"]
     assert (source["name"], source["state"], source["tracks"]) == ("camera", "ok", 1)
     assert source["rate"] > 0
     assert found["hypotheses"][0]["id"] == 42
     assert found["service"]["state"] == "ok"
+    lines.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
+    assert lines.interrupt() == 0
+    assert "\x1b" not in lines.output
 
 
 def test_once_without_a_scene_is_one_clear_line(endpoint, capsys):
     said = refused(capsys, "watch", "--once", "--timeout", 0.3, "--connect", endpoint)
     assert said == f"error: no message of scene 'default' arrives at {endpoint}"
-
-
-def test_lines_when_the_output_is_no_terminal(start, endpoint, scene):
-    process = start("watch", "--connect", endpoint, ready=False)
-    process.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
-    assert process.interrupt() == 0
-    assert "\x1b" not in process.output
 
 
 class Terminal:
