@@ -9,7 +9,8 @@ import pytest
 
 from comotion_tools.soak.attacks import NAME
 
-from .arena import SCENE
+from .arena import BOUND_S, SCENE
+from .conftest import BUSY
 from .live import measure
 
 pytestmark = [pytest.mark.e2e, pytest.mark.long, pytest.mark.timeout(900)]
@@ -26,8 +27,12 @@ MOST_MB = 500
         *("seize", "outrank"),
     ],
 )
-def test_an_attack_costs_its_source_alone(fair, attack):
-    outcome = fair(attack)
+def test_an_attack_costs_its_source_alone(enter, attack):
+    outcome = enter().attack(attack, 6.0)
+    assert outcome.lost == 0, outcome
+    assert outcome.told_lost == 0, outcome
+    assert not outcome.blames_the_honest, outcome
+    assert outcome.gap_s < BOUND_S or outcome.load > BUSY, outcome
     before, most, after = outcome.memory_mb
     assert attack not in {"large", "tokens"} or (most - before < MOST_MB and after - before < 60)
     assert attack not in {"seize", "outrank"} or outcome.updates > 50

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,10 +38,8 @@ class Managed:
     ----------
     account
         What it has said last, if it says JSON.
-    started_s
-        When it was started, on the monotonic clock.
-    is_stopped
-        Whether SIGSTOP holds it.
+    starts, ended
+        How often it has been started, and the exit statuses.
     """
 
     def __init__(self, name: str, command: tuple[str, ...], folder: Path) -> None:
@@ -50,8 +47,6 @@ class Managed:
         self.command = command
         self.log = folder / f"{name}.log"
         self.account: dict[str, Any] = {}
-        self.started_s = 0.0
-        self.is_stopped = False
         self.starts = 0
         self.ended: list[int] = []
         self._popen: subprocess.Popen[str] | None = None
@@ -76,7 +71,6 @@ class Managed:
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},  # of the sources of the soak
             start_new_session=True,
         )
-        self.started_s, self.is_stopped = time.monotonic(), False
         self.starts += 1
         self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
         self._reader.start()
@@ -90,11 +84,9 @@ class Managed:
     def send(self, command: dict[str, Any]) -> None:
         """Send the process a command, a line of JSON."""
         if self._popen is not None and self._popen.stdin is not None and self._popen.poll() is None:
-            try:
+            with suppress(OSError):  # it has just been killed
                 self._popen.stdin.write(json.dumps(command) + "\n")
                 self._popen.stdin.flush()
-            except OSError:
-                return  # it has just been killed
 
     def has_ended(self) -> bool:
         """Whether it has ended since the last call; what it held is released."""
@@ -108,7 +100,6 @@ class Managed:
         """Send a signal to it."""
         if self._popen is not None and self._popen.poll() is None:
             self._popen.send_signal(number)
-            self.is_stopped = number == signal.SIGSTOP or (self.is_stopped and number != signal.SIGCONT)
 
     def end(self) -> None:
         """Ask it to stop, and kill it if it does not."""

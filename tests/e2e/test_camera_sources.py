@@ -1,5 +1,6 @@
 """Camera sources as processes: files, RGB-D folders, markers, a network camera that is unplugged."""
 
+import itertools
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -186,52 +187,40 @@ def test_a_calibration_that_does_not_fit_the_images_is_one_line(start, endpoint,
     assert source.lines == ["ready", told]
 
 
-class NetworkCamera:
-    """MJPEG over HTTP on a port of its own; can be unplugged and plugged in again."""
+class Stream(BaseHTTPRequestHandler):
+    """MJPEG for as long as the camera is plugged in."""
 
-    def __init__(self) -> None:
-        self.unplugged = threading.Event()
-        camera = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                self.send_response(503 if camera.unplugged.is_set() else 200)
-                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-                self.end_headers()
-                camera.stream(self.wfile)
-
-            def log_message(self, *arguments: object) -> None:
-                pass
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-        self._thread.start()
-        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/stream.mjpg"
-
-    def stream(self, out) -> None:
-        k = 0
-        while not self.unplugged.wait(0.03):
-            ok, encoded = cv2.imencode(".jpg", scene(k % 20))
-            assert ok
+    def do_GET(self):
+        unplugged = self.server.unplugged
+        self.send_response(503 if unplugged.is_set() else 200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        for k in itertools.count():
+            if unplugged.wait(0.03):
+                return
+            encoded = cv2.imencode(".jpg", scene(k % 20))[1].tobytes()
             head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(encoded)}\r\n\r\n"
             try:
-                out.write(head.encode() + encoded.tobytes() + b"\r\n")
+                self.wfile.write(head.encode() + encoded + b"\r\n")
             except OSError:
                 return
-            k += 1
 
-    def close(self) -> None:
-        self.unplugged.set()
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+    def log_message(self, *arguments):
+        pass
 
 
 @pytest.fixture
 def network_camera():
-    camera = NetworkCamera()
-    yield camera
-    camera.close()
+    """A camera on a port of its own; can be unplugged and plugged in again."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Stream) as camera:
+        camera.unplugged = threading.Event()
+        camera.url = f"http://127.0.0.1:{camera.server_port}/stream.mjpg"
+        thread = threading.Thread(target=camera.serve_forever, daemon=True)
+        thread.start()
+        yield camera
+        camera.unplugged.set()
+        camera.shutdown()
+    thread.join()
 
 
 def test_an_unplugged_camera_is_told_and_comes_back_and_ctrl_c_ends_one_that_is_away(

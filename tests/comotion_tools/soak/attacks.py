@@ -32,22 +32,6 @@ _DRIFTER = Kind(30, 24)
 _DRIFT, _STEADY_S = 0.02, 5.0
 
 
-def resting_batch(session: str, seq: int, count: int = 50, /, **changes: Any) -> ObservationBatch:
-    """A batch of `count` features at rest, with changes of its fields."""
-    fields: dict[str, Any] = {
-        "source": NAME,
-        "session": session,
-        "seq": seq,
-        "space": "world",
-        "unit": "m",
-        "dim": 3,
-        "stamp_ns": time.time_ns(),
-        "ids": np.arange(count, dtype=np.uint64),
-        "positions": np.zeros((count, 3), np.float32),
-    }
-    return ObservationBatch(**(fields | changes))
-
-
 @dataclass
 class Attacker:
     """An open session at the scene, and what an attack has done so far."""
@@ -60,8 +44,19 @@ class Attacker:
     held: list[Any] = field(default_factory=list)
 
     def batch(self, count: int = 50, /, **changes: Any) -> ObservationBatch:
-        """The next batch: `count` features at rest, with changes."""
-        return resting_batch(self.run, self.seq, count, **changes)
+        """The next batch: `count` features at rest, with changes of its fields."""
+        fields: dict[str, Any] = {
+            "source": NAME,
+            "session": self.run,
+            "seq": self.seq,
+            "space": "world",
+            "unit": "m",
+            "dim": 3,
+            "stamp_ns": time.time_ns(),
+            "ids": np.arange(count, dtype=np.uint64),
+            "positions": np.zeros((count, 3), np.float32),
+        }
+        return ObservationBatch(**(fields | changes))
 
     def put(self, batch: ObservationBatch) -> None:
         """Publish it under its own name."""

@@ -22,7 +22,6 @@ from .schedule import HOSTILE, SOURCES, Fault
 
 SCENE = "soak"
 READY_S = 180.0
-_TURN_S = 0.1
 _SAMPLE_S = 2.0
 _PAUSED_S = 15.0
 _WINDOW_S = 60.0

@@ -2,7 +2,6 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable
 
 import pytest
 
@@ -11,7 +10,7 @@ from comotion_clients import evaluate as live
 from comotion_deploy.cli import run
 from comotion_experiments.evaluate import evaluate_inputs
 from comotion_experiments.inputs import find_inputs
-from comotion_schemas import HypothesisUpdate, Keys
+from comotion_schemas import Keys
 
 SETTINGS = ("--set", "thesis.sigma_switch=0.02", "--set", "thesis.v_move=null")
 SCENE = """
@@ -34,17 +33,6 @@ motion = { kind = "key-states", states = [[0, 0.2, 0.5, 0], [3, 0.8, 0.5, 0]] }
 """
 
 
-def stands_still(times: int = 5) -> Callable[[HypothesisUpdate], bool]:
-    """Whether so many updates of observed tracks have carried one stamp."""
-    seen: Counter[int] = Counter()
-
-    def repeats(update: HypothesisUpdate) -> bool:
-        seen[update.stamp_ns] += bool(len(update.track_id))
-        return seen[update.stamp_ns] >= times
-
-    return repeats
-
-
 def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
     updates = listen(session, Keys().hypotheses, "hypotheses")
     scene, plot, ready = tmp_path / "two.toml", tmp_path / "live.png", tmp_path / "ready"
@@ -54,7 +42,14 @@ def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
     live = start("evaluate", "--json", "--plot", plot, "--ready-file", ready, *connect, ready=False)
     live.wait_line(lambda line: "waiting" in line or "updates" in line)
     assert start("source", "simulator", scene, *connect).wait() == 0
-    updates.until(stands_still())
+    stamps = Counter()
+
+    def has_ended(update):
+        """Once the source has ended, updates repeat their stamp."""
+        stamps[update.stamp_ns] += bool(len(update.track_id))
+        return stamps[update.stamp_ns] >= 5
+
+    updates.until(has_ended)
     assert live.interrupt() == 0
 
     found = json.loads(live.output[live.output.index("{") :])
