@@ -103,7 +103,7 @@ class System:
         """
         if self.is_so(condition, seconds) or self.stop.is_set():
             return
-        logs = [one.log for one in self.processes.values() if one.log.exists()]
+        logs = [one.log for one in self.processes.values() if one.log and one.log.exists()]
         last = [f"{log.stem}: {line}" for log in logs for line in _last_lines(log)]
         raise UserError(f"it does not come up within {seconds:.0f} s: {' | '.join(last)}")
 

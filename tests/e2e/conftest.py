@@ -7,14 +7,10 @@ of a running router; ``session`` is a Zenoh client session there; ``listen(key, 
 and answers with a mailbox whose ``until(predicate)`` awaits a message; ``etcd`` is a cluster of one.
 """
 
-import os
 import queue
-import signal
-import subprocess
-import sys
-import threading
+import shlex
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,9 +23,10 @@ from comotion_schemas import Keys, Message, decode
 from comotion_schemas.component import Component
 from comotion_schemas.keys import Kind
 from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
+from comotion_tools.processes import COMOTION, DEADLINE, Managed
 
 from .etcd_cluster import EtcdCluster
-from .tracker import DEADLINE, Tracker
+from .tracker import Tracker
 
 KEYS = Keys()
 
@@ -39,94 +36,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
             item.add_marker(pytest.mark.e2e)
-
-
-class Process:
-    """One command under test; its lines are read as they come."""
-
-    def __init__(
-        self,
-        arguments: tuple[str, ...],
-        env: Mapping[str, str] | None = None,
-        cwd: Path | None = None,
-        program: tuple[str, ...] = (sys.executable, "-m", "comotion_deploy"),
-    ) -> None:
-        self.arguments = arguments
-        self.popen = subprocess.Popen(
-            [*program, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
-            # A group of its own: Ctrl-C is sent to all of it, as a terminal would.
-            start_new_session=True,
-        )
-        self.lines: list[str] = []
-        self._news = threading.Condition()
-        self._ended = False
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.popen.stdout is not None
-        for line in self.popen.stdout:
-            with self._news:
-                self.lines.append(line.rstrip("\n"))
-                self._news.notify_all()
-        with self._news:
-            self._ended = True
-            self._news.notify_all()
-
-    @property
-    def output(self) -> str:
-        return "\n".join(self.lines)
-
-    def wait_line(self, wanted: Callable[[str], object], start: int = 0) -> str:
-        """The first line from number `start` on that is wanted."""
-
-        def found() -> str | None:
-            return next((line for line in self.lines[start:] if wanted(line)), None)
-
-        with self._news:
-            self._news.wait_for(lambda: self._ended or found() is not None, DEADLINE)
-            line = found()
-        assert line is not None, f"comotion {' '.join(self.arguments)} did not say so:\n{self.output}"
-        return line
-
-    def wait_ready(self) -> None:
-        self.wait_line(lambda line: line == "ready")
-
-    def wait(self) -> int:
-        """The exit status, with all output read."""
-        status = self.popen.wait(DEADLINE)
-        self._reader.join(DEADLINE)
-        return status
-
-    def signal(self, number: signal.Signals) -> None:
-        self.popen.send_signal(number)
-
-    def interrupt(self) -> int:
-        """The exit status after Ctrl-C at the terminal: the signal goes to the whole foreground group."""
-        os.killpg(self.popen.pid, signal.SIGINT)
-        return self.wait()
-
-    def kill(self) -> None:
-        self.popen.kill()
-        self.popen.wait(DEADLINE)
-
-    def close(self) -> None:
-        if self.popen.poll() is None:
-            self.popen.terminate()
-            try:
-                self.popen.wait(DEADLINE)
-            finally:
-                # One that does not stop when told to has failed its test, and is not left behind.
-                self.popen.kill()
-                self.popen.wait(DEADLINE)
-        self._reader.join(DEADLINE)
-        if self.popen.stdout is not None:
-            self.popen.stdout.close()
 
 
 class Mailbox:
@@ -176,7 +85,7 @@ def routing(endpoint: str) -> Iterator[zenoh.Session]:
 class Service:
     """A running service and a client's session at it."""
 
-    def __init__(self, process: Process, endpoint: str, session: zenoh.Session, listen: Any) -> None:
+    def __init__(self, process: Managed, endpoint: str, session: zenoh.Session, listen: Any) -> None:
         self.process, self.endpoint, self.session = process, endpoint, session
         self.updates = listen(session, KEYS.hypotheses, "hypotheses")
         self.statuses = listen(session, KEYS.stream("status", "fusion"), "status")
@@ -185,16 +94,24 @@ class Service:
 class Commands(ExitStack):
     """Runs commands, and stops them in the end, the last one first; `ready=False` to not wait for one."""
 
-    def __call__(self, *arguments: object, ready: bool = True, **how: Any) -> Process:
-        process = Process(tuple(map(str, arguments)), **how)
-        self.callback(process.close)
+    def __call__(self, *words: object, ready: bool = True, **how: Any) -> Managed:
+        process = self.any(*COMOTION, *words, **how)
         if ready:
             process.wait_ready()
         return process
 
-    def any(self, *command: object, cwd: Path | None = None) -> Process:
+    def any(self, *words: object, **how: Any) -> Managed:
         """Start any program."""
-        return self(*command, program=(), ready=False, cwd=cwd)
+        command = tuple(map(str, words))
+        process = Managed(shlex.join(command), command, **how)
+        process.start()
+        self.callback(_stop, process)
+        return process
+
+
+def _stop(process: Managed) -> None:
+    # One that does not stop when told to has failed its test, and is not left behind.
+    assert process.end(DEADLINE), process.name
 
 
 @pytest.fixture

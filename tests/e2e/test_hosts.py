@@ -17,9 +17,10 @@ import pytest
 
 from comotion_deploy.pki.authority import Authority
 from comotion_deploy.pki.grants import Grant
+from comotion_tools.processes import Managed
 
 from . import tracker
-from .conftest import Commands, Process
+from .conftest import Commands
 from .etcd_cluster import NEEDS_ETCD
 from .network import BadLink, Wire, free_endpoints
 from .tracker import until
@@ -79,30 +80,30 @@ class Site:
         for link in links:
             link.mend()
 
-    def router(self, host: str) -> Process:
+    def router(self, host: str) -> Managed:
         links = [link.port for (near, _), link in self._links.items() if near == host]
         connect = [word for port in links for word in ("--connect", f"quic/127.0.0.1:{port}")]
         listen = ("--listen", self._local[host], "--listen", self._quic[host])
         own = ("--secure", self._pki, "--tls", self._pki / f"router-{host}")
         return self._start("router", *own, *listen, *connect, ready=False)
 
-    def comotion(self, host: str, certificate: str, *words: object) -> Process:
+    def comotion(self, host: str, certificate: str, *words: object) -> Managed:
         at = ("--connect", self._local[host], "--scene", SCENE, "--tls", self._pki / certificate)
         return self._start(*words, *at, ready=False)
 
-    def _replica(self, host: str) -> Process:
+    def _replica(self, host: str) -> Managed:
         name = f"fusion-{host}"
         standby = ("--standby", "--etcd", self._wires[host].endpoint)
         return self.comotion(host, name, "serve", "--no-state", "--name", name, *standby)
 
-    def _source(self, name: str) -> Process:
+    def _source(self, name: str) -> Managed:
         own = {"name": name, "tls": str(self._pki / name), "seed": len(name), "noise": 0.001}
         at = {"endpoint": self._local["a"], "scene": SCENE, "rate": RATE}
         # The last batch arrives before the presence ends.
         options = json.dumps(own | at | {"stays_s": 1.0})
         return self._start.any(sys.executable, tracker.__file__, options)
 
-    def _client(self, host: str) -> Process:
+    def _client(self, host: str) -> Managed:
         return self.comotion(host, f"viewer-{host}", "watch", "--json")
 
     def replicas(self) -> dict[str, tuple[str, int]]:

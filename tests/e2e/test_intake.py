@@ -1,17 +1,21 @@
-"""The service's subscriptions, against a publisher in the same process."""
+"""The service's subscriptions to batches and Statuses, against a publisher in the same process."""
 
 from collections.abc import Callable
+from contextlib import closing
 from itertools import count
 
+import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
 from comotion.runtime.intake import Intake
 from comotion.runtime.queues import IDLE_NS, OTHERS
+from comotion.runtime.statuses import Statuses
 from comotion.runtime.tokens import Tokens
-from comotion_schemas import Keys, encode
+from comotion_schemas import Keys, Status, encode
 from comotion_schemas.transport import stream_publisher
 
+from .. import builders
 from ..builders import batch
 from .tracker import until
 
@@ -193,3 +197,61 @@ def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(r
     reader.poll()
     assert reader.got[1:] == [("known", 1), *((f"new-{k}", 0) for k in range(16))]
     reader.until(lambda: len(reader.got) == 52)
+
+
+def status(component: str, sent: int = 0, **fields: object) -> Status:
+    return builders.status(component, **({"role": "source", "counters": {"sent": sent}} | fields))
+
+
+@pytest.fixture
+def status_reader(router):
+    with closing(Statuses(router, KEYS, most=100)) as statuses:
+        yield StatusReader(statuses)
+
+
+class StatusReader:
+    """Reads Statuses until enough has come."""
+
+    def __init__(self, statuses: Statuses) -> None:
+        self.statuses = statuses
+        self.got: list[tuple[str, int]] = []
+
+    def until(self, fulfilled: Callable[[], bool]) -> None:
+        until(fulfilled, self._read)
+
+    def _read(self) -> None:
+        found = self.statuses.read()
+        assert len(found) <= 16
+        self.got += [(one.component, one.counters["sent"]) for one, _ in found]
+
+
+@pytest.fixture
+def put(status_reader, session):
+    return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
+
+
+def test_of_a_storm_the_newest_is_read_and_others_with_it(status_reader, put):
+    for k in range(3000):
+        put("loud", status("loud", k))
+    put("quiet", status("quiet", 7))
+    status_reader.until(lambda: {("loud", 2999), ("quiet", 7)} <= set(status_reader.got))
+    # Twice a second at most: what the storm took is some of 3000.
+    assert sum(name == "loud" for name, _ in status_reader.got) < 100
+    assert status_reader.statuses.refused == 0
+
+
+def test_a_status_about_another_component_is_refused_and_counted(status_reader, put):
+    put("liar", status("cam", 2**31))
+    put("cam", status("cam", 5))
+    status_reader.until(lambda: status_reader.statuses.refused == 1 and bool(status_reader.got))
+    assert status_reader.got == [("cam", 5)]
+
+
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(status_reader, put, session):
+    put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
+    session.put(KEYS.stream("status", "cam"), b"\x00")
+    status_reader.until(lambda: status_reader.statuses.refused == 2)
+    for k in range(300):
+        put(f"cam-{k}", status(f"cam-{k}"))
+    status_reader.until(lambda: len(status_reader.got) + status_reader.statuses.refused == 302)
+    assert len(status_reader.got) >= 100

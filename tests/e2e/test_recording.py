@@ -17,7 +17,6 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
 
-from .conftest import Process
 from .tracker import DEADLINE, until_heard
 
 KEYS = Keys()
@@ -76,7 +75,7 @@ def recorded(start, endpoint, session, listen, tmp_path):
     return path
 
 
-def scrape(process: Process) -> str:
+def scrape(process) -> str:
     line = process.wait_line(lambda line: line.startswith("metrics at http://127."))
     with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
         return reply.read().decode()

@@ -50,7 +50,7 @@ def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session
                 assert row["host"]
             publisher = declare_publisher(session, Keys().stream("status", "cam"), "status")
             looking = start(*look, ready=False)
-            while looking.popen.poll() is None:
+            while looking.is_running:
                 publisher.put(encode(_as_cam(shifted(service))))
                 time.sleep(0.1)
             assert looking.wait() == 1

@@ -17,9 +17,7 @@ import zenoh
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import client_settings, stream_publisher
-
-DEADLINE = 120.0
-"""s after which what is awaited counts as missing; long, for a loaded machine takes its time."""
+from comotion_tools.processes import DEADLINE
 
 
 @contextmanager

@@ -1,7 +1,11 @@
 """Runs the benchmark: every method at every number of features, each in a separate process."""
 
+import os
+import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,14 +15,43 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.processes import Progress, alone, quiet
 from comotion_schemas.plain import plain
 
-from .machine import Machine, describe_machine
 from .scene import SceneSpec
 from .timing import Row, time_input, time_scene
 
 _MIN_FITTED = 500
+_PACKAGES = ("comotion", "numpy", "numba", "scikit-learn", "scipy")
 # From this number of features on the default method gets a longer period, s.
 _MANY = 5000
 _LONG_PERIOD = 0.25
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Hardware, load and versions."""
+
+    processor: str
+    cores: int
+    load: float
+    versions: dict[str, str]
+
+
+def describe_machine() -> Machine:
+    """Describe this machine."""
+    return Machine(
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        load=os.getloadavg()[0],
+        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    )
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,8 @@ The status is 0 if nothing was violated, and 1 otherwise.
         """Run it; exit status 1 if something was violated."""
         from comotion_schemas.component import stop_on_signals
         from comotion_tools.soak import report
-        from comotion_tools.soak.run import Runner, clear
+        from comotion_tools.soak.run import Runner, clear, kill_in_a_row, stop_each
         from comotion_tools.soak.schedule import draw
-        from comotion_tools.soak.series import kill_in_a_row, stop_each
 
         clear(self.out)
         stop, began = threading.Event(), time.monotonic()

@@ -18,7 +18,7 @@ from comotion_schemas.transport import SessionSettings
 from ..processes import COMOTION, STARTS, Managed, Usage
 from .accounts import Audit, Moment, audit, moment
 from .monitor import Findings, Watched
-from .schedule import HOSTILE, SOURCES, Fault
+from .schedule import HOSTILE, OTHERS, SOURCES, Fault
 
 SCENE = "soak"
 READY_S = 180.0
@@ -29,6 +29,8 @@ _SETTLE_S = 1.2
 _HOSTILE_S = 4.0
 _RECORDINGS = 3
 _PRUNE_S = 30.0
+_RECOVERED_S = 60.0
+_BETWEEN_S = 4.0
 
 
 @dataclass
@@ -271,3 +273,34 @@ def clear(folder: Path) -> None:
     for pattern in ("*.log", "take-*.mcap", "scene.state*"):
         for file in folder.glob(pattern):
             file.unlink()
+
+
+def kill_in_a_row(runner: Runner, count: int) -> None:
+    """Kill the service, start it again, and wait until all bodies have their hypotheses; `count` times."""
+    for k in range(1, count + 1):
+        if runner.stop.is_set():
+            return
+        seconds = _recovery_s(runner)
+        runner.result.recovery.append(("kill service", seconds))
+        changed = len(runner.monitor.findings.changes)
+        runner.say(
+            f"kill {k} of {count}: all bodies again after {seconds:.2f} s, {changed} ids changed so far"
+        )
+        runner.wait(_BETWEEN_S)
+
+
+def _recovery_s(runner: Runner) -> float:
+    """Kill the service; how long until all bodies have their hypotheses again, at most a minute."""
+    monitor, began = runner.monitor, time.monotonic()
+    sessions = len(monitor.findings.sessions)
+    runner.carry_out(Fault(runner.now_s, "kill", "service"))
+    runner.is_so(lambda: len(monitor.findings.sessions) > sessions and monitor.is_sorted_out, _RECOVERED_S)
+    return time.monotonic() - began
+
+
+def stop_each(runner: Runner, seconds: float) -> None:
+    """Stop each process for some time and continue it."""
+    for target in (*SOURCES, *OTHERS):
+        if target in runner.processes:
+            runner.carry_out(Fault(runner.now_s, "stop", target, seconds))
+            runner.wait(2 * _BETWEEN_S)

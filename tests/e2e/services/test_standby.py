@@ -166,4 +166,4 @@ def test_the_leader_of_etcd_is_killed_then_etcd_is_away_for_30_s(
         check_takeover(before, after, client)
         assert len(asked(session)) == 1
         for process in replicas:
-            process.close()
+            process.end()
