@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from comotion_deploy.demo import free_endpoint
-from comotion_deploy.pki.authority import Authority
-from comotion_deploy.pki.grants import CertificateRole, Grant
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.transport import client_settings
@@ -22,6 +20,7 @@ from comotion_tools.processes import COMOTION, Managed
 from comotion_tools.soak.attacks import NAME
 from comotion_tools.soak.monitor import Body, Watched, votes
 from comotion_tools.soak.run import hostile, system
+from comotion_tools.system import certificates
 
 SCENE = "arena"
 HONEST = ("left", "right")
@@ -90,17 +89,6 @@ class Outcome:
         return any(who in HONEST for _, who in self.problems)
 
 
-def _certificates(folder: Path) -> Path:
-    """Certificates of all processes."""
-    authority = Authority.create(folder)
-    roles: dict[str, CertificateRole] = {"hall": "router", "fusion": "service"}
-    for name, role in (roles | dict.fromkeys((*HONEST, NAME), "source")).items():
-        sources = (name,) if role == "source" else ()
-        grant = Grant(role=role, name=name, common_name="new", scene=SCENE, sources=sources)
-        authority.issue(grant, hosts=("localhost", "127.0.0.1") if role == "router" else ())
-    return folder
-
-
 class Arena(Watched):
     """The processes of a scene; a context manager.
 
@@ -117,7 +105,8 @@ class Arena(Watched):
         self._tls: Path | None = None
         if secure:
             self.endpoint = self.endpoint.replace("tcp/127.0.0.1", "tls/localhost")
-            self._tls = _certificates(folder / "pki")
+            roles = {"hall": "router", "fusion": "service", **dict.fromkeys((*HONEST, NAME), "source")}
+            self._tls = certificates(folder / "pki", roles, scene=SCENE).folder
         self._folder, self._held, self._sources = folder, held, (*HONEST, *also)
         every = system(self.endpoint, SCENE, folder)
         processes = {name: self._certified(every[name]) for name in ("router", "service", *self._sources)}

@@ -10,6 +10,8 @@ from typing import Any, Self
 
 from comotion_clients.subscription import M, Subscription
 from comotion_deploy.errors import UserError
+from comotion_deploy.pki.authority import Authority
+from comotion_deploy.pki.grants import CertificateRole, Grant
 from comotion_schemas import Keys
 from comotion_schemas.transport import SessionSettings, connect
 
@@ -124,6 +126,21 @@ class System:
             if reply.ok is not None:
                 return dict(json.loads(reply.ok.payload.to_bytes()))
         return None
+
+
+def certificates(folder: Path, roles: Mapping[str, CertificateRole], **grant: Any) -> Authority:
+    """Issue a certificate for each name; routers are on this machine."""
+    authority = Authority.create(folder)
+    for name, role in roles.items():
+        issue(authority, role, name, **grant)
+    return authority
+
+
+def issue(authority: Authority, role: CertificateRole, name: str, days: float = 90.0, **grant: Any) -> Path:
+    """Issue a certificate of a component of this machine; returns its folder."""
+    fields = {"common_name": "new", "sources": (name,) if role == "source" else ()} | grant
+    hosts = ("localhost", "127.0.0.1") if role == "router" else ()
+    return authority.issue(Grant(role=role, name=name, **fields), days=days, hosts=hosts)
 
 
 def _last_lines(log: Path) -> list[str]:

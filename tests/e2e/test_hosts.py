@@ -15,9 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from comotion_deploy.pki.authority import Authority
-from comotion_deploy.pki.grants import Grant
 from comotion_tools.processes import Managed
+from comotion_tools.system import certificates
 
 from . import tracker
 from .conftest import Commands
@@ -41,7 +40,11 @@ class Site:
 
     def __init__(self, folder: Path, start: Commands, etcd: str) -> None:
         self._start, self._pki = start, folder / "pki"
-        self._issue()
+        roles = dict.fromkeys(SOURCES, "source") | {"operator": "viewer"}
+        roles |= {f"router-{host}": "router" for host in HOSTS} | {
+            f"viewer-{host}": "viewer" for host in HOSTS
+        }
+        certificates(self._pki, roles | {f"fusion-{host}": "service" for host in REPLICAS}, scene=SCENE)
         endpoints = iter(free_endpoints(2 * len(HOSTS)))
         self._local = {host: next(endpoints).replace("tcp", "tls") for host in HOSTS}
         self._quic = {host: next(endpoints).replace("tcp", "quic") for host in HOSTS}
@@ -56,17 +59,6 @@ class Site:
             process.wait_ready()
         self.sources = [self._source(name) for name in SOURCES]
         self.clients = {host: self._client(host) for host in HOSTS}
-
-    def _issue(self) -> None:
-        authority = Authority.create(self._pki)
-        for host in HOSTS:
-            authority.issue(grant("router", f"router-{host}"), hosts=["localhost", "127.0.0.1"])
-            authority.issue(grant("viewer", f"viewer-{host}"))
-        for host in REPLICAS:
-            authority.issue(grant("service", f"fusion-{host}"))
-        for name in SOURCES:
-            authority.issue(grant("source", name))
-        authority.issue(grant("viewer", "operator"))
 
     @contextmanager
     def cut_off(self, host: str) -> Iterator[None]:
@@ -126,11 +118,6 @@ class Site:
 
         until(is_active)
         return found[host][1]
-
-
-def grant(role: str, name: str) -> Grant:
-    sources = (name,) if role == "source" else ()
-    return Grant(role=role, name=name, common_name="new", scene=SCENE, sources=sources)
 
 
 @pytest.fixture

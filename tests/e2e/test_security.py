@@ -14,11 +14,11 @@ from zenoh.handlers import RingChannel
 
 from comotion_deploy.demo import free_endpoint
 from comotion_deploy.pki.authority import Authority
-from comotion_deploy.pki.grants import Grant
 from comotion_schemas import Keys, Status
 from comotion_schemas.component import Component
 from comotion_schemas.tls import TlsFiles, load_tls
 from comotion_schemas.transport import SessionSettings, connect, zenoh_config
+from comotion_tools.system import certificates, issue
 
 from .tracker import DEADLINE, Tracker, every, until, until_heard
 
@@ -31,20 +31,15 @@ class Site:
     """A folder of certificates and a router that trusts them."""
 
     def __init__(self, folder: Path, start: Callable) -> None:
-        self.authority = Authority.create(folder)
+        roles = {"hall": "router", "mocap": "source", **ROLES}
+        self.authority = certificates(folder, roles, rate=RATE)
         self.port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tls/localhost:{self.port}"
         self._start = start
-        self.issue("router", "hall", hosts=("localhost", "127.0.0.1"))
-        self.issue("source", "mocap")
-        for name, role in ROLES.items():
-            self.issue(role, name)
         self.router = self.start_router()
 
-    def issue(self, role: str, name: str, days: float = 90.0, hosts: tuple[str, ...] = (), **grant) -> Path:
-        sources = grant.pop("sources", (name,) if role == "source" else ())
-        fields = {"role": role, "name": name, "common_name": "new", "sources": sources, "rate": RATE} | grant
-        return self.authority.issue(Grant(**fields), days=days, hosts=hosts)
+    def issue(self, role: str, name: str, **grant) -> Path:
+        return issue(self.authority, role, name, **({"rate": RATE} | grant))
 
     def start_router(self):
         folder = self.authority.folder
@@ -209,8 +204,7 @@ def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path):
     own = load_tls(site.authority.folder / "cam")
     assert raw_client(site, own)
     stranger = Authority.create(tmp_path / "strange")
-    grant = Grant(role="source", name="cam", common_name="new", sources=("cam",))
-    stranger.issue(grant)
+    issue(stranger, "source", "cam")
     strange = load_tls(stranger.folder / "cam")
     assert not raw_client(site, replace(strange, root_ca=own.root_ca)), "signed by another authority"
     assert not raw_client(site, strange), "and it would not trust our router either"
@@ -328,7 +322,7 @@ def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing):
 def test_the_commands_work_with_certificates(site, start, tmp_path):
     """A whole scene over a secure router, and a second router behind which a viewer sees it all."""
     folder = site.authority.folder
-    site.issue("router", "annex", hosts=("localhost", "127.0.0.1"))
+    site.issue("router", "annex")
     site.issue("source", "sim", sources=("sim-1", "sim-2"), scene="cell")
     site.issue("service", "cell-fusion", scene="cell")
     site.issue("viewer", "tablet", scene="*")
