@@ -9,8 +9,6 @@ import sys
 import threading
 from pathlib import Path
 
-import pytest
-
 from comotion_deploy.launcher import Launcher
 from comotion_deploy.processes import ProcessSpec
 from comotion_schemas import HypothesisUpdate, Keys
@@ -21,21 +19,16 @@ from .services.test_service import labels
 KEYS = Keys()
 
 
-class System:
-    """A launcher with router, service and two trackers in spaces of their own."""
+def system_file(folder: Path, endpoint: str) -> Path:
+    """The file of router, service and two trackers in spaces of their own."""
 
-    def __init__(self, folder: Path, endpoint: str) -> None:
-        self.file = folder / "system.toml"
-        left, right = (
-            [
-                sys.executable,
-                tracker.__file__,
-                json.dumps({"endpoint": endpoint, "name": name, "space": name}),
-            ]
-            for name in ("left", "right")
-        )
-        self.file.write_text(
-            f"""
+    def tracker_command(name: str) -> str:
+        options = json.dumps({"endpoint": endpoint, "name": name, "space": name})
+        return json.dumps([sys.executable, tracker.__file__, options])
+
+    file = folder / "system.toml"
+    file.write_text(
+        f"""
 connect = ["{endpoint}"]
 [router]
 listen = ["{endpoint}"]
@@ -51,11 +44,12 @@ run = "router"
 [process.serve]
 run = "serve"
 [process.left]
-command = {json.dumps(left)}
+command = {tracker_command("left")}
 [process.right]
-command = {json.dumps(right)}
+command = {tracker_command("right")}
 """
-        )
+    )
+    return file
 
 
 def pid_of(launcher, name: str, start: int = 0) -> int:
@@ -66,21 +60,16 @@ def pid_of(launcher, name: str, start: int = 0) -> int:
     return int(match[1])
 
 
-@pytest.fixture
-def await_end():
+def await_end(pid: int) -> None:
     """Wait until a process that is no child of ours has ended."""
-
-    def wait(pid: int) -> None:
-        try:
-            handle = os.pidfd_open(pid)
-        except ProcessLookupError:
-            return
-        try:
-            assert select.select([handle], [], [], tracker.DEADLINE)[0], f"process {pid} lives on"
-        finally:
-            os.close(handle)
-
-    return wait
+    try:
+        handle = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        assert select.select([handle], [], [], tracker.DEADLINE)[0], f"process {pid} lives on"
+    finally:
+        os.close(handle)
 
 
 def is_sorted_out(update: HypothesisUpdate) -> bool:
@@ -102,9 +91,9 @@ def settled(updates) -> dict[tuple[str, int], int]:
 
 
 def test_what_dies_is_started_again_and_nothing_is_left_behind(
-    start, free_port_endpoint, connect, listen, await_end, tmp_path
+    start, free_port_endpoint, connect, listen, tmp_path
 ):
-    launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
+    launcher = start("up", system_file(tmp_path, free_port_endpoint), ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
     updates = listen(connect(free_port_endpoint), KEYS.hypotheses, "hypotheses")
     before = updates.until(is_sorted_out)
@@ -138,7 +127,7 @@ def test_what_dies_is_started_again_and_nothing_is_left_behind(
         await_end(pid)
 
 
-def test_a_killed_launcher_takes_everything_with_it(start, await_end, tmp_path):
+def test_a_killed_launcher_takes_everything_with_it(start, tmp_path):
     names = ("router", "left", "right")
     run = "\n".join(f"[process.{name}]\ncommand = 'sleep 1000'" for name in names[1:])
     (tmp_path / "up.toml").write_text(f"[process.router]\nrun = 'router --listen tcp/127.0.0.1:0'\n{run}")
@@ -150,22 +139,12 @@ def test_a_killed_launcher_takes_everything_with_it(start, await_end, tmp_path):
         await_end(pid)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("[serve]\nmethd = 'thesis'\n[process.serve]\nrun = 'serve'", "has no option 'methd'"),
-        (
-            "[process.router]\nrun = 'router --insecure --listen tcp/nowhere'",
-            "router cannot start: cannot listen",
-        ),
-    ],
-)
-def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(start, tmp_path, content, words):
-    (tmp_path / "up.toml").write_text(content)
+def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(start, tmp_path):
+    (tmp_path / "up.toml").write_text("[process.router]\nrun = 'router --insecure --listen tcp/nowhere'")
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 2
     assert [line for line in launcher.lines if line.startswith("error: ")] == [launcher.lines[-1]]
-    assert words in launcher.lines[-1]
+    assert "router cannot start: cannot listen" in launcher.lines[-1]
     assert "Traceback" not in launcher.output
 
 
@@ -190,7 +169,7 @@ class UntilListening:
             self._stop.set()
 
 
-def test_a_process_that_ignores_the_stop_is_killed(await_end, tmp_path):
+def test_a_process_that_ignores_the_stop_is_killed(tmp_path):
     stop = threading.Event()
     lines = UntilListening(stop)
     deaf = ("sh", "-c", "trap '' TERM; echo listening; while :; do sleep 60; done")
