@@ -1,4 +1,4 @@
-"""In a scene, out sets of rows that may be bodies (step 5): earlier hypotheses and clusters."""
+"""In a scene, out sets of rows that may be new bodies (step 5): clusters."""
 
 import numpy as np
 from scipy.cluster.hierarchy import linkage
@@ -17,26 +17,24 @@ CUTS = (1.0, 2.0, 4.5)
 _UNKNOWN = 3.0
 
 
-def candidate_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
-    """Rows of every candidate but the static body.
+def cluster_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
+    """Rows of every cluster that may be a new body.
 
-    These are the hypotheses of the last update, and clusters. A cluster inside one hypothesis that has no
-    unexplained member is not a candidate: it would only split what is explained.
+    One inside one hypothesis that has no unexplained member is not: it would only split what is explained.
 
     Parameters
     ----------
     unexplained
         bool [N], trajectories that no hypothesis explains.
     """
-    frames, before = scene.frames, scene.before
-    known = [h for h in np.unique(before).tolist() if h not in (NO_HYPOTHESIS, scene.static)]
-    groups = [rows for h in known if len(rows := frames.rows_of(before == h)) >= 2]
-    explained_by = np.where(unexplained, NO_HYPOTHESIS, before)[frames.owner]
+    frames = scene.frames
+    explained_by = np.where(unexplained, NO_HYPOTHESIS, scene.before)[frames.owner]
+    found = []
     for rows in clusters(frames, frames.rows_of(frames.current & scene.judged)):
         by = explained_by[rows]
         if (by == NO_HYPOTHESIS).any() or (by != by[0]).any():
-            groups.append(rows)
-    return groups
+            found.append(rows)
+    return found
 
 
 def clusters(frames: Frames, rows: Ints) -> list[Ints]:

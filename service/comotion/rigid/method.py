@@ -51,7 +51,7 @@ from .assignment import (
     without_sliders,
 )
 from .belief import Belief, carried_costs
-from .candidates import candidate_rows
+from .candidates import cluster_rows
 from .continuation import Fit, held, judged
 from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
@@ -181,7 +181,7 @@ class RigidMethod(Method):
         excess = excess_costs(followed.evidence, followed.assignment.labels, self._config)
         odd = unexplained(scene, followed.assignment.labels, excess)
         if self.searching and self._due(scene, scene.frames.key[odd]):
-            return search(scene, odd, excess, self._config), True
+            return search(scene, followed, odd, excess, self._config), True
         return followed, False
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
@@ -211,14 +211,19 @@ def follow(scene: Scene, config: RigidConfig) -> SearchResult:
     return _decided(scene, _compare_all(scene, known_rows(scene), config))
 
 
-def search(scene: Scene, odd: Bools, excess: Floats, config: RigidConfig) -> SearchResult:
+def search(
+    scene: Scene, followed: SearchResult, odd: Bools, excess: Floats, config: RigidConfig
+) -> SearchResult:
     """Find the bodies of a scene, of which bool [N] `odd` and `excess` say what is unexplained: steps 5 to 9.
 
-    Bodies are found in the subset; then all trajectories are compared with them. In a small scene they are
-    fitted to the trajectories that were assigned to them, twice.
+    Bodies are found in the subset. Where no cluster is one, the followed ones stand; else all trajectories
+    are compared with what was found. In a small scene bodies are fitted to the trajectories that were
+    assigned to them, twice.
     """
     subset = choose_subset(scene, odd, excess)
-    bodies, labels = _first_bodies(scene, subset, config)
+    bodies, labels, new = _first_bodies(scene, subset, config)
+    if not (new or scene.small):
+        return followed
     if not scene.small:
         return _decided(scene, _compare_all(scene, extended_rows(scene, subset, labels, len(bodies)), config))
     result = _compare_all(scene, _assigned_rows(scene, len(bodies), labels), config)
@@ -232,16 +237,17 @@ def _decided(scene: Scene, result: SearchResult) -> SearchResult:
     return replace(result, assignment=replace(result.assignment, labels=labels))
 
 
-def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints]:
-    """Bodies of least cost in the subset, and the cheapest of them for each trajectory [n]."""
+def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints, bool]:
+    """Bodies of least cost in the subset, the cheapest of them for each trajectory [n], and if any is new."""
     part = scene if scene.small else scene.of(subset.tracks)
     frames = part.frames
-    candidates = candidate_rows(part, subset.unexplained)  # 5
-    bodies = [static_body(len(frames.stamps)), *(fit_body(frames, rows) for rows in candidates)]  # 6
+    known, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
+    bodies = [static_body(len(frames.stamps)), *(fit_body(frames, rows) for rows in known + clusters)]  # 6
     found = costs(frames, bodies, config)  # 7
     chosen = select(weighted(part, _owners(frames, bodies), found, config))  # 8
     kept = found.of(chosen)
-    return [bodies[k] for k in chosen], without_sliders(cheapest(kept.body, kept.outlier), kept)
+    labels = without_sliders(cheapest(kept.body, kept.outlier), kept)
+    return [bodies[k] for k in chosen], labels, max(chosen) > len(known)
 
 
 def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchResult:
