@@ -171,24 +171,17 @@ def gaps_by_fault(soak: Soak) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for gap in soak.findings.gaps:
         fault = cause(soak, gap.at_s, gap.seconds)
-        found.setdefault("no fault" if fault is None else f"{fault.kind} {fault.target}", []).append(
-            gap.seconds
-        )
+        name = "no fault" if fault is None else f"{fault.kind} {fault.target}"
+        found.setdefault(name, []).append(gap.seconds)
     return {name: sorted(gaps, reverse=True) for name, gaps in sorted(found.items())}
 
 
 def _extremes(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
-    usages = [usage for *_, usage in samples]
-    return {
-        "starts": samples[-1][1],
-        "memory_mb": [
-            round(median(u.memory_mb for u in usages), 1),
-            round(max(u.memory_mb for u in usages), 1),
-        ],
-        "descriptors": [median(u.descriptors for u in usages), max(u.descriptors for u in usages)],
-        "threads": [median(u.threads for u in usages), max(u.threads for u in usages)],
-        "log_bytes": usages[-1].log_bytes,
-    }
+    found: dict[str, Any] = {"starts": samples[-1][1], "log_bytes": samples[-1][2].log_bytes}
+    for name in ("memory_mb", "descriptors", "threads"):
+        held = [getattr(usage, name) for *_, usage in samples]
+        found[name] = [round(median(held), 1), round(max(held), 1)]
+    return found
 
 
 def lines(found: dict[str, Any]) -> list[str]:
