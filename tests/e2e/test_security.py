@@ -341,7 +341,7 @@ def test_the_commands_work_with_certificates(site, start, tmp_path):
     assert watch.wait() == 0
     shown = json.loads(watch.output)
     assert {row["name"] for row in shown["sources"]} == {"sim-1", "sim-2"}
-    look = start("status", "--json", "--wait", "ok", "--timeout", 60, *far, ready=False)
+    look = start("status", "--json", *far, ready=False)
     look.wait()
     found = json.loads(look.output)
     assert {row["name"] for row in found["components"]} >= {"cell-fusion", "sim-1", "sim-2"}, found
