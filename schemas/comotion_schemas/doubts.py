@@ -15,6 +15,8 @@ _LEAST_FEATURES = 5
 # Share of the features that jump at once, and share of a jump by which the end misses where another was.
 _JUMPING, _MISS = 0.3, 0.25
 _LEAST_TRADES = 2
+# Steps of single precision that the extent of what is seen should have at least.
+_LEAST_STEPS = 1000
 
 
 def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
@@ -29,7 +31,7 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
 
     Yields
     ------
-    One sentence each: millimetres for metres, or ids that change hands.
+    One sentence each: millimetres for metres, places far from the origin, or ids that change hands.
     """
     sampled = positions[:, np.unique(np.linspace(0, positions.shape[1] - 1, _MOST_FEATURES).astype(np.intp))]
     instants = np.unique(np.linspace(0, len(positions) - 1, _MOST_INSTANTS).astype(np.intp))
@@ -41,12 +43,28 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
             f"positions span {spread:.4g} m; if they are millimetres, divide them by 1000: all lengths and "
             "velocities found are in the unit given"
         )
+    if far := coarse(seen):
+        yield far
     trades = [k for k in instants[:-1].tolist() if trading(sampled[k], sampled[k + 1]) > _JUMPING]
     if len(trades) >= _LEAST_TRADES:
         yield (
             f"at {len(trades)} of {len(instants) - 1} steps, first after instant {trades[0]}, features jump "
             "to where others were: an id must stay with its feature, and is no index of a list"
         )
+
+
+def coarse(positions: NDArray[np.floating]) -> str | None:
+    """Say that positions [n, dim] are so far from the origin that messages lose their motion, as in UTM."""
+    if len(positions) < _LEAST_FEATURES:
+        return None
+    farthest = float(np.abs(positions).max())
+    step, extent = float(np.spacing(np.float32(farthest))), float(np.ptp(positions, axis=0).max())
+    if not 0 < extent < _LEAST_STEPS * step:
+        return None
+    return (
+        f"positions are {farthest:.3g} from the origin, where the single precision of messages has steps of "
+        f"{step:.1g}, for a scene of {extent:.3g}: subtract a fixed place amid the features from all"
+    )
 
 
 def trading(before: NDArray[np.floating], now: NDArray[np.floating]) -> float:

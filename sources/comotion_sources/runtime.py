@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from comotion_schemas import DEFAULT_SCENE, Message, ObservationBatch, TruthBatch, encode, metrics
 from comotion_schemas.component import Component, Rates, StatusFields, Where, new_session_id
+from comotion_schemas.doubts import coarse
 from comotion_schemas.errors import KnownError, one_line_errors
 from comotion_schemas.keys import StreamKind
 from comotion_schemas.messages import RejectionReason
@@ -249,6 +250,8 @@ class SourcePublisher(Source):
         )
         self._drop_invalid = drop_invalid
         self._moving = moving
+        # Whether the first positions were looked at.
+        self._judged = False
         self._space: tuple[str, Unit, int] = (space, unit, dim)
         self.builder = self._builder()
 
@@ -311,6 +314,10 @@ class SourcePublisher(Source):
         """
         with one_line_errors():
             rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid, instants=stamps_ns is not None)
+            if not self._judged and len(rows.kept):
+                self._judged = True
+                if text := coarse(rows.positions):
+                    _log.warning("%s", text)
             for reason, count in rows.dropped.items():
                 self._rejected[reason] = self._rejected.get(reason, 0) + count
             stamp = time.time_ns() if stamp_ns is None else stamp_ns

@@ -105,6 +105,10 @@ def test_what_is_probably_wrong_is_said():
     rolled = np.stack([np.roll(one, k // 10, axis=0) for k, one in enumerate(P)])
     with pytest.warns(UserWarning, match="at 5 of 59 steps, first after instant 9, features jump to"):
         comotion.group(rolled, TIMES)
+    with pytest.warns(UserWarning, match="positions are 4.2e.06 from the origin, where the single precision"):
+        comotion.group(P + np.array([5e5, 4.2e6, 0]), TIMES)
+    with pytest.warns(UserWarning, match="subtract a fixed place amid the features"):
+        comotion.Scene().push(range(P.shape[1]), P[0] + 5e6, 0.0)
 
 
 def test_a_gap_costs_no_updates():

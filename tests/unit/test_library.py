@@ -158,6 +158,16 @@ def test_a_source_takes_ordinary_data():
         SourcePublisher("mine", space="w", unit="m", dim=3, connect="tcp/x:1", settings=SessionSettings())
 
 
+def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
+    source = SourcePublisher("mine", space="world", unit="m", dim=3)
+    source._publishers["obs"] = Sent()
+    places = np.random.default_rng(0).normal(size=(9, 3)) + np.array([5e5, 4.2e6, 0])
+    for k in range(2):
+        source.observe(ids=range(9), positions=places, stamp_ns=k)
+    (record,) = caplog.records
+    assert "positions are 4.2e+06 from the origin" in record.message
+
+
 def test_a_batch_of_several_instants_repeats_ids_and_drops_rows():
     source = SourcePublisher("mine", space="world", unit="m", dim=3, drop_invalid=True)
     source._publishers["obs"] = Sent()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # help() shows short types
 
+import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping
 from types import TracebackType
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
 from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas.doubts import coarse
 from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.rows import Rows, check_space, usable_rows
 from comotion_schemas.time_units import instant, seconds
@@ -148,6 +150,8 @@ class Scene:
             raise KnownError("the scene is closed; make a new one")
         stamp_ns = self._stamp(source, t)
         rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid)
+        if source not in self._newest and (text := coarse(rows.positions)):
+            warnings.warn(f"source {source!r}: {text}", stacklevel=2)
         try:
             self._ingest(source, stamp_ns, rows)
         except ValidationError as error:
