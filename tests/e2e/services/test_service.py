@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
+from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, decode_as, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
@@ -38,13 +39,9 @@ REFUSED: dict[str, Callable[[], bytes]] = {
 
 
 def labels(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
-    names = [source.name for source in update.sources]
-    return {
-        (names[source], int(track)): int(hypothesis)
-        for source, track, hypothesis in zip(
-            update.track_source, update.track_id, update.track_hypothesis, strict=True
-        )
-    }
+    """Hypothesis by the name of a source and a feature of it."""
+    rows = tracks_of(update).items()
+    return {(name, track): label for (name, _), found in rows for track, label in found.items()}
 
 
 def is_sorted_out(update: HypothesisUpdate) -> bool:
