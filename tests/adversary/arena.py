@@ -5,7 +5,7 @@ Router, service, sources and attacker are processes of their own. The honest are
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -146,10 +146,6 @@ class Arena(Watched):
         self.start(*self._sources)
         self.until(lambda: {one.name for one in self.last.sources} >= set(HONEST))
         self.wait(3.0)
-
-    def until(self, condition: Callable[[], object], seconds: float = DEADLINE_S) -> None:
-        """Watch until something is so."""
-        super().until(condition, seconds)
 
     @contextmanager
     def attacked_by(self, name: str, seconds: float) -> Iterator[Managed]:

@@ -144,9 +144,9 @@ def measure(scene: str, cores: float, seconds: float, *, quiet: bool = True) -> 
         processes = _processes(scene, folder, endpoint, seconds + _BACK_S + 5.0)
         with _Client(processes, _NAME, settings) as client, ThreadPoolExecutor(1) as thread:
             client.start("service")
-            client.until(lambda: client.monitor.last, _OPEN_S)
+            client.until(lambda: client.monitor.last)
             client.start(*(name for name in processes if name not in ("router", "service")))
-            client.until(lambda: client.has_batches, _OPEN_S)
+            client.until(lambda: client.has_batches)
             limit = (sys.executable, quota.__file__, str(processes["service"].pid), str(cores))
             limited = Managed("quota", limit, folder)
             limited.start()

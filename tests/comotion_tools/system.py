@@ -18,6 +18,7 @@ from comotion_schemas.transport import SessionSettings, connect
 from .processes import Managed
 
 OPEN_S = 60.0
+UP_S = 300.0
 _KEPT = 8192
 
 
@@ -95,7 +96,7 @@ class System:
             self.turn()
         return False
 
-    def until(self, condition: Callable[[], object], seconds: float) -> None:
+    def until(self, condition: Callable[[], object], seconds: float = UP_S) -> None:
         """Watch until something is so.
 
         Raises

@@ -8,7 +8,6 @@
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,36 +30,9 @@ SOURCES = 3
 RATE = 30.0
 COUNTERS = frozenset({"updates", "overruns", "late", "lost", "batches"})
 _LEAD_S = 10.0  # until the sources start: all processes are then ready
-_OPEN_S = 180.0
 
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Live:
-    """Result of a run; latencies in ms, each as median, 99th percentile and largest.
-
-    Attributes
-    ----------
-    last_batch
-        From the put of the last batch in an update to receipt of the update.
-    every_batch
-        From the put of every batch to receipt of the first update that includes it.
-    cpu_share
-        Processor time of the service, as a share of one core.
-    counters
-        Growth of the counters of the service over the run.
-    """
-
-    seconds: float
-    updates: int
-    tracks: int
-    last_batch: tuple[float, float, float]
-    every_batch: tuple[float, float, float]
-    cpu_share: float
-    memory_mb: float
-    counters: dict[str, int]
 
 
 def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
@@ -76,6 +48,13 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
         Options of ``comotion serve``.
     settle
         Seconds from the first track to the start of the measurement, for the window to fill.
+
+    Returns
+    -------
+    Seconds, numbers of updates and tracks; ``last_batch``: from the put of the last batch in an update to
+    receipt of the update, and ``every_batch``: from the put of every batch to receipt of the first update
+    with it, each as median, 99th percentile and largest in ms; ``cpu_share``: processor time of the
+    service, as a share of one core; ``memory_mb``, and ``counters``: growth of those of the service.
 
     Raises
     ------
@@ -97,7 +76,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
             seen = _watch(system, seconds, settle)
         puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
     last, every = latencies(np.array(seen.pop("stamps")), puts)
-    return asdict(Live(last_batch=_spread(last), every_batch=_spread(every), **seen))
+    return seen | {"last_batch": _spread(last), "every_batch": _spread(every)}
 
 
 def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
@@ -105,7 +84,7 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
     updates, statuses = system.subscribe(HypothesisUpdate), system.subscribe(Status)
     service = system.processes["service"]
     system.start("service", *(f"s{k}" for k in range(SOURCES)))
-    system.until(lambda: any(len(update.track_id) for _, update in updates.drain()), _OPEN_S)
+    system.until(lambda: any(len(update.track_id) for _, update in updates.drain()))
     system.wait(settle)
     updates.drain()
     before, cpu_s, began = _counters(statuses.drain()), service.processor_s(), time.monotonic()

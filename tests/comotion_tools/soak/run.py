@@ -21,7 +21,6 @@ from .monitor import Findings, Watched
 from .schedule import HOSTILE, OTHERS, SOURCES, Fault
 
 SCENE = "soak"
-READY_S = 180.0
 _SAMPLE_S = 2.0
 _PAUSED_S = 15.0
 _WINDOW_S = 60.0
@@ -136,7 +135,7 @@ class Runner(Watched):
         """
         self.start(*(name for name in self.processes if name != "router"))
         self.result.findings = self.monitor.findings
-        self.until(lambda: self.monitor.is_sorted_out, READY_S)
+        self.until(lambda: self.monitor.is_sorted_out)
         self.monitor.begin()
 
     def run(self, faults: list[Fault], until_s: float) -> None:
