@@ -220,17 +220,19 @@ def test_rows_that_are_hardly_seen_give_no_equations():
 
 
 @few
-@given(seeds, st.integers(0, 40))
-def test_resampling_is_that_of_the_plain_interpolation(rng, delay):
+@given(seeds, st.integers(0, 40), st.sampled_from([np.inf, 1e-4]))
+def test_resampling_is_that_of_the_plain_interpolation(rng, delay, variance):
     observations = observations_of(rng, 3)
     times, positions, start, stop = observations
+    positions *= 0.01
+    positions[rng.random(len(positions)) < 0.1] += rng.normal(size=3)
     stamps = np.unique(rng.choice(np.concatenate([times, times + 7_000_000]), 20))
     gap, hold, delays = np.array([[100], [30], [500]]).repeat(3, 1) * 1_000_000
     delays = np.full(3, delay * 1_000_000)
     y, w = np.zeros((3, len(stamps), 3)), np.zeros((3, len(stamps)))
-    resample(observations, stamps, Limits(gap, hold, delays), y, w)
+    resample(observations, stamps, Limits(gap, hold, delays), np.full(3, variance), y, w)
     for i, (a, b) in enumerate(zip(start, stop, strict=True)):
-        args = stamps, int(gap[i]), int(hold[i]), int(delays[i])
+        args = stamps, int(gap[i]), int(hold[i]), int(delays[i]), variance
         for one, other in zip((y[i], w[i]), plain.resample(times[a:b], positions[a:b], *args), strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 

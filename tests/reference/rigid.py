@@ -156,7 +156,34 @@ def normal_equations(y, w, seconds, v, poses, information, pivot):
     )
 
 
-def resample(times, positions, stamps, gap, hold, delay):
+def gross_errors(times, positions, variance):
+    """Which observations leave their trajectory and come back, bool [n]."""
+    found, n = np.zeros(len(times), bool), len(times)
+    bend = np.zeros_like(positions)
+    for k in range(1, n - 1):
+        line = [np.interp(times[k], times[[k - 1, k + 1]], x[[k - 1, k + 1]]) for x in positions.T]
+        bend[k] = positions[k] - line
+    for k in range(1, n - 1 if n >= 5 else 0):
+        near = positions[max(k - 3, 0) : k + 4]
+        middle = np.median(near, axis=0)
+        spread = (1.4826 * np.median(np.abs(near - middle), axis=0)) ** 2
+        turns_back = bend[k] @ bend[k - 1] < 0 or bend[k] @ bend[k + 1] < 0
+        far = ((positions[k] - middle) ** 2).sum() > 36 * np.maximum(spread, variance).sum()
+        found[k] = turns_back and bend[k] @ bend[k] > 36 * variance and far
+    return found
+
+
+def resample(times, positions, stamps, gap, hold, delay, variance):
+    """(y [F, dim], w [F]) of one trajectory at common frames, without its gross errors."""
+    good = ~gross_errors(times, positions, variance)
+    clean = times[good], positions[good]
+    whole = interpolated(times, positions, stamps, gap, hold, delay)
+    part = interpolated(*clean, stamps, gap, hold, delay)
+    # What is in a gap stays so, though an error may be the end of it.
+    return tuple(np.where((whole[1] > 0).reshape(-1, *[1] * (x.ndim - 1)), x, 0) for x in part)
+
+
+def interpolated(times, positions, stamps, gap, hold, delay):
     """(y [F, dim], w [F]) of one trajectory at common frames."""
     y, w = np.zeros((len(stamps), positions.shape[1])), np.zeros(len(stamps))
     for f, stamp in enumerate(stamps):

@@ -222,7 +222,7 @@ def search(
     """
     subset = choose_subset(scene, odd, excess)
     bodies, labels, new = _first_bodies(scene, subset, config)
-    if not (new or scene.small):
+    if not (new or odd.any()):
         return followed
     if not scene.small:
         return _decided(scene, _compare_all(scene, extended_rows(scene, subset, labels, len(bodies)), config))

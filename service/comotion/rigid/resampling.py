@@ -13,7 +13,7 @@ from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations, RowArrays
 from .kernels.resampling import mean_square, resample, spread
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
-from .slow_noise import slow_noise
+from .slow_noise import SlowNoise, slow_noise
 from .tracks import Tracks, ranges
 
 # Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
@@ -174,16 +174,17 @@ def make_frames(
     limits = _limits(tracks, gap_ns, config)
     curves = _curves(tracks, tracks.extent)
     owner, weight = _owners(curves)
-    y, w = _interpolated(tracks, curves, stamps, limits)
     covariance = _noise(tracks, estimates, curves, limits.gap)
+    noise = _mean_variance(covariance, tracks.dim)
+    y, w = _interpolated(tracks, curves, stamps, limits, noise)
     seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
     spread(y, w, seen, squared)
     life = np.zeros(len(tracks.key))
     np.maximum.at(life, owner, seen / config.frame_rate)
-    noise = _mean_variance(covariance, tracks.dim)
-    covariance += _deformation(squared, tracks.extent, config)[:, None, None] * np.eye(3)
+    deformation, resting = _deformation(squared, tracks.extent, config)
+    covariance += deformation[:, None, None] * np.eye(3)
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
-    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, config)
+    tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, resting, config)
     terms = noise, tolerance, metric, spectrum
     who = tracks.key, life, tracks.current
     return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *who, tracks.extent)
@@ -206,7 +207,9 @@ def extended(
     """
     curves = _curves(tracks, frames.extent)
     owner, weight = _owners(curves)
-    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config))
+    variance = np.full(len(tracks.key), np.inf)
+    variance[frames.owner] = frames.noise
+    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config), variance[owner])
     names, count = _names(tracks.key, owner), len(frames.owner)
     order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
     at = find(frames.names, names[order])
@@ -283,18 +286,30 @@ def _metrics(covariance: Floats, dim: int) -> Floats:
 
 
 def _with_slow_noise(
-    tracks: Tracks, y: Floats, w: Floats, owner: Ints, tolerance: Floats, config: RigidConfig
+    tracks: Tracks,
+    y: Floats,
+    w: Floats,
+    owner: Ints,
+    tolerance: Floats,
+    resting: Bools,
+    config: RigidConfig,
 ) -> tuple[Floats, Floats]:
-    """Tolerance with the slow noise of each source, [P], and its spectrum, [P, 3]."""
+    """Tolerance with the slow noise of each source, [P], and its spectrum, [P, 3].
+
+    What rests, bool [P] `resting`, may show more of it: the tolerance of what moves is mostly that of its
+    deformation.
+    """
     wider, spectrum = tolerance.copy(), np.tile([1.0, 0.0, 0.0], (len(owner), 1))
     source = tracks.source[owner]
     for one in np.unique(source).tolist():
-        mine = source == one
-        rows = np.flatnonzero(mine & tracks.current[owner])
-        found = slow_noise(y, w, tolerance, rows, config.frame_rate)
-        factor = found.factor(w.shape[1])
-        wider[mine] *= factor
-        spectrum[mine] = found.white / factor, found.slow / factor, found.persistence
+        usual = SlowNoise()
+        for mine in source == one, (source == one) & resting:
+            rows = np.flatnonzero(mine & tracks.current[owner])
+            found = slow_noise(y, w, tolerance, rows, config.frame_rate)
+            if found.factor(w.shape[1]) > usual.factor(w.shape[1]):
+                usual, factor = found, found.factor(w.shape[1])
+                wider[mine] = tolerance[mine] * factor
+                spectrum[mine] = found.white / factor, found.slow / factor, found.persistence
     return wider, spectrum
 
 
@@ -316,9 +331,9 @@ def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> Limits:
 
 
 def _interpolated(
-    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits
+    tracks: Tracks, curves: list[_Curves], stamps: Stamps, limits: Limits, variance: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions [P, F, 3] and weights [P, F] of all rows."""
+    """Positions [P, F, 3] and weights [P, F] of all rows, of which float64 [P] is the noise."""
     total = sum(len(c.own) for c in curves)
     y, w = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps)))
     first, corrected = 0, tracks.corrected
@@ -326,7 +341,7 @@ def _interpolated(
         rows, own = slice(first, first + len(c.own)), c.own
         first = rows.stop
         own_limits = Limits(limits.gap[own], limits.hold[own], limits.delay[own])
-        resample(c.observations, stamps, own_limits, y[rows], w[rows])
+        resample(c.observations, stamps, own_limits, variance[rows], y[rows], w[rows])
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
             some = np.flatnonzero(corrected[own])
@@ -379,8 +394,8 @@ def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
     return [_Curves(True, own, Observations(times, end, start, stop)) for end in ends]
 
 
-def _deformation(squared: Floats, extent: float, config: RigidConfig) -> Floats:
-    """Variance that the deformation of a body adds to a coordinate, float64 [P].
+def _deformation(squared: Floats, extent: float, config: RigidConfig) -> tuple[Floats, Bools]:
+    """Variance that the deformation of a body adds to a coordinate, [P], and whether it is that of contact.
 
     Real bodies bend and skin slides, in proportion to how they move (`squared` [P], the mean squared
     displacement) and up to a share of the scene's extent. What hardly moves is pressed and pushed by what
@@ -388,6 +403,7 @@ def _deformation(squared: Floats, extent: float, config: RigidConfig) -> Floats:
     """
     slack = np.minimum(config.rigidity_extent * extent, config.rigidity_motion * np.sqrt(squared))
     usual = float(np.sqrt(np.mean(slack**2))) if len(slack) else 0.0
+    resting = slack < config.rigidity_contact * usual
     slack = np.maximum(slack, config.rigidity_contact * usual)
     # Two points of a body deform, and so do both of their means: 4 slack^2, as in the distance of a pair.
-    return np.asarray(4 * slack**2)
+    return np.asarray(4 * slack**2), np.asarray(resting)

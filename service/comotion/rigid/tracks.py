@@ -19,6 +19,8 @@ _MANY_TRACKS, _PERIOD_TRACKS = 128, 16
 # How many times the width of a source another position may be away to count for the scale of the scene:
 # less than millimetres among metres. And the trajectories that tell the width of a source.
 _FAR, _TELLING = 300.0, 4
+# Observations before a time that tell an error from motion there.
+_BEFORE = 4
 
 
 _PER_TRACK = (
@@ -114,9 +116,9 @@ class Tracks:
         return np.asarray((self.shift != 0).any(1) | (self.turn != np.eye(3)).any((1, 2)), np.bool_)
 
     def since(self, window: Window, stamp_ns: int) -> "Tracks":
-        """The same trajectories with their observations from the newest one at or before a time on."""
+        """The same trajectories with their observations from some before a time on."""
         older = stop_at(window.times, self.slot, window.start, window.stop, stamp_ns)
-        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - 1)
+        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - _BEFORE)
         return replace(self, start=np.minimum(start, self.stop))
 
     def joined(self, now: "Tracks") -> "Tracks":

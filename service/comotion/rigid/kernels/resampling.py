@@ -2,20 +2,28 @@
 
 import numpy as np
 
-from ...arrays import Floats, Ints, Slots, Stamps
+from ...arrays import Bools, Floats, Ints, Slots, Stamps
 from ...compiled import compiled
 from ...trajectories.kernels import newest_from, segment_at
 from .records import Limits, Observations
 
+# Observations on either side of which the median is taken, and fewest of them; so many standard deviations
+# from it, squared, an observation is gross; and so many medians of the absolute deviation are one of those.
+_BESIDE, _LEAST_BESIDE, _GROSS, _MAD = 3, 5, 36.0, 1.4826
+
 
 @compiled()
-def resample(observations: Observations, stamps: Stamps, limits: Limits, y: Floats, w: Floats) -> None:
-    """Interpolate linearly at common frames, in place.
+def resample(
+    observations: Observations, stamps: Stamps, limits: Limits, variance: Floats, y: Floats, w: Floats
+) -> None:
+    """Interpolate linearly at common frames, past gross errors, in place.
 
     Parameters
     ----------
     stamps
         int64 [F], ns, ascending, the frames.
+    variance
+        float64 [N], noise of a coordinate; infinite where it is unknown, and no error is gross.
     y, w
         Out: float64 [N, F, 3] and [N, F]; w is the inverse variance relative to that of one observation.
         A point between two observations has less variance than each, an extended one more. Frames without
@@ -24,16 +32,66 @@ def resample(observations: Observations, stamps: Stamps, limits: Limits, y: Floa
     times, positions, start, stop = observations
     gap, hold, delay = limits
     for i in range(len(start)):
-        newest = start[i] - 1
+        newest, first = start[i] - 1, start[i]
+        gross = _gross_errors(times, positions, first, stop[i], variance[i])
         for f in range(len(stamps)):
             stamp = stamps[f] - delay[i]
             newest = newest_from(times, newest, stop[i], stamp)
-            left, right, a = segment_at(times, start[i], stop[i], newest, stamp, gap[i], hold[i])
+            left, right, a = segment_at(times, first, stop[i], newest, stamp, gap[i], hold[i])
             if left < 0:
                 continue
+            if gross[left - first] or gross[right - first]:
+                # The first and the last observation are none.
+                while gross[left - first]:
+                    left -= 1
+                while gross[right - first]:
+                    right += 1
+                if times[right] - times[left] > gap[i]:
+                    continue
+                a = (stamp - times[left]) / (times[right] - times[left])
             for c in range(positions.shape[1]):
                 y[i, f, c] = (1 - a) * positions[left, c] + a * positions[right, c]
             w[i, f] = 1.0 / ((1 - a) ** 2 + a * a)
+
+
+@compiled()
+def _gross_errors(times: Stamps, positions: Floats, start: int, stop: int, variance: float) -> Bools:
+    """Which observations of a trajectory leave it and come back, bool [stop - start] (Hampel 1974).
+
+    What moves goes on or stays: only an error is far from the median of what is before and after it.
+    """
+    count, dim = stop - start, positions.shape[1]
+    found, bend = np.zeros(count, np.bool_), np.zeros((count, dim))
+    if count < _LEAST_BESIDE or not np.isfinite(variance):
+        return found
+    for k in range(1, count - 1):
+        j = start + k
+        a = (times[j] - times[j - 1]) / (times[j + 1] - times[j - 1])
+        for c in range(dim):
+            bend[k, c] = positions[j, c] - (1 - a) * positions[j - 1, c] - a * positions[j + 1, c]
+    for k in range(1, count - 1):
+        squared, before, after = 0.0, 0.0, 0.0
+        for c in range(dim):
+            squared += bend[k, c] * bend[k, c]
+            before += bend[k, c] * bend[k - 1, c]
+            after += bend[k, c] * bend[k + 1, c]
+        # A path that bends, bends on; beside an error it bends the other way.
+        if squared > _GROSS * variance and (before < 0 or after < 0):
+            first, last = start + max(k - _BESIDE, 0), start + min(k + _BESIDE + 1, count)
+            found[k] = _far_from_median(positions[first:last], start + k - first, variance)
+    return found
+
+
+@compiled()
+def _far_from_median(positions: Floats, own: int, variance: float) -> bool:
+    """Whether one of positions [n, dim] is far from their median."""
+    far, near = 0.0, 0.0
+    for c in range(positions.shape[1]):
+        middle = np.median(positions[:, c])
+        spread = _MAD * np.median(np.abs(positions[:, c] - middle))
+        far += (positions[own, c] - middle) ** 2
+        near += max(spread * spread, variance)
+    return bool(far > _GROSS * near)
 
 
 @compiled()
