@@ -7,6 +7,7 @@ what was lost, ids survive.
 """
 
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -194,7 +195,7 @@ def test_a_scene_over_three_hosts_survives_its_network(site):
     assert site.until_active(standby) > epoch
 
     for source in site.sources:
-        source.popen.terminate()
+        source.signal(signal.SIGTERM)
     said = [source.wait_line(lambda line: line.startswith("sent ")) for source in site.sources]
     sent = sum(int(line.split()[1]) for line in said)
     now = until_counted(site, lambda now: accounts_for(sent, now))
