@@ -113,7 +113,8 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
             "retry": {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 1.5},
         },
         "listen": {"endpoints": list(settings.listen)},
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        # A router would wait for half a second for what scouting finds.
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}, "delay": 1},
         # Cached publishers require time stamps.
         "timestamping": {"enabled": True},
         "transport": {

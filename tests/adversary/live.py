@@ -12,11 +12,10 @@ import argparse
 import re
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -26,15 +25,14 @@ import numpy as np
 from comotion import FusionConfig
 from comotion_clients.evaluate import evaluate
 from comotion_clients.metrics import Score
-from comotion_clients.subscription import Subscription
 from comotion_deploy.demo import free_endpoint
-from comotion_deploy.processes import PYTHON
 from comotion_experiments.inputs import Message
 from comotion_experiments.offline import run_offline
-from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, decode_as
-from comotion_schemas.transport import SessionSettings, client_settings, connect
+from comotion_schemas import ObservationBatch, Status, TruthBatch, decode_as
+from comotion_schemas.transport import SessionSettings
 from comotion_sources import scenes
-from comotion_tools.soak.processes import Managed
+from comotion_tools.processes import COMOTION, Managed
+from comotion_tools.soak.monitor import Watched
 
 from . import quota
 
@@ -44,6 +42,7 @@ SETTLED_S = 3.0
 """The first updates show too little motion for either."""
 _NAME = "live"
 _BACK_S = 20.0
+_OPEN_S = 300.0
 _WORKCELL = {
     "truck": "source workcell truck",
     "klt-a": "source klt workcell:truck/a?size=320x240&rate=15 --name klt-a --max-features 120",
@@ -87,40 +86,26 @@ _COLUMNS = "scene, cores, NMI live, offline, hypotheses live, offline, updates, 
 HEAD = f"| {_COLUMNS.replace(', ', ' | ')} |\n|---|{9 * '---:|'}"
 
 
-@dataclass
-class _Heard:
-    """What went over the wire."""
+class _Client(Watched):
+    """What goes over the wire: all batches, the times of updates, and the highest level."""
 
-    messages: list[Message] = field(default_factory=list)
-    arrived_s: list[float] = field(default_factory=list)
-    level: int = 0
+    turn_s = 0.05
 
+    def _begin(self) -> None:
+        super()._begin()
+        self._sources = self.subscribe(TruthBatch), self.subscribe(ObservationBatch)
+        self.messages: list[Message] = []
+        self.level = 0
 
-@contextmanager
-def _listening(endpoint: str) -> Iterator[_Heard]:
-    """Keep all batches, the times of updates, and the highest level."""
-    heard, over = _Heard(), threading.Event()
+    def turn(self) -> None:
+        super().turn()
+        self.messages += [one for source in self._sources for _, one in source.drain()]
+        if self.monitor.status is not None:
+            self.level = max(self.level, _level(self.monitor.status))
 
-    def listen() -> None:
-        with (
-            connect(client_settings([endpoint]), timeout=60) as session,
-            Subscription(session, ObservationBatch, _NAME, capacity=8192) as batches,
-            Subscription(session, TruthBatch, _NAME, capacity=8192) as truths,
-            Subscription(session, HypothesisUpdate, _NAME, capacity=1024) as updates,
-            Subscription(session, Status, _NAME, capacity=1024) as statuses,
-        ):
-            while not over.wait(0.05):
-                heard.messages += [one for _, one in (*truths.drain(), *batches.drain())]
-                heard.arrived_s += [at for at, _ in updates.drain()]
-                heard.level = max([heard.level, *(_level(one) for _, one in statuses.drain())])
-
-    thread = threading.Thread(target=listen)
-    thread.start()
-    try:
-        yield heard
-    finally:
-        over.set()
-        thread.join()
+    @property
+    def has_batches(self) -> bool:
+        return any(isinstance(one, ObservationBatch) for one in self.messages)
 
 
 def _level(status: Status) -> int:
@@ -128,15 +113,14 @@ def _level(status: Status) -> int:
     return int(found[1]) if found else 0
 
 
-def _sources(scene: str, folder: Path, endpoint: str, seconds: float) -> list[Managed]:
-    at = ("--connect", endpoint, "--scene", _NAME)
-    commands = _WORKCELL
+def _processes(scene: str, folder: Path, endpoint: str, seconds: float) -> dict[str, Managed]:
+    at = f"--connect {endpoint} --scene {_NAME}"
+    commands = {"router": f"router --listen {endpoint}", "service": f"serve --no-state {at}"}
+    sources = _WORKCELL
     if scene != "workcell":
-        commands = {"simulator": f"source simulator {_scene_file(scene, folder, seconds)} --seed 1"}
-    return [
-        Managed(name, (*PYTHON, "comotion_deploy", *command.split(), *at), folder)
-        for name, command in commands.items()
-    ]
+        sources = {"simulator": f"source simulator {_scene_file(scene, folder, seconds)} --seed 1"}
+    commands |= {name: f"{command} {at}" for name, command in sources.items()}
+    return {name: Managed(name, (*COMOTION, *words.split()), folder) for name, words in commands.items()}
 
 
 def _scene_file(scene: str, folder: Path, seconds: float) -> Path:
@@ -156,35 +140,25 @@ def measure(scene: str, cores: float, seconds: float, *, quiet: bool = True) -> 
     """Run a scene for some seconds with a share of a core for the service."""
     with tempfile.TemporaryDirectory() as name:
         folder, endpoint = Path(name), free_endpoint()
-        at = ("--connect", endpoint, "--scene", _NAME)
-        router = Managed("router", (*PYTHON, "comotion_deploy", "router", "--listen", endpoint), folder)
-        service = Managed("service", (*PYTHON, "comotion_deploy", "serve", "--no-state", *at), folder)
+        settings = SessionSettings(connect=(endpoint,))
         # Long enough for what follows the measurement.
-        sources = _sources(scene, folder, endpoint, seconds + _BACK_S + 5.0)
-        try:
-            router.start()
-            service.start()
-            with _listening(endpoint) as heard:
-                _until(lambda: bool(heard.arrived_s))
-                for one in sources:
-                    one.start()
-                _until(lambda: any(isinstance(one, ObservationBatch) for one in heard.messages))
-                assert service.pid is not None
-                limited = Managed(
-                    "quota", (sys.executable, quota.__file__, str(service.pid), str(cores)), folder
-                )
-                limited.start()
-                del heard.arrived_s[:-1]
-                heard.level, began = 0, time.monotonic()
-                settings = SessionSettings(connect=(endpoint,))
-                scores = evaluate(_NAME, settings, duration=seconds, quiet=quiet).scores
-                arrived, took = list(heard.arrived_s), time.monotonic() - began
-                messages, level = list(heard.messages), heard.level
-                limited.end()
-                back_s = _back(endpoint)
-        finally:
-            for one in (*sources, service, router):
-                one.end()
+        processes = _processes(scene, folder, endpoint, seconds + _BACK_S + 5.0)
+        with _Client(processes, _NAME, settings) as client, ThreadPoolExecutor(1) as thread:
+            client.start("service")
+            client.until(lambda: client.monitor.last)
+            client.start(*(name for name in processes if name not in ("router", "service")))
+            client.until(lambda: client.has_batches)
+            limit = (sys.executable, quota.__file__, str(processes["service"].pid), str(cores))
+            limited = Managed("quota", limit, folder)
+            limited.start()
+            client.monitor.status, client.level, began = None, 0, time.monotonic()
+            del client.monitor.arrived_s[:-1]
+            evaluated = thread.submit(evaluate, _NAME, settings, duration=seconds, quiet=quiet)
+            client.is_so(evaluated.done, _OPEN_S)
+            scores, took = evaluated.result().scores, time.monotonic() - began
+            arrived, messages, level = client.monitor.arrived_s[:], client.messages[:], client.level
+            limited.end()
+            back_s = _back(client)
         period = FusionConfig().period
         offline = _offline(messages)
         first_ns = min(one.stamp_ns for one in messages if isinstance(one, ObservationBatch))
@@ -201,22 +175,14 @@ def measure(scene: str, cores: float, seconds: float, *, quiet: bool = True) -> 
         )
 
 
-def _until(fulfilled: Callable[[], bool], seconds: float = 300.0) -> None:
-    end = time.monotonic() + seconds
-    while not fulfilled():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def _back(endpoint: str) -> float | None:
+def _back(client: _Client) -> float | None:
     """How long until nothing is left out."""
     began = time.monotonic()
-    with connect(client_settings([endpoint]), timeout=60) as session:
-        while (passed := time.monotonic() - began) < _BACK_S:
-            for reply in session.get(f"{Keys(_NAME).prefix}/query/status", timeout=2.0):
-                if reply.ok is not None and not _level(decode_as(Status, reply.ok.payload.to_bytes())):
-                    return passed
-            time.sleep(0.05)
+    while (passed := time.monotonic() - began) < _BACK_S:
+        for reply in client.session.get(client.keys.query("status"), timeout=2.0):
+            if reply.ok is not None and not _level(decode_as(Status, reply.ok.payload.to_bytes())):
+                return passed
+        time.sleep(0.05)
     return None
 
 

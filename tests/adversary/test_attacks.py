@@ -45,15 +45,15 @@ def test_many_instants_are_over_a_small_budget_on_any_machine(fair) -> None:
     assert outcome.names_the_attacker("over-budget"), outcome
 
 
-def test_an_empty_batch_claims_no_space(enter) -> None:
+def test_an_empty_batch_claims_no_space(enter):
     arena = enter(held=True)
     with arena.attacked_by("claim", 60.0):
-        arena.watch(3.0)
+        arena.wait(3.0)
         arena.begin()
-    assert all(not one["rejected"] for one in arena.accounts() if one["source"] != NAME)
+    assert all(not one["rejected"] for one in arena.sessions() if one["source"] != NAME)
 
 
-def test_after_that_the_space_is_at_rest(enter) -> None:
+def test_after_that_the_space_is_at_rest(enter):
     arena = enter()
     arena.attack("carry", 3.0)
     assert arena.last is not None
@@ -61,10 +61,10 @@ def test_after_that_the_space_is_at_rest(enter) -> None:
 
 
 @pytest.mark.parametrize("command", [("status",), ("watch", "--once")])
-def test_what_is_shown_is_not_obeyed(enter, command) -> None:
+def test_what_is_shown_is_not_obeyed(enter, command):
     arena = enter()
     with arena.attacked_by("markup", 60.0):
-        arena.watch(2.0)
+        arena.wait(2.0)
         words = [sys.executable, "-m", "comotion_deploy", *command]
         where = ["--scene", SCENE, "--connect", arena.endpoint]
         env = {**os.environ, "COLUMNS": "200"}
@@ -78,19 +78,19 @@ def test_what_is_shown_is_not_obeyed(enter, command) -> None:
     assert all(line.isprintable() for line in log.split("\n"))
 
 
-def test_a_service_that_starts_beside_a_token_has_the_scene(enter) -> None:
+def test_a_service_that_starts_beside_a_token_has_the_scene(enter):
     arena = enter()
     with arena.attacked_by("seize", 120.0):
         service, before = arena.processes["service"], arena.last
         service.end()
         service.start()
         arena.until(lambda: arena.last.session != before.session)
-        arena.watch(5.0)
+        arena.wait(5.0)
         assert not service.has_ended()
     assert NAME not in {one.name for one in arena.last.sources}
 
 
-def test_a_drifting_source_takes_no_ids_along_and_is_named(enter) -> None:
+def test_a_drifting_source_takes_no_ids_along_and_is_named(enter):
     outcome = enter().attack("drift", 20.0)
     assert ("drifts", NAME) in outcome.problems
     assert not outcome.blames_the_honest, outcome
@@ -99,41 +99,41 @@ def test_a_drifting_source_takes_no_ids_along_and_is_named(enter) -> None:
 
 
 @pytest.mark.parametrize("ends_by", [signal.SIGTERM, signal.SIGKILL])
-def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by) -> None:
+def test_accounts_across_an_outage_are_right_or_unknown(enter, ends_by):
     arena = enter()
     service, gone, stays = (arena.processes[name] for name in ("service", "left", "right"))
     session = gone.account["session"]
     service.end()
-    arena.watch(3.0)
+    arena.wait(3.0)
     gone.signal(ends_by)
     gone.end()
-    arena.watch(2.0)
+    arena.wait(2.0)
     service.start()
     before = arena.last.session
     arena.until(lambda: arena.last.session != before)
-    arena.watch(5.0)
+    arena.wait(5.0)
     stays.send({"do": "pause"})
     arena.until(lambda: bool(stays.account.get("paused")))
-    arena.watch(4.0)
-    accounts = {(one["source"], one["session"]): one for one in arena.accounts()}
+    arena.wait(4.0)
+    accounts = {(one["source"], one["session"]): one for one in arena.sessions()}
     assert accounts["left", session]["lost"] is None
     mine = accounts["right", stays.account["session"]]
     assert mine["batches"] - mine["duplicates"] + mine["lost"] == stays.account["sent"]
 
 
-def test_a_session_that_ends_while_the_service_listens_is_exact(enter) -> None:
+def test_a_session_that_ends_while_the_service_listens_is_exact(enter):
     arena = enter()
     gone = arena.processes["left"]
-    arena.watch(2.0)
+    arena.wait(2.0)
     session = gone.account["session"]
     gone.end()
-    arena.watch(4.0)
-    mine = {(one["source"], one["session"]): one for one in arena.accounts()}["left", session]
+    arena.wait(4.0)
+    mine = {(one["source"], one["session"]): one for one in arena.sessions()}["left", session]
     assert mine["lost"] == 0
     assert mine["batches"] >= gone.account["sent"]
 
 
-def test_a_recorder_loses_nothing_beside_other_work(enter, tmp_path) -> None:
+def test_a_recorder_loses_nothing_beside_other_work(enter, tmp_path):
     arena = enter(also=("arm",))
     others = [subprocess.Popen([sys.executable, "-c", _BUSY]) for _ in range(6)]
     try:
@@ -148,7 +148,7 @@ def test_a_recorder_loses_nothing_beside_other_work(enter, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("scene", "cores"), [("3d_4:60", 0.5), ("3d_4:300", 1.0), ("3d_async", 0.5)])
-def test_live_is_as_good_as_offline_with_a_share_of_a_core(scene, cores) -> None:
+def test_live_is_as_good_as_offline_with_a_share_of_a_core(scene, cores):
     found = measure(scene, cores, 12.0)
     live, offline = found.nmi
     assert live > offline - 0.05, found

@@ -12,26 +12,16 @@ from typing import Any
 from pydantic import BaseModel
 
 from comotion import FusionConfig
-from comotion.config import (
-    HypothesesConfig,
-    JointsConfig,
-    LimitsConfig,
-    LinkingConfig,
-    PixelsConfig,
-    RigidConfig,
-    ThesisConfig,
-)
 
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
+_GROUPS = {
+    name: field.annotation
+    for name, field in FusionConfig.model_fields.items()
+    if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
+}
 _MODELS: dict[str, tuple[str, type[BaseModel]]] = {
     "FusionConfig": ("", FusionConfig),
-    "ThesisConfig": ("thesis.", ThesisConfig),
-    "RigidConfig": ("rigid.", RigidConfig),
-    "PixelsConfig": ("pixels.", PixelsConfig),
-    "HypothesesConfig": ("hypotheses.", HypothesesConfig),
-    "LinkingConfig": ("linking.", LinkingConfig),
-    "JointsConfig": ("joints.", JointsConfig),
-    "LimitsConfig": ("limits.", LimitsConfig),
+    **{model.__name__: (f"{name}.", model) for name, model in _GROUPS.items()},
 }
 _UNBOUNDED = 1e9
 
@@ -41,7 +31,7 @@ def parameter_table(prefix: str, model: type[BaseModel]) -> str:
     lines = ["| parameter | default | allowed | |", "|---|---|---|---|"]
     properties = model.model_json_schema()["properties"]
     for name, field in model.model_fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+        if model is FusionConfig and name in _GROUPS:
             continue  # a group has a table of its own
         value = field.get_default(call_default_factory=True)
         default = "none" if value == {} else value if isinstance(value, str) else json.dumps(value)

@@ -1,7 +1,7 @@
 """Camera sources as processes: files, RGB-D folders, markers, a network camera that is unplugged."""
 
+import itertools
 import threading
-from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from comotion_deploy.cli import run
 from comotion_schemas import Keys
 from comotion_schemas.colours import BACKGROUND, COLOURS
 from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
 from comotion_sources.cameras import Frame
 from comotion_sources.cameras.tum import TumWriter
 from comotion_sources.markers import find_dictionary
-
-pytestmark = pytest.mark.e2e
 
 KEYS = Keys()
 SHAPE = (240, 320)
@@ -45,7 +44,7 @@ def objects(k: int) -> np.ndarray:
 
 
 @pytest.fixture
-def video(tmp_path: Path) -> Path:
+def video(tmp_path):
     path = tmp_path / "video.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SHAPE[::-1])
     for k in range(20):
@@ -55,7 +54,7 @@ def video(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     """An RGB-D recording with truth; frames 6 to 9 are without depth."""
     with TumWriter(tmp_path / "rgbd", CAMERA, PLACE, {0: "wall", 1: "board"}) as writer:
         for k in range(20):
@@ -64,12 +63,11 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "rgbd"
 
 
-def observed(batches) -> list:
-    return [batch for batch in batches if len(batch.ids)]
-
-
-def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session, listen, video) -> None:
+def test_a_video_becomes_tracks_in_its_own_pixel_space_and_a_preview_on_request(
+    start, endpoint, session, listen, video
+):
     batches = listen(session, KEYS.stream("obs", "door"), "obs")
+    previews = listen(session, KEYS.stream("preview", "door"), "preview")
     source = start("source", "klt", video, "--name", "door", "--connect", endpoint)
     first = batches.next()
     last = batches.until(lambda batch: batch.ended is not None and not len(batch.ids))
@@ -79,11 +77,13 @@ def test_a_video_becomes_tracks_in_its_own_pixel_space(start, endpoint, session,
     assert (first.sigma > 0).all()
     assert last.seq > 5
     assert source.lines[-1].startswith(f"INFO: {video}: ended; ")
+    preview = previews.next()
+    image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (*SHAPE, 3)
+    assert len(preview.ids) == len(preview.pixels) > 50
 
 
-def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
-    start, endpoint, session, listen, recording
-) -> None:
+def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint, session, listen, recording):
     batches = listen(session, KEYS.stream("obs", "a"), "obs")
     truths = listen(session, KEYS.stream("truth", "a"), "truth")
     source = start(
@@ -116,15 +116,13 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(
     assert "depth is back" in source.output
 
 
-def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording) -> None:
+def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording):
     batches = listen(session, KEYS.stream("obs", "klt"), "obs")
     start("source", "klt", recording, "--no-depth", "--connect", endpoint)
     assert batches.next().space == "klt/pixels"
 
 
-def test_the_preview_is_written_and_coloured_by_the_service(
-    start, serve, listen, video, tmp_path: Path
-) -> None:
+def test_the_preview_is_written_and_coloured_by_the_service(start, serve, listen, video, tmp_path):
     service = serve("--method", "thesis")
     arguments = ("--connect", service.endpoint)
     source = start("source", "klt", video, "--preview", tmp_path / "preview", *arguments)
@@ -136,14 +134,6 @@ def test_the_preview_is_written_and_coloured_by_the_service(
     colours = {tuple(pixel) for pixel in last.reshape(-1, 3).tolist()}
     # The image is dimmed, and undetermined features are dark grey: only hypotheses are as bright. BGR.
     assert colours & {rgb[::-1] for rgb in (*COLOURS, BACKGROUND)}
-
-
-def test_the_preview_is_published_on_request(start, endpoint, session, listen, video) -> None:
-    start("source", "klt", video, "--loop", "--connect", endpoint)
-    preview = listen(session, KEYS.stream("preview", "klt"), "preview").next()
-    image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
-    assert image.shape == (*SHAPE, 3)
-    assert len(preview.ids) == len(preview.pixels) > 50
 
 
 def marker_images(folder: Path) -> list[np.ndarray]:
@@ -161,8 +151,8 @@ def marker_images(folder: Path) -> list[np.ndarray]:
 
 
 def test_an_external_camera_publishes_markers_with_their_orientation(
-    start, endpoint, session, listen, tmp_path: Path
-) -> None:
+    start, endpoint, session, listen, tmp_path
+):
     middles = marker_images(tmp_path / "images")
     calibration = tmp_path / "b.toml"
     calibration.write_text(format_calibration(CAMERA, PLACE))
@@ -188,9 +178,7 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
     assert statuses.until(lambda status: status.feature_names).feature_names == {"11": "marker 11"}
 
 
-def test_a_calibration_that_does_not_fit_the_images_is_one_line(
-    start, endpoint, recording, tmp_path: Path
-) -> None:
+def test_a_calibration_that_does_not_fit_the_images_is_one_line(start, endpoint, recording, tmp_path):
     other = tmp_path / "other.toml"
     other.write_text(format_calibration(Intrinsics(100, 100, 9, 9, 9, 9), None))
     source = start("source", "klt", recording, "--calibration", other, "--connect", endpoint)
@@ -199,57 +187,45 @@ def test_a_calibration_that_does_not_fit_the_images_is_one_line(
     assert source.lines == ["ready", told]
 
 
-class NetworkCamera:
-    """MJPEG over HTTP on a port of its own; can be unplugged and plugged in again."""
+class Stream(BaseHTTPRequestHandler):
+    """MJPEG for as long as the camera is plugged in."""
 
-    def __init__(self) -> None:
-        self.unplugged = threading.Event()
-        camera = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                self.send_response(503 if camera.unplugged.is_set() else 200)
-                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-                self.end_headers()
-                camera.stream(self.wfile)
-
-            def log_message(self, *arguments: object) -> None:
-                pass
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-        self._thread.start()
-        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/stream.mjpg"
-
-    def stream(self, out) -> None:
-        k = 0
-        while not self.unplugged.wait(0.03):
-            ok, encoded = cv2.imencode(".jpg", scene(k % 20))
-            assert ok
+    def do_GET(self):
+        unplugged = self.server.unplugged
+        self.send_response(503 if unplugged.is_set() else 200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        for k in itertools.count():
+            if unplugged.wait(0.03):
+                return
+            encoded = cv2.imencode(".jpg", scene(k % 20))[1].tobytes()
             head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(encoded)}\r\n\r\n"
             try:
-                out.write(head.encode() + encoded.tobytes() + b"\r\n")
+                self.wfile.write(head.encode() + encoded + b"\r\n")
             except OSError:
                 return
-            k += 1
 
-    def close(self) -> None:
-        self.unplugged.set()
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+    def log_message(self, *arguments):
+        pass
 
 
 @pytest.fixture
-def network_camera() -> Iterator[NetworkCamera]:
-    camera = NetworkCamera()
-    yield camera
-    camera.close()
+def network_camera():
+    """A camera on a port of its own; can be unplugged and plugged in again."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Stream) as camera:
+        camera.unplugged = threading.Event()
+        camera.url = f"http://127.0.0.1:{camera.server_port}/stream.mjpg"
+        thread = threading.Thread(target=camera.serve_forever, daemon=True)
+        thread.start()
+        yield camera
+        camera.unplugged.set()
+        camera.shutdown()
+    thread.join()
 
 
 def test_an_unplugged_camera_is_told_and_comes_back_and_ctrl_c_ends_one_that_is_away(
     start, endpoint, session, listen, network_camera
-) -> None:
+):
     statuses = listen(session, KEYS.stream("status", "klt"), "status")
     batches = listen(session, KEYS.stream("obs", "klt"), "obs")
     source = start("source", "klt", network_camera.url, "--connect", endpoint)
@@ -271,18 +247,17 @@ def test_an_unplugged_camera_is_told_and_comes_back_and_ctrl_c_ends_one_that_is_
     said = len(source.lines)
     network_camera.unplugged.set()
     source.wait_line(lambda line: "trying again" in line, start=said)
-    source.interrupt()
-    assert source.wait() == 0
+    assert source.interrupt() == 0
 
 
-def test_an_unplugged_camera_may_end_the_process(start, endpoint, network_camera) -> None:
+def test_an_unplugged_camera_may_end_the_process(start, endpoint, network_camera):
     source = start("source", "klt", network_camera.url, "--no-reconnect", "--connect", endpoint)
     network_camera.unplugged.set()
     assert source.wait() == 2
     assert source.lines[-1].startswith("error: http://127.0.0.1")
 
 
-def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path: Path) -> None:
+def test_calibrate_writes_what_an_external_camera_reads(monkeypatch, capsys, tmp_path):
     board = cv2.aruco.CharucoBoard((5, 4), 0.04, 0.03, find_dictionary("4x4_50"))
     sheet = np.pad(board.generateImage((250, 200), marginSize=0), 10, constant_values=255)
     for name, x in (("a", 20), ("b", 50)):
@@ -290,19 +265,10 @@ def test_calibrate_writes_what_an_external_camera_reads(start, tmp_path: Path) -
         image[10:230, x : x + 250] = sheet[:, :250]
         cv2.imwrite(str(tmp_path / f"{name}.png"), image)
     (tmp_path / "inner.toml").write_text(format_calibration(CAMERA, None))
-    arguments = ("--calibration-a", "inner.toml", "--calibration-b", "inner.toml", "-o", "b.toml")
-    process = start(
-        "calibrate",
-        "a.png",
-        "b.png",
-        "--target",
-        "charuco:5x4:0.04:0.03",
-        *arguments,
-        ready=False,
-        cwd=tmp_path,
-    )
-    assert process.wait() == 0
-    assert "1 views, reprojection error" in process.output
+    monkeypatch.chdir(tmp_path)
+    arguments = "--calibration-a inner.toml --calibration-b inner.toml -o b.toml"
+    assert run(["calibrate", "a.png", "b.png", "--target", "charuco:5x4:0.04:0.03", *arguments.split()]) == 0
+    assert "1 views, reprojection error" in capsys.readouterr().out
     written = (tmp_path / "b.toml").read_text()
     assert "[intrinsics]" in written
     assert 'frame = "world"' in written

@@ -1,10 +1,8 @@
 """Presence of a process: token, Status, readiness, signals, a router that comes late."""
 
 import signal
-import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import pytest
 import zenoh
@@ -15,7 +13,6 @@ from comotion_schemas.transport import SessionSettings
 
 from .conftest import DEADLINE, routing
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 
@@ -25,8 +22,8 @@ def component(endpoint: str, **changes) -> Component:
 
 
 def test_a_component_is_present_and_its_ready_file_is_there_while_it_is_open(
-    endpoint, session, listen, tmp_path: Path
-) -> None:
+    endpoint, session, listen, tmp_path
+):
     presence = session.liveliness().declare_subscriber(KEYS.all_live(), history=True)
     file = tmp_path / "ready"
     with component(endpoint, ready_file=file) as one:
@@ -42,7 +39,7 @@ def test_a_component_is_present_and_its_ready_file_is_there_while_it_is_open(
     presence.undeclare()
 
 
-def test_status_comes_at_once_and_then_every_second(endpoint, session, listen) -> None:
+def test_status_comes_at_once_and_then_every_second(endpoint, session, listen):
     statuses = listen(session, KEYS.stream("status", "cam"), "status")
     fields = StatusFields(state="degraded", rates={"a": 1.5}, counters={"batches": 3}, message="so so")
     with component(endpoint, status=lambda: fields) as one:
@@ -56,7 +53,7 @@ def test_status_comes_at_once_and_then_every_second(endpoint, session, listen) -
     assert got[2].stamp_ns - got[0].stamp_ns >= 1.9 * STATUS_PERIOD_S * 1e9
 
 
-def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint, session, listen) -> None:
+def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint, session, listen):
     statuses = listen(session, KEYS.stream("status", "cam"), "status")
 
     def fail() -> StatusFields:
@@ -69,7 +66,7 @@ def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint
             assert "a defect" in status.message
 
 
-def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen) -> None:
+def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen):
     opened = threading.Event()
     close = threading.Event()
 
@@ -89,7 +86,7 @@ def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen) -> No
         assert not thread.is_alive()
 
 
-def test_a_session_is_open_within_the_context_alone(endpoint) -> None:
+def test_a_session_is_open_within_the_context_alone(endpoint):
     one = component(endpoint)
     with pytest.raises(RuntimeError, match="not open"):
         _ = one.session
@@ -99,7 +96,7 @@ def test_a_session_is_open_within_the_context_alone(endpoint) -> None:
     assert one.stop.is_set()
 
 
-SCRIPT = """
+HANGS = """
 import sys
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings
@@ -107,32 +104,15 @@ with Component(role="source", name="cam", settings=SessionSettings(connect=[sys.
     component.ready()
     component.stop.wait()
     print("stopping", flush=True)
-    if len(sys.argv) > 2:
-        while True:
-            pass
-print("closed", flush=True)
+    while True:
+        pass
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_it_cleanly(endpoint, number) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, endpoint], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(number)
-        assert process.stdout.read() == "stopping\nclosed\n"
-        assert process.wait(DEADLINE) == 0
-
-
-def test_a_second_signal_ends_one_that_hangs(endpoint) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, endpoint, "hang"], stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        process.send_signal(signal.SIGTERM)
-        assert process.stdout.readline() == "stopping\n"
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(DEADLINE) == -signal.SIGTERM
+def test_a_second_signal_ends_one_that_hangs(endpoint, start):
+    process = start.any(sys.executable, "-c", HANGS, endpoint)
+    process.wait_ready()
+    process.signal(signal.SIGTERM)
+    process.wait_line(lambda line: line == "stopping")
+    process.signal(signal.SIGTERM)
+    assert process.wait() == -signal.SIGTERM

@@ -22,9 +22,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-import threading
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,7 +36,6 @@ from comotion_deploy.cli import app, run
 from comotion_deploy.processes import read_processes
 from comotion_tools.parameter_table import filled
 
-pytestmark = pytest.mark.e2e
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -72,11 +70,9 @@ SUBSCRIBERS = [name for name, text in PYTHON.items() if "subscribe(" in text]
 SCRIPTS = [name for name in PYTHON if name not in PUBLISHERS and name not in SUBSCRIBERS]
 SESSIONS = [page for page in PAGES if any(block.mark in {"start", "run"} for block in blocks(page))]
 
-Run = Callable[..., subprocess.Popen[str]]
-
 
 @pytest.fixture(scope="module")
-def endpoint(start_shared: Callable, shared_endpoint: str) -> str:
+def endpoint(start_shared, shared_endpoint):
     """Endpoint of a running system: a router and a service."""
     start_shared("router", "--listen", shared_endpoint)
     start_shared("serve", "--connect", shared_endpoint)
@@ -84,29 +80,13 @@ def endpoint(start_shared: Callable, shared_endpoint: str) -> str:
 
 
 @pytest.fixture
-def spawn(tmp_path: Path) -> Iterator[Run]:
-    """Start a program in the folder of the test; it is killed in the end."""
-    running: list[subprocess.Popen[str]] = []
-
-    def begin(*command: object) -> subprocess.Popen[str]:
-        process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, text=True, cwd=tmp_path)
-        running.append(process)
-        return process
-
-    yield begin
-    for process in running:
-        process.kill()
-        process.communicate()
-
-
-@pytest.fixture
-def run_block(endpoint: str, tmp_path: Path, spawn: Run) -> Run:
+def run_block(endpoint, tmp_path, start):
     """Start a block of Python as a user would: pasted into a file."""
 
-    def begin(name: str) -> subprocess.Popen[str]:
+    def begin(name):
         script = tmp_path / "block.py"
         script.write_text(PYTHON[name].replace(DEFAULT_ENDPOINT, endpoint))
-        return spawn(sys.executable, "-u", "-W", "error", script)
+        return start.any(sys.executable, "-W", "error", script, cwd=tmp_path)
 
     return begin
 
@@ -129,7 +109,7 @@ def box_and_floor_are_told_apart(endpoint: str) -> Iterator[None]:
                 return
 
 
-def test_there_is_code_of_every_kind() -> None:
+def test_there_is_code_of_every_kind():
     assert len(PUBLISHERS) >= 3
     assert SUBSCRIBERS
     assert SCRIPTS
@@ -138,13 +118,13 @@ def test_there_is_code_of_every_kind() -> None:
     assert {block.mark for block in ALL} == {"", "file", "start", "run"}
 
 
-def test_publishing_takes_twenty_lines() -> None:
+def test_publishing_takes_twenty_lines():
     (readme,) = [name for name in PUBLISHERS if name.startswith("README")]
     assert len([line for line in PYTHON[readme].splitlines() if line.strip()]) <= 20
 
 
 @pytest.mark.parametrize("name", PUBLISHERS)
-def test_code_that_publishes(name: str, endpoint: str, run_block: Run) -> None:
+def test_code_that_publishes(name, endpoint, run_block):
     with box_and_floor_are_told_apart(endpoint):
         run_block(name)
 
@@ -157,9 +137,7 @@ def test_code_that_publishes(name: str, endpoint: str, run_block: Run) -> None:
     ],
     ids=["C", "Rust"],
 )
-def test_sources_in_other_languages(
-    command: tuple[str, ...], endpoint: str, spawn: Run, tmp_path: Path
-) -> None:
+def test_sources_in_other_languages(command, endpoint, start, tmp_path):
     if shutil.which(command[0]) is None:
         pytest.skip(f"no {command[0]}")
     examples, tracker = ROOT / "docs" / "examples", tmp_path / "tracker"
@@ -167,24 +145,17 @@ def test_sources_in_other_languages(
     (pipe,) = [block for block in ALL if block.argument == "pipe.py"]
     (tmp_path / "pipe.py").write_text(pipe.text)
     with box_and_floor_are_told_apart(endpoint):
-        spawn(sys.executable, "-W", "error", "pipe.py", endpoint, tracker)
+        start.any(sys.executable, "-W", "error", "pipe.py", endpoint, tracker, cwd=tmp_path)
 
 
 @pytest.mark.parametrize("name", SUBSCRIBERS)
-def test_code_that_subscribes(name: str, start: Callable, endpoint: str, run_block: Run) -> None:
+def test_code_that_subscribes(name, start, endpoint, run_block):
     start("source", "simulator", "fig4_1", "--loop", "--connect", endpoint)
-    process = run_block(name)
-    alarm = threading.Timer(30, process.kill)
-    alarm.start()
-    line = process.stdout.readline()
-    alarm.cancel()
-    assert re.match(r"\d+ (moving|undetermined|static) \[", line)
+    run_block(name).wait_line(lambda line: re.match(r"\d+ (moving|undetermined|static) \[", line))
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_code_that_runs_to_its_end(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_code_that_runs_to_its_end(name, tmp_path, monkeypatch, capsys):
     script = tmp_path / "block.py"
     script.write_text(PYTHON[name])
     monkeypatch.chdir(tmp_path)
@@ -193,7 +164,7 @@ def test_code_that_runs_to_its_end(
 
 
 @pytest.mark.parametrize("page", SESSIONS, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_can_be_followed(page: Path, start: Callable, endpoint: str, tmp_path: Path) -> None:
+def test_a_page_can_be_followed(page, start, endpoint, tmp_path):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     env = {**os.environ, "COMOTION_CONNECT": endpoint, "PATH": path}
     for block in blocks(page):
@@ -212,9 +183,7 @@ def test_a_page_can_be_followed(page: Path, start: Callable, endpoint: str, tmp_
 @pytest.mark.parametrize(
     "block", [block for block in ALL if block.argument.endswith(".toml")], ids=lambda block: block.name
 )
-def test_configuration_files_are_valid(
-    block: Block, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_configuration_files_are_valid(block, tmp_path, capsys):
     file = tmp_path / block.argument
     file.write_text(block.text)
     assert run(["config", "--config", str(file)]) == 0
@@ -258,7 +227,7 @@ COMMANDS = sorted({shlex.join(words[1:]) for words in itertools.chain(commands()
 
 
 @pytest.fixture(scope="module")
-def program() -> Any:
+def program():
     """The command line, each command of which takes its arguments and does nothing."""
     commands = [typer.main.get_command(app)]
     for command in commands:
@@ -269,7 +238,7 @@ def program() -> Any:
 
 
 @pytest.fixture(scope="module")
-def folder_of_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder_of_files(tmp_path_factory):
     """Holds the files of the pages."""
     folder = tmp_path_factory.mktemp("files")
     for block in ALL:
@@ -279,9 +248,7 @@ def folder_of_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("line", COMMANDS)
-def test_commands_take_these_arguments(
-    line: str, program: Any, folder_of_files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_take_these_arguments(line, program, folder_of_files, monkeypatch):
     monkeypatch.chdir(folder_of_files)
     words = shlex.split(line)
     leaf, depth = program, 0
@@ -293,19 +260,19 @@ def test_commands_take_these_arguments(
         assert program.main(words, prog_name="comotion", standalone_mode=False) in {None, 0}
 
 
-def test_the_tables_of_parameters_are_in_step() -> None:
+def test_the_tables_of_parameters_are_in_step():
     page = (ROOT / "docs" / "parameters.md").read_text()
     assert filled(page) == page, "run: python -m comotion_tools.parameter_table docs/parameters.md"
 
 
-def test_every_page_is_in_the_index() -> None:
+def test_every_page_is_in_the_index():
     folder = ROOT / "docs"
     index = (folder / "README.md").read_text()
     for page in folder.rglob("*.md"):
         assert page.name == "README.md" or f"]({page.relative_to(folder)})" in index, page
 
 
-def test_links_lead_somewhere() -> None:
+def test_links_lead_somewhere():
     for page in PAGES:
         for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", page.read_text()):
             if target.startswith("http"):
@@ -322,7 +289,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def test_pictures_are_small() -> None:
+def test_pictures_are_small():
     pictures = list((ROOT / "docs").rglob("images/*"))
     assert pictures
     for picture in pictures:
@@ -330,7 +297,7 @@ def test_pictures_are_small() -> None:
         assert picture.stat().st_size < limit, picture.name
 
 
-def test_units_are_valid(tmp_path: Path) -> None:
+def test_units_are_valid(tmp_path):
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd")
     for unit in (ROOT / "deploy" / "systemd").iterdir():

@@ -1,125 +1,95 @@
 """Election of the service that speaks for a scene, by real etcd servers."""
 
-import threading
-from collections.abc import Callable
-
 import pytest
 
 from comotion.runtime.standby import Election, Etcd
 
 from .etcd_cluster import NEEDS_ETCD, EtcdCluster
+from .tracker import until
 
 pytestmark = NEEDS_ETCD
-DEADLINE = 60.0
 
 
-class Candidate:
-    """A service that takes part; `until` waits for a state of its election."""
-
-    def __init__(self, cluster, name):
-        self._news = threading.Condition()
-        self.epochs = []
-        self.election = Election(lambda: Etcd(cluster.urls), "a", name, name[-1] * 16, changed=self._note)
-
-    def _note(self):
-        with self._news:
-            self.epochs.append(self.election.epoch)
-            self._news.notify_all()
-
-    def until(self, condition: Callable[[int | None], bool]) -> int | None:
-        with self._news:
-            assert self._news.wait_for(lambda: condition(self.election.epoch), DEADLINE)
-            return self.election.epoch
-
-    def __enter__(self):
-        self.election.__enter__()
-        return self
-
-    def __exit__(self, *exception):
-        self.election.__exit__(None, None, None)
+def candidate(cluster, name):
+    """A service that takes part."""
+    return Election(lambda: Etcd(cluster.urls), "a", name, name[-1] * 16)
 
 
-def speaks(epoch):
-    return epoch is not None
-
-
-def silent(epoch):
-    return epoch is None
+def until_active(election):
+    """Wait until it speaks; its epoch."""
+    until(lambda: election.epoch is not None)
+    return election.epoch
 
 
 def test_one_speaks_and_when_it_resigns_the_other_does_with_a_higher_epoch(etcd):
-    with Candidate(etcd, "s1") as first:
-        before = first.until(speaks)
-        with Candidate(etcd, "s2") as second:
-            while second.election.leader is None:
-                threading.Event().wait(0.02)
-            assert second.election.leader == "s1"
-            assert second.election.epoch is None
-            first.election.__exit__(None, None, None)
-            assert second.until(speaks) > before
+    with candidate(etcd, "s1") as first:
+        before = until_active(first)
+        with candidate(etcd, "s2") as second:
+            until(lambda: second.leader is not None)
+            assert second.leader == "s1"
+            assert second.epoch is None
+            first.__exit__(None, None, None)
+            assert until_active(second) > before
 
 
 def test_a_suspected_owner_loses_the_scene_at_once_and_learns_it(etcd):
-    with Candidate(etcd, "s1") as owner:
-        before = owner.until(speaks)
-        with Candidate(etcd, "s2") as other:
-            other.election.suspect("nobody")
-            other.election.suspect("s1")
-            assert other.until(speaks) > before
-            owner.until(silent)
+    with candidate(etcd, "s1") as owner:
+        before = until_active(owner)
+        with candidate(etcd, "s2") as other:
+            other.suspect("nobody")
+            other.suspect("s1")
+            assert until_active(other) > before
+            until(lambda: owner.epoch is None)
 
 
 def test_who_has_just_lost_the_scene_does_not_take_it_back(etcd):
     """A network has split: each side has lost the tokens of the other."""
-    with Candidate(etcd, "s1") as first:
-        first.until(speaks)
-        with Candidate(etcd, "s2") as second:
-            first.election.suspect("s2")
-            second.election.suspect("s1")
-            epoch = second.until(speaks)
-            first.until(silent)
-            first.election.suspect("s2")
-            with Candidate(etcd, "s3") as third:
-                while third.election.leader is None:
-                    threading.Event().wait(0.02)
-                assert third.election.leader == "s2"
-            assert second.election.epoch == epoch
+    with candidate(etcd, "s1") as first:
+        until_active(first)
+        with candidate(etcd, "s2") as second:
+            first.suspect("s2")
+            second.suspect("s1")
+            epoch = until_active(second)
+            until(lambda: first.epoch is None)
+            first.suspect("s2")
+            with candidate(etcd, "s3") as third:
+                until(lambda: third.leader is not None)
+                assert third.leader == "s2"
+            assert second.epoch == epoch
 
 
 def test_a_service_that_hears_a_higher_epoch_falls_silent_and_may_be_elected_again(etcd):
-    with Candidate(etcd, "s1") as only:
-        before = only.until(speaks)
-        only.election.fence(before + 100)
-        assert only.epochs[-1] is None or only.epochs[-1] > before
-        assert only.until(speaks) > before
+    with candidate(etcd, "s1") as only:
+        before = until_active(only)
+        only.fence(before + 100)
+        assert only.epoch is None or only.epoch > before
+        assert until_active(only) > before
 
 
 def test_while_etcd_is_away_the_active_service_goes_on_and_nobody_else_is_elected(etcd):
-    with Candidate(etcd, "s1") as first:
-        first.until(speaks)
-        with Candidate(etcd, "s2") as second:
+    with candidate(etcd, "s1") as first:
+        until_active(first)
+        with candidate(etcd, "s2") as second:
             etcd.pause()
-            second.election.suspect("s1")
-            while second.election.error is None or first.election.error is None:
-                threading.Event().wait(0.05)
-            assert first.election.epoch is not None
-            assert second.election.epoch is None
+            second.suspect("s1")
+            until(lambda: second.error is not None and first.error is not None)
+            assert first.epoch is not None
+            assert second.epoch is None
             etcd.go_on()
             # Whoever gets the lease: in the end one of them speaks.
-            while (first.election.epoch is None) == (second.election.epoch is None):
-                threading.Event().wait(0.05)
+            until(lambda: (first.epoch is None) != (second.epoch is None))
 
 
 def test_three_members_lose_one_and_nothing_happens(tmp_path):
-    with EtcdCluster(tmp_path, members=3) as cluster, Candidate(cluster, "s1") as only:
-        before = only.until(speaks)
+    with EtcdCluster(tmp_path, members=3) as cluster, candidate(cluster, "s1") as only:
+        before = until_active(only)
         cluster.kill(0)
         cluster.wait()  # it may have led: the other two elect first
         client = Etcd(cluster.urls)
         client.put("still", b"here")
         assert client.read("still").value == b"here"
         assert client.urls == tuple(cluster.urls)
-        assert only.until(speaks) >= before
+        assert until_active(only) >= before
 
 
 def test_keys_leases_and_transactions(etcd):

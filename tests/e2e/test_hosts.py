@@ -1,204 +1,107 @@
-"""Three hosts as network namespaces, with a bad network between them: routers meshed with certificates.
+"""Three hosts with a bad network between them: routers meshed with certificates.
 
 Sources on A; two replicas of their scene on B and C; clients on all; etcd on a fourth host. Routers reach
-each other through a relay that delays by 50 ms, jitters and loses datagrams. The host of the sources and that
+each other by links that delay by 50 ms, jitter and lose datagrams. The host of the sources and that
 of the active replica are cut off for 5 s, and routers are killed: output resumes by itself, counters tell
 what was lost, ids survive.
 """
 
 import json
-import os
-import shutil
-import subprocess
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from comotion_deploy.pki.authority import Authority
-from comotion_deploy.pki.grants import Grant
+from comotion_tools.processes import Managed
+from comotion_tools.system import certificates
 
-from .conftest import DEADLINE, Process
+from . import tracker
+from .conftest import Commands
 from .etcd_cluster import NEEDS_ETCD
+from .network import BadLink, Wire, free_endpoints
+from .tracker import until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.long, NEEDS_ETCD]
+pytestmark = [pytest.mark.long, NEEDS_ETCD]
 HOSTS = ("a", "b", "c")
 REPLICAS = ("b", "c")
 SCENE = "cell"
 SOURCES = ("left", "right")
-QUIC = 7447
 CUT_S = 5.0
 RATE = 20.0
 FIRST = 3
 """Batches that may be published before the service hears the source."""
-SOURCE = """
-import sys, time
-import numpy as np
-from comotion_schemas import ObservationBatch, encode
-from comotion_schemas.component import Component
-from comotion_schemas.transport import client_settings, stream_publisher
-
-scene, name, folder = sys.argv[1:]
-rng = np.random.default_rng(len(name))
-rest = rng.random((12, 3)) * 0.4
-settings = client_settings(["tls/127.0.0.1:7447"], folder)
-with Component(role="source", name=name, scene=scene, settings=settings) as source:
-    publisher = stream_publisher(source.session, source.keys, "obs", name)
-    while not publisher.matching_status.matching:
-        time.sleep(0.05)
-    sent = 0
-    while not source.stop.wait(0.05):
-        now = time.time()
-        swing = 0.3 * np.sin(np.pi * now)
-        positions = rest + rng.normal(0, 0.001, rest.shape)
-        positions[:6, 0] += swing
-        positions[6:, 1] += 1.0 + swing
-        publisher.put(encode(ObservationBatch(
-            source=name, session=source.session_id, seq=sent, space="world", unit="m", dim=3,
-            stamp_ns=int(now * 1e9), ids=np.arange(12, dtype=np.uint64), positions=positions)))
-        sent += 1
-    time.sleep(1.0)  # the last batch arrives before the presence ends
-print(f"sent {sent}", flush=True)
-"""
-
-
-def ip(*words: str) -> None:
-    subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
-
-
-def why_not() -> str:
-    """Why namespaces cannot be made here; empty if they can."""
-    if sys.platform != "linux" or shutil.which("ip") is None:
-        return "no 'ip'"
-    probe = f"comotion-probe-{os.getpid()}"
-    try:
-        ip("netns", "add", probe)
-    except subprocess.CalledProcessError as error:
-        return f"network namespaces are not permitted: {error.stderr.strip()}"
-    try:
-        ip("-n", probe, "link", "add", "x", "type", "veth", "peer", "name", "y")
-    except subprocess.CalledProcessError as error:
-        return f"no virtual links: {error.stderr.strip()}"
-    finally:
-        ip("netns", "del", probe)
-    return ""
-
-
-class Network:
-    """Three hosts, each linked to the namespace of the relay alone."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        self._prefix = f"comotion-{os.getpid()}-"
-        for name in ("relay", *HOSTS):
-            ip("netns", "add", self.namespace(name))
-            stack.callback(ip, "netns", "del", self.namespace(name))
-            ip("-n", self.namespace(name), "link", "set", "lo", "up")
-        for number, host in enumerate(HOSTS, 1):
-            near, far = self.namespace(host), self.namespace("relay")
-            ip("-n", far, "link", "add", f"to-{host}", "type", "veth", "peer", "name", "out", "netns", near)
-            ip("-n", far, "address", "add", f"10.99.{number}.1/24", "dev", f"to-{host}")
-            ip("-n", near, "address", "add", f"10.99.{number}.2/24", "dev", "out")
-            ip("-n", near, "link", "set", "out", "up")
-            self.set_link(host, "up")
-
-    def namespace(self, host: str) -> str:
-        return self._prefix + host
-
-    def on(self, host: str) -> tuple[str, ...]:
-        """Words before a command that is to run on a host."""
-        return ("ip", "netns", "exec", self.namespace(host))
-
-    def set_link(self, host: str, state: str) -> None:
-        ip("-n", self.namespace("relay"), "link", "set", f"to-{host}", state)
-
-
-def address(host: str, *, of_relay: bool = False) -> str:
-    return f"10.99.{HOSTS.index(host) + 1}.{1 if of_relay else 2}"
-
-
-def port(near: str, far: str) -> int:
-    """Where the relay listens for a link between two hosts."""
-    return 9000 + 10 * HOSTS.index(near) + HOSTS.index(far)
 
 
 class Site:
-    """The network with its certificates, routers, etcd, replicas, sources and clients."""
+    """The links with certificates, routers, etcd, replicas, sources and clients."""
 
-    def __init__(self, network: Network, folder: Path, run: Callable[..., Process]) -> None:
-        self.network, self._run = network, run
-        self.pki = folder / "pki"
-        self._issue()
-        self._relay()
-        self._etcd(folder / "etcd")
+    def __init__(self, folder: Path, start: Commands, etcd: str) -> None:
+        self._start, self._pki = start, folder / "pki"
+        roles = dict.fromkeys(SOURCES, "source") | {"operator": "viewer"}
+        roles |= {f"router-{host}": "router" for host in HOSTS} | {
+            f"viewer-{host}": "viewer" for host in HOSTS
+        }
+        certificates(self._pki, roles | {f"fusion-{host}": "service" for host in REPLICAS}, scene=SCENE)
+        endpoints = iter(free_endpoints(2 * len(HOSTS)))
+        self._local = {host: next(endpoints).replace("tcp", "tls") for host in HOSTS}
+        self._quic = {host: next(endpoints).replace("tcp", "quic") for host in HOSTS}
+        self._links = {
+            pair: start.enter_context(BadLink(int(self._quic[pair[1]].rpartition(":")[2])))
+            for pair in [("b", "a"), ("c", "a"), ("c", "b")]
+        }
+        self._wires = {host: start.enter_context(Wire(etcd)) for host in REPLICAS}
         self.routers = {host: self.router(host) for host in HOSTS}
         replicas = [self._replica(host) for host in REPLICAS]
         for process in (*self.routers.values(), *replicas):
             process.wait_ready()
-        script = folder / "source.py"
-        script.write_text(SOURCE)
-        self.sources = [
-            self._run("a", sys.executable, script, SCENE, name, self.pki / name) for name in SOURCES
-        ]
+        self.sources = [self._source(name) for name in SOURCES]
         self.clients = {host: self._client(host) for host in HOSTS}
 
-    def _issue(self) -> None:
-        authority = Authority.create(self.pki)
-        names = ["localhost", "127.0.0.1", *(address(host, of_relay=True) for host in HOSTS)]
-        for host in HOSTS:
-            authority.issue(grant("router", f"router-{host}"), hosts=names)
-            authority.issue(grant("viewer", f"viewer-{host}"))
-        for host in REPLICAS:
-            authority.issue(grant("service", f"fusion-{host}"))
-        for name in SOURCES:
-            authority.issue(grant("source", name))
-        authority.issue(grant("viewer", "operator"))
+    @contextmanager
+    def cut_off(self, host: str) -> Iterator[None]:
+        """Cut all links of a host, that to etcd too."""
+        links = [link for pair, link in self._links.items() if host in pair]
+        links += [wire for name, wire in self._wires.items() if name == host]
+        for link in links:
+            link.cut()
+        time.sleep(CUT_S)
+        yield
+        for link in links:
+            link.mend()
 
-    def _etcd(self, folder: Path) -> None:
-        """On the host of the relay: whoever is cut off does not reach it."""
-        urls = [f"http://{address(host, of_relay=True)}:2379" for host in HOSTS]
-        listen = ("--listen-client-urls", ",".join(urls), "--advertise-client-urls", urls[0])
-        self._run("relay", "etcd", "--data-dir", folder, "--log-level", "error", *listen)
+    def router(self, host: str) -> Managed:
+        links = [link.port for (near, _), link in self._links.items() if near == host]
+        connect = [word for port in links for word in ("--connect", f"quic/127.0.0.1:{port}")]
+        listen = ("--listen", self._local[host], "--listen", self._quic[host])
+        own = ("--secure", self._pki, "--tls", self._pki / f"router-{host}")
+        return self._start("router", *own, *listen, *connect, ready=False)
 
-    def _relay(self) -> None:
-        pairs = [("b", "a"), ("c", "a"), ("c", "b")]
-        links = [
-            {"listen": [address(near, of_relay=True), port(near, far)], "target": [address(far), QUIC]}
-            for near, far in pairs
-        ]
-        spec = {"links": links, "delay_s": 0.05, "jitter_s": 0.01, "loss": 0.01}
-        relay = Path(__file__).with_name("relay.py")
-        self._run("relay", sys.executable, relay, json.dumps(spec)).wait_ready()
+    def comotion(self, host: str, certificate: str, *words: object) -> Managed:
+        at = ("--connect", self._local[host], "--scene", SCENE, "--tls", self._pki / certificate)
+        return self._start(*words, *at, ready=False)
 
-    def router(self, host: str) -> Process:
-        others = [other for other in HOSTS if other < host]
-        connect = [
-            word
-            for other in others
-            for word in ("--connect", f"quic/{address(host, of_relay=True)}:{port(host, other)}")
-        ]
-        listen = ("--listen", "tls/127.0.0.1:7447", "--listen", f"quic/{address(host)}:{QUIC}")
-        own = ("--secure", self.pki, "--tls", self.pki / f"router-{host}")
-        return self.comotion(host, "router", *own, *listen, *connect)
+    def _replica(self, host: str) -> Managed:
+        name = f"fusion-{host}"
+        standby = ("--standby", "--etcd", self._wires[host].endpoint)
+        return self.comotion(host, name, "serve", "--no-state", "--name", name, *standby)
 
-    def comotion(self, host: str, *words: object) -> Process:
-        return self._run(host, sys.executable, "-m", "comotion_deploy", *words)
+    def _source(self, name: str) -> Managed:
+        own = {"name": name, "tls": str(self._pki / name), "seed": len(name), "noise": 0.001}
+        at = {"endpoint": self._local["a"], "scene": SCENE, "rate": RATE}
+        # The last batch arrives before the presence ends.
+        options = json.dumps(own | at | {"stays_s": 1.0})
+        return self._start.any(sys.executable, tracker.__file__, options)
 
-    def _replica(self, host: str) -> Process:
-        own = ("--name", f"fusion-{host}", "--tls", self.pki / f"fusion-{host}")
-        standby = ("--standby", "--etcd", f"http://{address(host, of_relay=True)}:2379")
-        return self.comotion(host, "serve", "--no-state", "--scene", SCENE, *own, *standby)
-
-    def _client(self, host: str) -> Process:
-        tls = self.pki / f"viewer-{host}"
-        return self.comotion(host, "watch", "--json", "--scene", SCENE, "--tls", tls)
+    def _client(self, host: str) -> Managed:
+        return self.comotion(host, f"viewer-{host}", "watch", "--json")
 
     def replicas(self) -> dict[str, tuple[str, int]]:
         """Role and epoch of each replica, by host, as `comotion status` says on A."""
-        words = ("--json", "--scene", SCENE, "--tls", self.pki / "operator")
-        status = self.comotion("a", "status", *words)
+        status = self.comotion("a", "operator", "status", "--json")
         status.wait()
         rows = json.loads(status.output)["components"]
         found = {row["name"]: (row["replica"], row["epoch"]) for row in rows if row["role"] == "service"}
@@ -206,35 +109,21 @@ class Site:
 
     def until_active(self, host: str) -> int:
         """Wait until this replica alone is active; its epoch."""
-        end = time.monotonic() + DEADLINE
-        while time.monotonic() < end:
+        found: dict[str, tuple[str, int]] = {}
+
+        def is_active() -> bool:
+            nonlocal found
             found = self.replicas()
             active = [name for name, (role, _) in found.items() if role == "active"]
-            if active == [host] and len(found) == len(REPLICAS):
-                return found[host][1]
-        raise AssertionError(f"not {host} alone is active: {found}")
+            return active == [host] and len(found) == len(REPLICAS)
 
-
-def grant(role: str, name: str) -> Grant:
-    sources = (name,) if role == "source" else ()
-    return Grant(role=role, name=name, common_name="new", scene=SCENE, sources=sources)
+        until(is_active)
+        return found[host][1]
 
 
 @pytest.fixture
-def site(tmp_path: Path, spawn: Callable[..., Process], start: object) -> Iterator[Site]:
-    # `start` is asked for because the kernels are then compiled before any deadline runs.
-    reason = why_not()
-    if reason:
-        pytest.skip(reason)
-    with ExitStack() as stack:
-        network = Network(stack)
-
-        def run(host: str, *command: object) -> Process:
-            process = spawn(*network.on(host), *command)
-            stack.callback(process.close)
-            return process
-
-        yield Site(network, tmp_path, run)
+def site(tmp_path, start, etcd):
+    return Site(tmp_path, start, etcd.urls[0])
 
 
 def bodies(line: str) -> set[int]:
@@ -282,13 +171,12 @@ def accounts_for(sent: int, now: dict[str, int]) -> bool:
     return abs(sent - now["batches"] - now["lost"]) <= few
 
 
-def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
+def test_a_scene_over_three_hosts_survives_its_network(site):
     before = seen(site)
 
     # The host of the sources: what they publish meanwhile does not arrive, and is counted.
-    site.network.set_link("a", "down")
-    time.sleep(CUT_S)
-    site.network.set_link("a", "up")
+    with site.cut_off("a"):
+        pass
     assert seen(site) == before, "after the sources were cut off"
     until_counted(site, lambda now: now.get("lost", 0) > 0)
 
@@ -301,15 +189,13 @@ def test_a_scene_over_three_hosts_survives_its_network(site: Site) -> None:
     # The host of the active replica, which goes on: the others hear the standby.
     active, epoch = next((host, epoch) for host, (role, epoch) in site.replicas().items() if role == "active")
     standby = next(host for host in REPLICAS if host != active)
-    site.network.set_link(active, "down")
-    time.sleep(CUT_S)
-    assert seen(site, ("a", standby)) == before, "while the active replica was cut off"
-    site.network.set_link(active, "up")
+    with site.cut_off(active):
+        assert seen(site, ("a", standby)) == before, "while the active replica was cut off"
     assert seen(site) == before, "after the active replica was cut off"
     assert site.until_active(standby) > epoch
 
     for source in site.sources:
-        source.popen.terminate()
+        source.signal(signal.SIGTERM)
     said = [source.wait_line(lambda line: line.startswith("sent ")) for source in site.sources]
     sent = sum(int(line.split()[1]) for line in said)
     now = until_counted(site, lambda now: accounts_for(sent, now))

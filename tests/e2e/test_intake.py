@@ -1,7 +1,7 @@
-"""The service's subscriptions, against a publisher in the same process."""
+"""The service's subscriptions to batches and Statuses, against a publisher in the same process."""
 
-import time
 from collections.abc import Callable
+from contextlib import closing
 from itertools import count
 
 import pytest
@@ -10,14 +10,15 @@ import zenoh
 from comotion.event_time.stats import Ledger, Stats
 from comotion.runtime.intake import Intake
 from comotion.runtime.queues import IDLE_NS, OTHERS
+from comotion.runtime.statuses import Statuses
 from comotion.runtime.tokens import Tokens
-from comotion_schemas import Keys, encode
+from comotion_schemas import Keys, Status, encode
 from comotion_schemas.transport import stream_publisher
 
+from .. import builders
 from ..builders import batch
-from .conftest import DEADLINE
+from .tracker import until
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 
@@ -42,28 +43,21 @@ class Reader:
             meanwhile()
             self.poll()
 
-        until(fulfilled, poll, lambda: f"{len(self.got)}: {self.got[-9:]} {self.stats.rejected}")
+        until(fulfilled, poll)
 
 
-def until(
-    fulfilled: Callable[[], bool], step: Callable[[], None], told: Callable[[], str] = lambda: ""
-) -> None:
-    """Take steps until something is so."""
-    deadline = time.monotonic() + DEADLINE
-    while not fulfilled():
-        assert time.monotonic() < deadline, told()
-        step()
+def blocking_publishers(session, names):
+    """Publishers by name that wait; sources drop what is congested, as on a loaded machine."""
+    block = zenoh.CongestionControl.BLOCK
+    return {
+        name: session.declare_publisher(KEYS.stream("obs", name), congestion_control=block) for name in names
+    }
 
 
-def test_every_batch_comes_once_from_the_first_on(router, session) -> None:
+def test_every_batch_comes_once_from_the_first_on(router, session):
     reader = Reader(router)
     names = [f"s{k}" for k in range(8)]
-    # Sources drop what is congested, as on a loaded machine. What is put must reach the intake here.
-    blocking = zenoh.CongestionControl.BLOCK
-    publishers = {
-        name: session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking)
-        for name in names
-    }
+    publishers = blocking_publishers(session, names)
     for seq in range(200):
         for name in names:
             publishers[name].put(payload(name, seq))
@@ -76,7 +70,7 @@ def test_every_batch_comes_once_from_the_first_on(router, session) -> None:
     assert reader.intake.received == dict.fromkeys(names, 200)
 
 
-def test_a_source_is_present_while_its_token_is(router, session) -> None:
+def test_a_source_is_present_while_its_token_is(router, session):
     reader = Reader(router)
     seconds = count(step=1_000_000_000)
     asking = {"meanwhile": lambda: reader.intake.tokens.look(next(seconds))}
@@ -86,7 +80,7 @@ def test_a_source_is_present_while_its_token_is(router, session) -> None:
     reader.until(lambda: not reader.intake.present, **asking)
 
 
-def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(router, session) -> None:
+def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(router, session):
     tokens = Tokens(router, KEYS, 3)
     seconds = count(step=20_000_000_000)
     known = session.liveliness().declare_token(KEYS.live("source", "cam"))
@@ -102,7 +96,7 @@ def test_of_more_tokens_than_are_remembered_nobody_knows_which_are_gone(router, 
     until(lambda: not tokens.present, lambda: tokens.look(next(seconds)))
 
 
-def test_a_flood_of_one_source_does_not_displace_another(router, session) -> None:
+def test_a_flood_of_one_source_does_not_displace_another(router, session):
     reader = Reader(router)
     loud, quiet = (stream_publisher(session, KEYS, "obs", name) for name in ("loud", "quiet"))
     loud.put(payload("loud", 0))
@@ -118,22 +112,16 @@ def test_a_flood_of_one_source_does_not_displace_another(router, session) -> Non
     assert [seq for source, seq in reader.got if source == "quiet"] == list(range(5))
 
 
-def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, session) -> None:
+def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, session):
     reader = Reader(router)
-    # No congestion here: what is put reaches the service.
-    blocking = zenoh.CongestionControl.BLOCK
-    fast, large = (
-        session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking)
-        for name in ("fast", "large")
-    )
+    fast, large = blocking_publishers(session, ("fast", "large")).values()
     for name, publisher in (("fast", fast), ("large", large)):
         publisher.put(payload(name, 0))
     reader.until(lambda: len(reader.got) == 2)
 
-    def awaited(name: str, newest: bytes, count: int) -> None:
-        waiting, deadline = reader.intake.queues.of[name].waiting, time.monotonic() + DEADLINE
-        while not waiting or waiting[-1].content != newest or len(waiting) != count:
-            assert time.monotonic() < deadline, len(waiting)
+    def awaited(name, newest, count):
+        waiting = reader.intake.queues.of[name].waiting
+        until(lambda: waiting and waiting[-1].content == newest and len(waiting) == count)
 
     for seq in range(1, 301):
         fast.put(payload("fast", seq))
@@ -146,19 +134,15 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
     assert (reader.stats.overflow, reader.stats.lost) == (6, 0)
 
 
-def test_each_source_has_a_batch_read_however_little_time_there_is(router, session) -> None:
+def test_each_source_has_a_batch_read_however_little_time_there_is(router, session):
     reader = Reader(router)
-    blocking = zenoh.CongestionControl.BLOCK
-    names = ("a", "b")
-    publishers = [
-        session.declare_publisher(KEYS.stream("obs", name), congestion_control=blocking) for name in names
-    ]
+    publishers = blocking_publishers(session, ("a", "b"))
     for seq in range(6):
-        for name, publisher in zip(names, publishers, strict=True):
+        for name, publisher in publishers.items():
             publisher.put(payload(name, seq))
         reader.until(lambda: len(reader.got) >= 2 or seq > 0)  # noqa: B023
     left = 2 * 6 - len(reader.got)
-    until(lambda: waiting(reader) == left, lambda: None)
+    until(lambda: waiting(reader) == left)
     before = len(reader.got)
     reader.got += [(batch.source, batch.seq) for batch in reader.intake.receive(0, budget_ns=0)]
     assert sorted(source for source, _ in reader.got[before:]) == ["a", "b"]
@@ -170,7 +154,7 @@ def waiting(reader: Reader) -> int:
     return sum(len(queue.waiting) for queue in list(reader.intake.queues.of.values()))
 
 
-def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, session) -> None:
+def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, session):
     reader = Reader(router)
     publisher = stream_publisher(session, KEYS, "obs", "cam")
     publisher.put(payload("cam", 0))
@@ -184,7 +168,7 @@ def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, sess
     reader.until(lambda: reader.got == [("cam", 0), ("cam", 1)])
 
 
-def test_one_source_too_many_is_refused(router, session) -> None:
+def test_one_source_too_many_is_refused(router, session):
     reader = Reader(router, most=2)
     for name in ("a", "b", "c"):
         session.put(KEYS.stream("obs", name), payload(name, 0))
@@ -192,7 +176,7 @@ def test_one_source_too_many_is_refused(router, session) -> None:
     assert sorted(reader.got) == [("a", 0), ("b", 0)]
 
 
-def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session) -> None:
+def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session):
     reader = Reader(router)
     for k in range(2000):
         session.put(f"{KEYS.streams('obs')[:-1]}No-{k}", payload("a", 0))
@@ -203,25 +187,83 @@ def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session)
     assert list(reader.intake.queues.of) == [OTHERS, "a"]
 
 
-def test_of_a_storm_of_names_those_too_many_are_refused_and_named_though_others_wait(router, session) -> None:
+def test_of_a_storm_of_names_those_too_many_are_refused_and_named_though_others_wait(router, session):
     reader = Reader(router, most=20)
     for k in range(40):
         session.put(KEYS.stream("obs", f"new-{k:02}"), payload(f"new-{k:02}", 0))
-    until(lambda: waiting(reader) == 40, lambda: None)
+    until(lambda: waiting(reader) == 40)
     reader.poll()
     assert reader.got == [(f"new-{k:02}", 0) for k in range(16)]
     assert reader.stats.rejected == {"limit": 20}
     assert reader.ledger.troubles.sources("limit") == {f"new-{k}" for k in range(20, 40)}
 
 
-def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(router, session) -> None:
+def test_of_many_new_sources_some_are_read_at_a_time_and_those_known_with_them(router, session):
     reader = Reader(router)
     session.put(KEYS.stream("obs", "known"), payload("known", 0))
     reader.until(lambda: len(reader.got) == 1)
     for k in range(50):
         session.put(KEYS.stream("obs", f"new-{k}"), payload(f"new-{k}", 0))
     session.put(KEYS.stream("obs", "known"), payload("known", 1))
-    until(lambda: waiting(reader) == 51, lambda: None)
+    until(lambda: waiting(reader) == 51)
     reader.poll()
     assert reader.got[1:] == [("known", 1), *((f"new-{k}", 0) for k in range(16))]
     reader.until(lambda: len(reader.got) == 52)
+
+
+def status(component: str, sent: int = 0, **fields: object) -> Status:
+    return builders.status(component, **({"role": "source", "counters": {"sent": sent}} | fields))
+
+
+@pytest.fixture
+def status_reader(router):
+    with closing(Statuses(router, KEYS, most=100)) as statuses:
+        yield StatusReader(statuses)
+
+
+class StatusReader:
+    """Reads Statuses until enough has come."""
+
+    def __init__(self, statuses: Statuses) -> None:
+        self.statuses = statuses
+        self.got: list[tuple[str, int]] = []
+
+    def until(self, fulfilled: Callable[[], bool]) -> None:
+        until(fulfilled, self._read)
+
+    def _read(self) -> None:
+        found = self.statuses.read()
+        assert len(found) <= 16
+        self.got += [(one.component, one.counters["sent"]) for one, _ in found]
+
+
+@pytest.fixture
+def put(status_reader, session):
+    return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
+
+
+def test_of_a_storm_the_newest_is_read_and_others_with_it(status_reader, put):
+    for k in range(3000):
+        put("loud", status("loud", k))
+    put("quiet", status("quiet", 7))
+    status_reader.until(lambda: {("loud", 2999), ("quiet", 7)} <= set(status_reader.got))
+    # Twice a second at most: what the storm took is some of 3000.
+    assert sum(name == "loud" for name, _ in status_reader.got) < 100
+    assert status_reader.statuses.refused == 0
+
+
+def test_a_status_about_another_component_is_refused_and_counted(status_reader, put):
+    put("liar", status("cam", 2**31))
+    put("cam", status("cam", 5))
+    status_reader.until(lambda: status_reader.statuses.refused == 1 and bool(status_reader.got))
+    assert status_reader.got == [("cam", 5)]
+
+
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(status_reader, put, session):
+    put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
+    session.put(KEYS.stream("status", "cam"), b"\x00")
+    status_reader.until(lambda: status_reader.statuses.refused == 2)
+    for k in range(300):
+        put(f"cam-{k}", status(f"cam-{k}"))
+    status_reader.until(lambda: len(status_reader.got) + status_reader.statuses.refused == 302)
+    assert len(status_reader.got) >= 100

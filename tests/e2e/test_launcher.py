@@ -7,54 +7,28 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
-
-import pytest
 
 from comotion_deploy.launcher import Launcher
 from comotion_deploy.processes import ProcessSpec
 from comotion_schemas import HypothesisUpdate, Keys
 
-from .conftest import DEADLINE
+from . import tracker
 from .services.test_service import labels
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
-TRACKER = """
-import sys, time
-import numpy as np
-from comotion_schemas import ObservationBatch, encode
-from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings, stream_publisher
 
-name, endpoint = sys.argv[1:]
-with Component(role="source", name=name, settings=SessionSettings(connect=[endpoint])) as component:
-    publisher = stream_publisher(component.session, component.keys, "obs", name)
-    rest = np.random.default_rng(7).random((12, 3)) * 0.4
-    seq = 0
-    while not component.stop.wait(0.04):
-        now = time.time()
-        positions = rest.copy()
-        positions[:6, 0] += 0.3 * np.sin(np.pi * now)
-        positions[6:, 1] += 1.0 + 0.3 * np.sin(np.pi * now)
-        publisher.put(encode(ObservationBatch(
-            source=name, session=component.session_id, seq=seq, space=name, unit="m", dim=3,
-            stamp_ns=int(now * 1e9), ids=np.arange(12, dtype=np.uint64), positions=positions)))
-        seq += 1
-"""
+def system_file(folder: Path, endpoint: str) -> Path:
+    """The file of router, service and two trackers in spaces of their own."""
 
+    def tracker_command(name: str) -> str:
+        options = json.dumps({"endpoint": endpoint, "name": name, "space": name})
+        return json.dumps([sys.executable, tracker.__file__, options])
 
-class System:
-    """A launcher with router, service and two trackers in spaces of their own."""
-
-    def __init__(self, folder: Path, endpoint: str) -> None:
-        (folder / "tracker.py").write_text(TRACKER)
-        self.file = folder / "system.toml"
-        command = [sys.executable, str(folder / "tracker.py")]
-        self.file.write_text(
-            f"""
+    file = folder / "system.toml"
+    file.write_text(
+        f"""
 connect = ["{endpoint}"]
 [router]
 listen = ["{endpoint}"]
@@ -70,11 +44,12 @@ run = "router"
 [process.serve]
 run = "serve"
 [process.left]
-command = {json.dumps([*command, "left", endpoint])}
+command = {tracker_command("left")}
 [process.right]
-command = {json.dumps([*command, "right", endpoint])}
+command = {tracker_command("right")}
 """
-        )
+    )
+    return file
 
 
 def pid_of(launcher, name: str, start: int = 0) -> int:
@@ -85,21 +60,16 @@ def pid_of(launcher, name: str, start: int = 0) -> int:
     return int(match[1])
 
 
-@pytest.fixture
-def await_end() -> Iterator[Callable[[int], None]]:
+def await_end(pid: int) -> None:
     """Wait until a process that is no child of ours has ended."""
-
-    def wait(pid: int) -> None:
-        try:
-            handle = os.pidfd_open(pid)
-        except ProcessLookupError:
-            return
-        try:
-            assert select.select([handle], [], [], DEADLINE)[0], f"process {pid} lives on"
-        finally:
-            os.close(handle)
-
-    return wait
+    try:
+        handle = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        assert select.select([handle], [], [], tracker.DEADLINE)[0], f"process {pid} lives on"
+    finally:
+        os.close(handle)
 
 
 def is_sorted_out(update: HypothesisUpdate) -> bool:
@@ -121,9 +91,9 @@ def settled(updates) -> dict[tuple[str, int], int]:
 
 
 def test_what_dies_is_started_again_and_nothing_is_left_behind(
-    start, free_port_endpoint, connect, listen, await_end, tmp_path: Path
-) -> None:
-    launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
+    start, free_port_endpoint, connect, listen, tmp_path
+):
+    launcher = start("up", system_file(tmp_path, free_port_endpoint), ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
     updates = listen(connect(free_port_endpoint), KEYS.hypotheses, "hypotheses")
     before = updates.until(is_sorted_out)
@@ -152,45 +122,33 @@ def test_what_dies_is_started_again_and_nothing_is_left_behind(
 
     children = [int(pid) for pid in re.findall(r"started \w+, pid (\d+)", launcher.output)]
     assert len(children) == 7
-    launcher.interrupt()
-    assert launcher.wait() == 0
+    assert launcher.interrupt() == 0
     for pid in children:
         await_end(pid)
 
 
-def test_a_killed_launcher_takes_everything_with_it(
-    start, free_port_endpoint, await_end, tmp_path: Path
-) -> None:
-    launcher = start("up", System(tmp_path, free_port_endpoint).file, ready=False)
+def test_a_killed_launcher_takes_everything_with_it(start, tmp_path):
+    names = ("router", "left", "right")
+    run = "\n".join(f"[process.{name}]\ncommand = 'sleep 1000'" for name in names[1:])
+    (tmp_path / "up.toml").write_text(f"[process.router]\nrun = 'router --listen tcp/127.0.0.1:0'\n{run}")
+    launcher = start("up", tmp_path / "up.toml", ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
-    children = [pid_of(launcher, name) for name in ("router", "serve", "left", "right")]
+    children = [pid_of(launcher, name) for name in names]
     launcher.kill()
     for pid in children:
         await_end(pid)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("[serve]\nmethd = 'thesis'\n[process.serve]\nrun = 'serve'", "has no option 'methd'"),
-        (
-            "[process.router]\nrun = 'router --insecure --listen tcp/nowhere'",
-            "router cannot start: cannot listen",
-        ),
-    ],
-)
-def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(
-    start, tmp_path: Path, content, words
-) -> None:
-    (tmp_path / "up.toml").write_text(content)
+def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(start, tmp_path):
+    (tmp_path / "up.toml").write_text("[process.router]\nrun = 'router --insecure --listen tcp/nowhere'")
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 2
     assert [line for line in launcher.lines if line.startswith("error: ")] == [launcher.lines[-1]]
-    assert words in launcher.lines[-1]
+    assert "router cannot start: cannot listen" in launcher.lines[-1]
     assert "Traceback" not in launcher.output
 
 
-def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path: Path) -> None:
+def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path):
     (tmp_path / "up.toml").write_text("[process.a]\ncommand = 'echo hello'\n[process.b]\ncommand = 'true'")
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 0
@@ -211,7 +169,7 @@ class UntilListening:
             self._stop.set()
 
 
-def test_a_process_that_ignores_the_stop_is_killed(await_end, tmp_path: Path) -> None:
+def test_a_process_that_ignores_the_stop_is_killed(tmp_path):
     stop = threading.Event()
     lines = UntilListening(stop)
     deaf = ("sh", "-c", "trap '' TERM; echo listening; while :; do sleep 60; done")

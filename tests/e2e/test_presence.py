@@ -1,7 +1,7 @@
 """Which of several services of a scene goes on, where nobody elects one."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -14,9 +14,8 @@ from comotion_schemas import Keys, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings
 
-from .conftest import DEADLINE
+from .tracker import DEADLINE
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 OTHER = "b" * 16
 UPDATE = Fusion(session=OTHER).update(0)
@@ -24,21 +23,21 @@ OLD_CLAIM = f"x-{1:016x}-{OTHER}"
 
 
 @pytest.fixture(autouse=True)
-def _impatient(monkeypatch) -> None:
+def _impatient(monkeypatch):
     monkeypatch.setattr(presence, "_PATIENCE_S", 0.3)
     monkeypatch.setattr(presence, "_START_S", 0.3)
     monkeypatch.setattr(presence, "_SETTLE_NS", 50_000_000)
 
 
 @pytest.fixture
-def component(free_port_endpoint) -> Iterator[Component]:
+def component(free_port_endpoint):
     settings = SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))
     with Component(role="service", name="fusion", settings=settings, has_token=False) as found:
         yield found
 
 
 @pytest.fixture
-def other(component, free_port_endpoint, connect) -> zenoh.Session:
+def other(component, free_port_endpoint, connect):
     return connect(free_port_endpoint)
 
 
@@ -56,7 +55,7 @@ def looks(mine: Presence, meanwhile: Callable[[int], None], seconds: float = 0.5
         time.sleep(0.005)
 
 
-def test_a_token_alone_makes_nobody_yield(component, other) -> None:
+def test_a_token_alone_makes_nobody_yield(component, other):
     token = other.liveliness().declare_token(KEYS.live("service", OLD_CLAIM))
     with Presence(component) as mine:
         mine.require()
@@ -68,7 +67,7 @@ def test_a_token_alone_makes_nobody_yield(component, other) -> None:
     token.undeclare()
 
 
-def test_a_service_yields_to_an_older_claim_that_speaks(component, other) -> None:
+def test_a_service_yields_to_an_older_claim_that_speaks(component, other):
     with Presence(component) as mine:
         mine.require()
         token = other.liveliness().declare_token(KEYS.live("service", OLD_CLAIM))
@@ -77,7 +76,7 @@ def test_a_service_yields_to_an_older_claim_that_speaks(component, other) -> Non
         token.undeclare()
 
 
-def test_a_younger_claim_that_speaks_does_not_matter(component, other) -> None:
+def test_a_younger_claim_that_speaks_does_not_matter(component, other):
     with Presence(component) as mine:
         token = other.liveliness().declare_token(KEYS.live("service", f"x-{2**63:016x}-{OTHER}"))
         looks(mine, lambda k: say(other, k))

@@ -6,11 +6,9 @@ import re
 import signal
 import urllib.request
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import zenoh
 from mcap.reader import make_reader
 
 from comotion import FusionConfig
@@ -19,9 +17,8 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
 
-from .conftest import DEADLINE
+from .tracker import DEADLINE, until_heard
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 ROOT = Path(__file__).parents[2]
 PERIOD = 0.25
@@ -54,29 +51,53 @@ def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
 
 
 @pytest.fixture
-def recorded(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable, tmp_path: Path
-) -> Path:
+def recorded(start, endpoint, session, listen, tmp_path):
     """A short scene of three sources and a service, with one payload that is no message."""
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
-    start("serve", "--connect", endpoint)
+    of_service = listen(session, KEYS.stream("status", "fusion"), "status")
+    service = start("serve", "--metrics-port", "0", "--connect", endpoint)
     recorder = start("record", path, "--connect", endpoint)
-    source = start("source", "simulator", "3d_async", "--connect", endpoint)
-    heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
+    metrics = ("--metrics-port", "127.0.0.1:0")
+    source = start("source", "simulator", "3d_async", *metrics, "--connect", endpoint)
+    until_heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
     told: Status = statuses.until(lambda s: s.counters["messages"] > 600 and s.rejected)
-    source.interrupt()
-    assert source.wait() == 0
+    # Two Statuses later the first of them is what a scrape tells.
+    for _ in range(2):
+        of_service.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
+    check_metrics(*(scrape(process) for process in (service, source)))
+    assert source.interrupt() == 0
     assert told.role == "recorder"
     assert told.rejected == {"malformed": 1}
     assert told.rates["hypotheses"] > 0
-    recorder.interrupt()
-    assert recorder.wait() == 0
+    assert recorder.interrupt() == 0
     assert "recorded although invalid: 1 malformed" in recorder.lines
     return path
 
 
-def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Path, tmp_path: Path) -> None:
+def scrape(process) -> str:
+    line = process.wait_line(lambda line: line.startswith("metrics at http://127."))
+    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
+        return reply.read().decode()
+
+
+def check_metrics(service: str, source: str) -> None:
+    """All that the dashboard shows is there."""
+    told = f"{service}\n{source}"
+    labels = 'component="fusion",reason="malformed",role="service",scene="default"'
+    assert f"comotion_rejected_total{{{labels}}} 1.0" in told
+    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in told
+    dashboard = json.loads((ROOT / "deploy" / "grafana-dashboard.json").read_text())
+    queries = [t["expr"] for panel in dashboard["panels"] for t in panel["targets"]]
+    names = {word for query in queries for word in re.findall(r"(?:comotion|process)_\w+", query)}
+    assert len(names) > 10
+    for name in sorted(names):
+        assert f"\n{name}" in told, name
+    assert service.count("\ncomotion_tick_seconds_count") == 1
+    assert "\ncomotion_tick_seconds_count" not in source
+
+
+def test_a_scene_is_recorded_measured_replayed_and_evaluated(start, endpoint, recorded, tmp_path):
     first = read(recorded)
     sources = of_sources(first)
     assert first[KEYS.stream("obs", "noise")] == [b"nonsense"]
@@ -99,8 +120,7 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
     recorder = start("record", again, "--name", "second", "--connect", endpoint)
     how = ("--stamps", "original", "--speed", 2, "--connect", endpoint)
     assert start("source", "replay", recorded, *how, ready=False).wait() == 0
-    recorder.interrupt()
-    assert recorder.wait() == 0
+    assert recorder.interrupt() == 0
     second = of_sources(read(again))
     assert second.keys() == sources.keys()
     for key, payloads in second.items():
@@ -113,8 +133,8 @@ def test_record_replay_and_evaluate(start: Callable, endpoint: str, recorded: Pa
 
 
 def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, tmp_path: Path
-) -> None:
+    start, endpoint, session, listen, tmp_path
+):
     path = tmp_path / "take.mcap"
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     recorder = start("record", path, "--connect", endpoint)
@@ -136,56 +156,16 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
 
 
-def test_a_recorder_begins_a_new_file_every_second(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, track: Callable, tmp_path: Path
-) -> None:
+def test_a_recorder_begins_a_new_file_every_second(start, endpoint, session, listen, track, tmp_path):
     statuses = listen(session, KEYS.stream("status", "recorder"), "status")
     track(endpoint, rate=50.0)
     recorder = start("record", tmp_path / "take.mcap", "--max-time", "1", "--connect", endpoint)
     statuses.until(lambda s: s.counters["files"] > 2)
-    recorder.interrupt()
-    assert recorder.wait() == 0
+    assert recorder.interrupt() == 0
     assert all(map(read, sorted(tmp_path.glob("take-*.mcap"))))
 
 
-def scrape(line: str) -> str:
-    with urllib.request.urlopen(line.removeprefix("metrics at "), timeout=DEADLINE) as reply:
-        return reply.read().decode()
-
-
-def test_metrics_of_service_and_sources_feed_the_dashboard(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, heard: Callable
-) -> None:
-    statuses = listen(session, KEYS.stream("status", "fusion"), "status")
-    service = start("serve", "--metrics-port", "0", "--connect", endpoint)
-    source = start(
-        "source", "simulator", "3d_async", "--loop", "--metrics-port", "127.0.0.1:0", "--connect", endpoint
-    )
-    heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
-    # Two Statuses later the first of them is what a scrape tells.
-    for _ in range(2):
-        statuses.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
-    pages = [
-        scrape(p.wait_line(lambda line: line.startswith("metrics at http://127."))) for p in (service, source)
-    ]
-    told = "\n".join(pages)
-    assert (
-        'comotion_rejected_total{component="fusion",reason="malformed",role="service",scene="default"} 1.0'
-        in told
-    )
-    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in told
-    dashboard = json.loads((ROOT / "deploy" / "grafana-dashboard.json").read_text())
-    queries = [t["expr"] for panel in dashboard["panels"] for t in panel["targets"]]
-    names = {word for query in queries for word in re.findall(r"(?:comotion|process)_\w+", query)}
-    assert len(names) > 10
-    for name in sorted(names):
-        assert f"\n{name}" in told, name
-    for page in pages:
-        ticks = [line for line in page.splitlines() if line.startswith("comotion_tick_seconds_count")]
-        assert len(ticks) == (page is pages[0])
-
-
-def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys) -> None:
+def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys):
     options = ("--scene", "typo", "--duration", "0.3", "--connect", endpoint)
     assert run(["record", str(tmp_path / "x.mcap"), *options]) == 2
     said = capsys.readouterr().err.splitlines()[-1]

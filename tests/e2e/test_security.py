@@ -3,7 +3,7 @@
 import json
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,44 +12,34 @@ import pytest
 import zenoh
 from zenoh.handlers import RingChannel
 
+from comotion_deploy.demo import free_endpoint
 from comotion_deploy.pki.authority import Authority
-from comotion_deploy.pki.grants import Grant
-from comotion_schemas import Keys, ObservationBatch, Status, encode
+from comotion_schemas import Keys, Status
 from comotion_schemas.component import Component
 from comotion_schemas.tls import TlsFiles, load_tls
-from comotion_schemas.transport import SessionSettings, connect, stream_publisher
+from comotion_schemas.transport import SessionSettings, connect, zenoh_config
+from comotion_tools.system import certificates, issue
 
-from .conftest import DEADLINE, free_endpoint, observe, until_heard
+from .tracker import DEADLINE, Tracker, every, until, until_heard
 
-pytestmark = pytest.mark.e2e
 KEYS, OTHER_SCENE = Keys(), Keys("elsewhere")
 RATE = 30.0
-ROLES = [("source", "cam", "mocap"), ("service", "fusion"), ("viewer", "laptop"), ("recorder", "disk")]
+ROLES = {"cam": "source", "laptop": "viewer", "disk": "recorder", "fusion": "service"}
 
 
 class Site:
     """A folder of certificates and a router that trusts them."""
 
     def __init__(self, folder: Path, start: Callable) -> None:
-        self.authority = Authority.create(folder)
+        roles = {"hall": "router", "mocap": "source", **ROLES}
+        self.authority = certificates(folder, roles, rate=RATE)
         self.port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tls/localhost:{self.port}"
         self._start = start
-        self.issue("router", "hall", hosts=("localhost", "127.0.0.1"))
-        for role, name in [
-            ("source", "cam"),
-            ("source", "mocap"),
-            ("viewer", "laptop"),
-            ("recorder", "disk"),
-        ]:
-            self.issue(role, name)
-        self.issue("service", "fusion")
         self.router = self.start_router()
 
-    def issue(self, role: str, name: str, days: float = 90.0, hosts: tuple[str, ...] = (), **grant) -> Path:
-        sources = grant.pop("sources", (name,) if role == "source" else ())
-        fields = {"role": role, "name": name, "common_name": "new", "sources": sources, "rate": RATE} | grant
-        return self.authority.issue(Grant(**fields), days=days, hosts=hosts)
+    def issue(self, role: str, name: str, **grant) -> Path:
+        return issue(self.authority, role, name, **({"rate": RATE} | grant))
 
     def start_router(self):
         folder = self.authority.folder
@@ -61,19 +51,19 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory, start_shared) -> Site:
+def site(tmp_path_factory, start_shared):
     return Site(tmp_path_factory.mktemp("site") / "pki", start_shared)
 
 
 @pytest.fixture
-def log_in(site) -> Iterator[Callable[[str], zenoh.Session]]:
+def log_in(site):
     """Open a session with the certificate of a component."""
     with ExitStack() as stack:
         yield lambda name: stack.enter_context(connect(site.settings(name), timeout=DEADLINE))
 
 
 @pytest.fixture
-def all_seeing(log_in) -> zenoh.Session:
+def all_seeing(log_in):
     """A session with the certificate of a router, which may see everything."""
     return log_in("hall")
 
@@ -116,7 +106,7 @@ FORBIDDEN_PUTS = [
 ]
 
 
-def test_puts_outside_ones_own_keys_arrive_nowhere(log_in, all_seeing) -> None:
+def test_puts_outside_ones_own_keys_arrive_nowhere(log_in, all_seeing):
     everything = all_seeing.declare_subscriber("comotion/@v1/**", RingChannel(1000))
     beyond = all_seeing.declare_subscriber("anything/**", RingChannel(1000))
     sessions = {name: log_in(name) for name, _ in FORBIDDEN_PUTS}
@@ -125,33 +115,29 @@ def test_puts_outside_ones_own_keys_arrive_nowhere(log_in, all_seeing) -> None:
     for name, session in sessions.items():
         say(session, name)
     allowed, arrived = {KEYS.stream("status", name) for name in sessions}, set()
-    until = time.monotonic() + DEADLINE
-    while allowed - arrived and time.monotonic() < until:
-        arrived.update(samples(everything))
-        time.sleep(0.01)
+    until(lambda: allowed <= arrived, lambda: arrived.update(samples(everything)))
     assert arrived == allowed
     assert samples(beyond) == []
 
 
-@pytest.mark.parametrize("name", ["cam", "laptop", "disk", "fusion"])
-def test_nobody_can_claim_the_presence_of_another(name, log_in, all_seeing) -> None:
+@pytest.mark.parametrize("name", ROLES)
+def test_nobody_can_claim_the_presence_of_another(name, log_in, all_seeing):
     presence = all_seeing.liveliness().declare_subscriber("comotion/@v1/**", RingChannel(100), history=True)
     session = log_in(name)
-    roles = {"cam": "source", "laptop": "viewer", "disk": "recorder", "fusion": "service"}
     tokens = [
         session.liveliness().declare_token(KEYS.live(role, other))
-        for role in roles.values()
-        for other in roles
+        for role in ROLES.values()
+        for other in ROLES
         if other != name
     ]
-    mine = session.liveliness().declare_token(KEYS.live(roles[name], name))
-    assert str(presence.recv().key_expr) == KEYS.live(roles[name], name)
+    mine = session.liveliness().declare_token(KEYS.live(ROLES[name], name))
+    assert str(presence.recv().key_expr) == KEYS.live(ROLES[name], name)
     assert samples(presence) == []
     for token in (*tokens, mine):
         token.undeclare()
 
 
-def test_a_source_reads_nothing_of_others(log_in, all_seeing) -> None:
+def test_a_source_reads_nothing_of_others(log_in, all_seeing):
     spy = log_in("cam")
     wanted = [KEYS.streams("obs"), KEYS.stream("obs", "mocap"), KEYS.hypotheses, KEYS.streams("status")]
     wanted += [KEYS.stream("joints", "mocap"), "comotion/@v1/**", "**", KEYS.stream("preview", "mocap")]
@@ -173,7 +159,7 @@ def test_a_source_reads_nothing_of_others(log_in, all_seeing) -> None:
     assert [samples(ring) for ring in (*rings, tokens)] == [[]] * (len(rings) + 1)
 
 
-def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log_in) -> None:
+def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log_in):
     def answer(query: zenoh.Query) -> None:
         with query:
             query.reply(query.key_expr, b"yes")
@@ -185,9 +171,7 @@ def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log
     def replies(session: zenoh.Session, name: str) -> int:
         return sum(reply.ok is not None for reply in session.get(KEYS.query(name), timeout=1.0))
 
-    until = time.monotonic() + DEADLINE
-    while replies(viewer, "status") != 1:  # until the router knows of it
-        assert time.monotonic() < until
+    until(lambda: replies(viewer, "status") == 1)  # the router knows of it
     assert replies(log_in("disk"), "config") == 0
     assert replies(viewer, "forget") == 0
     assert replies(source, "status") == 0
@@ -199,37 +183,28 @@ def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log
 
 
 def raw_client(site: Site, tls: TlsFiles | None, protocol: str = "tls") -> bool:
-    """Whether a client gets a session."""
-    link: dict = {"protocols": ["tls", "tcp"]}
-    if tls is not None:
-        link["tls"] = {"root_ca_certificate": str(tls.root_ca), "verify_name_on_connect": True}
-        if tls.certificate is not None:
-            link["tls"] |= {"connect_certificate": str(tls.certificate), "connect_private_key": str(tls.key)}
-            link["tls"]["enable_mtls"] = True
-    config = {
-        "mode": "client",
-        "connect": {
-            "endpoints": [f"{protocol}/localhost:{site.port}"],
-            "timeout_ms": 1000,
-            "exit_on_failure": True,
-        },
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": link},
-    }
+    """Whether a client gets a session, whatever we would say of its certificate."""
+    settings = SessionSettings(connect=(site.endpoint,), tls=tls or load_tls(site.authority.folder / "cam"))
+    config = zenoh_config(settings)
+    link = config["transport"]["link"]
+    link["protocols"] = ["tls", "tcp"]
+    if tls is None or tls.certificate is None:
+        for word in ("connect_certificate", "connect_private_key", "enable_mtls"):
+            del link["tls"][word]
+    endpoints = [f"{protocol}/localhost:{site.port}"]
+    config["connect"] = {"endpoints": endpoints, "timeout_ms": 1000, "exit_on_failure": True}
     try:
-        session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+        zenoh.open(zenoh.Config.from_json5(json.dumps(config))).close()
     except zenoh.ZError:
         return False
-    session.close()
     return True
 
 
-def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path) -> None:
+def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path):
     own = load_tls(site.authority.folder / "cam")
     assert raw_client(site, own)
     stranger = Authority.create(tmp_path / "strange")
-    grant = Grant(role="source", name="cam", common_name="new", sources=("cam",))
-    stranger.issue(grant)
+    issue(stranger, "source", "cam")
     strange = load_tls(stranger.folder / "cam")
     assert not raw_client(site, replace(strange, root_ca=own.root_ca)), "signed by another authority"
     assert not raw_client(site, strange), "and it would not trust our router either"
@@ -241,7 +216,7 @@ def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path) -> N
     assert not raw_client(site, None, protocol="tcp"), "no encryption"
 
 
-def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing) -> None:
+def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing):
     """It was issued, but the router has not been restarted yet; or its folder was removed."""
     site.issue("viewer", "fresh")
     fresh = log_in("fresh")
@@ -254,30 +229,23 @@ def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing) ->
     assert set(samples(ring)) <= {KEYS.stream("status", "fresh")}, "more than its own"
 
 
-def test_a_link_ends_with_its_certificate(site) -> None:
+def test_a_link_ends_with_its_certificate(site):
     site.issue("source", "brief", days=3.0 / 86_400)
     with connect(site.settings("brief"), timeout=DEADLINE) as session:
-        until = time.monotonic() + DEADLINE
-        while list(session.info.routers_zid()):
-            assert time.monotonic() < until
-            time.sleep(0.1)
+        until(lambda: not list(session.info.routers_zid()))
 
 
-def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in, all_seeing) -> None:
+def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in, all_seeing):
     arrived = all_seeing.declare_subscriber(KEYS.stream("obs", "cam"), RingChannel(10))
     publisher = log_in("cam").declare_publisher(KEYS.stream("obs", "cam"))
     until_heard(publisher)
     publisher.put(bytes(5 * 1024 * 1024))
-    until = time.monotonic() + DEADLINE
-    while (sample := arrived.try_recv()) is None:
-        assert time.monotonic() < until
-        time.sleep(1.5 / RATE)
-        # Again, for the limit of the rate may meet it where the router is late.
-        publisher.put(b"small")
-    assert sample.payload.to_bytes() == b"small"
+    # Again and again, for the limit of the rate may meet it where the router is late.
+    with every(1.5 / RATE, lambda _: publisher.put(b"small")):
+        assert arrived.recv().payload.to_bytes() == b"small"
 
 
-def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing) -> None:
+def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing):
     flood = log_in("cam").declare_publisher(
         KEYS.stream("obs", "cam"), congestion_control=zenoh.CongestionControl.DROP
     )
@@ -307,42 +275,37 @@ def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing) 
     assert 0 < passed <= RATE * lasted + 1
 
 
-def test_adding_a_component_is_one_command_and_a_restart(site, listen, all_seeing) -> None:
+def test_adding_a_component_is_one_command_and_a_restart(site, listen, all_seeing):
     """The router restarts in place by SIGHUP, and for good; a source and its listener go on by themselves."""
     witness = listen(all_seeing, KEYS.stream("status", "mocap"), "status")
     updates = listen(all_seeing, KEYS.stream("obs", "mocap"), "obs")
     with Component(role="source", name="mocap", settings=site.settings("mocap")) as source:
-        publisher = stream_publisher(source.session, source.keys, "obs", "mocap")
-        seq = 0
+        tracker = Tracker(source)
 
-        def publish_until(goal: Callable[[ObservationBatch], bool]) -> None:
-            nonlocal seq
-            until = time.monotonic() + DEADLINE
-            while time.monotonic() < until:
-                publisher.put(encode(observe("mocap", source.session_id, seq, time.time_ns())))
-                seq += 1
+        def publish_until(goal):
+            def publish():
+                tracker.send(tracker.sent)
                 time.sleep(2 / RATE)
-                if any(goal(batch) for batch in updates.drain()):
-                    return
-            raise AssertionError("it does not arrive any more")
+
+            until(lambda: any(goal(batch) for batch in updates.drain()), publish)
 
         publish_until(lambda batch: batch.seq > 3)
         site.issue("viewer", "new")
         site.router.signal(signal.SIGHUP)
         site.router.wait_line(lambda line: "restarted" in line)
-        before = seq
+        before = tracker.sent
         publish_until(lambda batch: batch.seq >= before)
         with connect(site.settings("new"), timeout=DEADLINE) as added:
             mailbox = listen(added, KEYS.streams("status"), "status")
             assert isinstance(mailbox.until(lambda status: status.component == "mocap"), Status)
         site.router.kill()
         site.router = site.start_router()
-        before = seq
+        before = tracker.sent
         publish_until(lambda batch: batch.seq >= before)
         witness.until(lambda status: status.component == "mocap")
 
 
-def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing) -> None:
+def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing):
     authority = site.authority.folder / "ca.crt"
     content = authority.read_bytes()
     authority.write_bytes(b"damaged")
@@ -356,10 +319,10 @@ def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing) -
     assert str(everything.recv().key_expr) == KEYS.stream("status", "cam")
 
 
-def test_the_commands_work_with_certificates(site, start, tmp_path) -> None:
+def test_the_commands_work_with_certificates(site, start, tmp_path):
     """A whole scene over a secure router, and a second router behind which a viewer sees it all."""
     folder = site.authority.folder
-    site.issue("router", "annex", hosts=("localhost", "127.0.0.1"))
+    site.issue("router", "annex")
     site.issue("source", "sim", sources=("sim-1", "sim-2"), scene="cell")
     site.issue("service", "cell-fusion", scene="cell")
     site.issue("viewer", "tablet", scene="*")
@@ -378,7 +341,7 @@ def test_the_commands_work_with_certificates(site, start, tmp_path) -> None:
     assert watch.wait() == 0
     shown = json.loads(watch.output)
     assert {row["name"] for row in shown["sources"]} == {"sim-1", "sim-2"}
-    look = start("status", "--json", "--wait", "ok", "--timeout", 60, *far, ready=False)
+    look = start("status", "--json", *far, ready=False)
     look.wait()
     found = json.loads(look.output)
     assert {row["name"] for row in found["components"]} >= {"cell-fusion", "sim-1", "sim-2"}, found

@@ -13,9 +13,9 @@ from comotion_schemas.component import Component, StatusFields
 from comotion_schemas.transport import SessionSettings, declare_publisher
 
 from ..command_line import refused
+from . import tracker
 from .conftest import KEYS
 
-pytestmark = pytest.mark.e2e
 AHEAD_S = 0.5
 
 
@@ -25,7 +25,7 @@ def shifted(component: Component) -> Status:
     return Status(**{**vars(now), "stamp_ns": now.stamp_ns + round(AHEAD_S * 1e9)})
 
 
-def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session, capsys) -> None:
+def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session, capsys):
     look = ("status", "--connect", endpoint)
     assert run(list(look)) == 3
     assert "no service" in capsys.readouterr().out
@@ -50,7 +50,7 @@ def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session
                 assert row["host"]
             publisher = declare_publisher(session, Keys().stream("status", "cam"), "status")
             looking = start(*look, ready=False)
-            while looking.popen.poll() is None:
+            while looking.is_running:
                 publisher.put(encode(_as_cam(shifted(service))))
                 time.sleep(0.1)
             assert looking.wait() == 1
@@ -62,37 +62,16 @@ def _as_cam(status: Status) -> Status:
     return Status(**{**vars(status), "component": "cam", "role": "source"})
 
 
-def test_no_router_is_an_error(free_port_endpoint, capsys) -> None:
+def test_no_router_is_an_error(free_port_endpoint, capsys):
     assert "no router answers" in refused(capsys, "status", "--connect", free_port_endpoint, "--timeout", 0.5)
 
 
-AHEAD = """
-import sys, time
-real = time.time_ns
-time.time_ns = lambda: real() + 400_000_000
-import numpy as np
-from comotion_sources.runtime import SourcePublisher
-from comotion_schemas.transport import client_settings
-
-rest = np.random.default_rng(7).random((12, 3))
-settings = client_settings([sys.argv[1]])
-with SourcePublisher("ahead", space="world", unit="m", dim=3, settings=settings) as source:
-    source.ready()
-    while not source.stop.wait(0.05):
-        source.observe(ids=np.arange(12), positions=rest)
-"""
-
-
 @pytest.mark.long
-def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, spawn, tmp_path) -> None:
+def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, start):
     service = serve("--correct-clocks", "--no-state")
-    script = tmp_path / "ahead.py"
-    script.write_text(AHEAD)
-    source = spawn(sys.executable, script, service.endpoint)
-    try:
-        status = service.statuses.until(lambda status: status.clock_offsets.get("ahead", 0.0) > 0.3)
-        assert abs(status.clock_offsets["ahead"] - 0.4) < 0.1
-        # Its stamps are no longer those of the future.
-        service.statuses.until(lambda status: status.ages.get("ahead", -1.0) > 0.0)
-    finally:
-        source.close()
+    options = {"endpoint": service.endpoint, "name": "ahead", "ahead_s": 0.4}
+    start.any(sys.executable, tracker.__file__, json.dumps(options))
+    status = service.statuses.until(lambda status: status.clock_offsets.get("ahead", 0.0) > 0.3)
+    assert abs(status.clock_offsets["ahead"] - 0.4) < 0.1
+    # Its stamps are no longer those of the future.
+    service.statuses.until(lambda status: status.ages.get("ahead", -1.0) > 0.0)

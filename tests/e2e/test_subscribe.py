@@ -1,66 +1,41 @@
 """Subscriptions over real Zenoh on a loopback port."""
 
 import asyncio
-import secrets
 import threading
-from collections.abc import Iterator
 
 import pytest
 import zenoh
 
 from comotion_clients.subscribe import Subscription, subscribe
-from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, TruthBatch, encode
-from comotion_schemas.transport import SessionSettings, declare_publisher, open_session
+from comotion_schemas import HypothesisUpdate, ObservationBatch, Status, TruthBatch, encode
+from comotion_schemas.transport import declare_publisher
 
 from .. import builders
 from ..builders import SESSION, batch, status
-from .conftest import DEADLINE, routing
-
-pytestmark = pytest.mark.e2e
-
-
-@pytest.fixture(scope="module")
-def endpoint(shared_endpoint: str) -> Iterator[str]:
-    with routing(shared_endpoint):
-        yield shared_endpoint
+from .conftest import KEYS
+from .tracker import DEADLINE
 
 
-@pytest.fixture(scope="module")
-def session(endpoint: str) -> Iterator[zenoh.Session]:
-    with open_session(SessionSettings(connect=(endpoint,))) as session:
-        yield session
-
-
-@pytest.fixture
-def scene() -> str:
-    """A scene of its own for every test: they share a router."""
-    return f"scene-{secrets.token_hex(4)}"
-
-
-def update(scene: str, seq: int, *, session: str = SESSION) -> HypothesisUpdate:
+def update(seq: int, scene: str = "default", *, session: str = SESSION) -> HypothesisUpdate:
     return builders.update(scene=scene, seq=seq, stamp_ns=seq, session=session)
 
 
-def test_the_last_update_comes_at_once_and_then_the_next(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
-    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
+def test_the_last_update_comes_at_once_and_then_the_next(session, endpoint):
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
     for seq in range(3):
-        publisher.put(encode(update(scene, seq)))
-    with subscribe(scene, endpoint, timeout=DEADLINE) as updates:
+        publisher.put(encode(update(seq)))
+    with subscribe("default", endpoint, timeout=DEADLINE) as updates:
         assert next(updates).seq == 2
-        publisher.put(encode(update(scene, 3)))
+        publisher.put(encode(update(3)))
         assert next(updates).seq == 3
 
 
-def test_a_reader_that_is_too_slow_loses_the_oldest(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
-    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    other = Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE)
-    with other, Subscription(session, HypothesisUpdate, scene, capacity=2, timeout=DEADLINE) as slow:
+def test_a_reader_that_is_too_slow_loses_the_oldest(session, endpoint):
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    other = Subscription(session, HypothesisUpdate, timeout=DEADLINE)
+    with other, Subscription(session, HypothesisUpdate, capacity=2, timeout=DEADLINE) as slow:
         for seq in range(10):
-            publisher.put(encode(update(scene, seq)))
+            publisher.put(encode(update(seq)))
         assert [next(other).seq for _ in range(10)] == list(range(10))
         while slow.counters.received < 10:
             pass
@@ -68,85 +43,80 @@ def test_a_reader_that_is_too_slow_loses_the_oldest(
         assert [message.seq for _, message in slow.drain()] == [8, 9]
 
 
-def test_invalid_payloads_are_counted_by_reason_and_skipped(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
-    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    with Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE) as updates:
+def test_invalid_payloads_are_counted_by_reason_and_skipped(session, endpoint):
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    with Subscription(session, HypothesisUpdate, timeout=DEADLINE) as updates:
         publisher.put(b"\xc1 not msgpack")
         publisher.put(encode(batch("a", 0)))
-        publisher.put(encode(update("elsewhere", 0)))
-        publisher.put(encode(update(scene, 1)))
+        publisher.put(encode(update(0, "elsewhere")))
+        publisher.put(encode(update(1)))
         assert next(updates).seq == 1
         assert updates.counters.invalid == {"malformed": 1, "schema": 1, "source-mismatch": 1}
 
 
-def test_gaps_repeats_and_restarts_are_told_apart(session: zenoh.Session, scene: str) -> None:
-    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    with Subscription(session, HypothesisUpdate, scene, timeout=DEADLINE) as updates:
+def test_gaps_repeats_and_restarts_are_told_apart(session):
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    with Subscription(session, HypothesisUpdate, timeout=DEADLINE) as updates:
         for seq in (5, 8, 8, 7):
-            publisher.put(encode(update(scene, seq)))
-        publisher.put(encode(update(scene, 0, session="f" * 16)))
+            publisher.put(encode(update(seq)))
+        publisher.put(encode(update(0, session="f" * 16)))
         assert [next(updates).seq for _ in range(3)] == [5, 8, 0]
         # 6 never came; 7 was late, but it came.
         assert (updates.counters.lost, updates.counters.stale) == (1, 2)
 
 
-def test_observations_status_and_truth(session: zenoh.Session, endpoint: str, scene: str) -> None:
-    truths = declare_publisher(session, Keys(scene).stream("truth", "cam"), "truth")
+def test_observations_status_and_truth(session, endpoint):
+    truths = declare_publisher(session, KEYS.stream("truth", "cam"), "truth")
     for feature in range(1500):
         truths.put(encode(TruthBatch(source="cam", session=SESSION, ids=[feature], objects=[1], names={})))
-    with subscribe(scene, endpoint, message=TruthBatch, timeout=DEADLINE) as truth:
+    with subscribe("default", endpoint, message=TruthBatch, timeout=DEADLINE) as truth:
         assert [int(next(truth).ids[0]) for _ in range(1500)] == list(range(1500))
-    observations = declare_publisher(session, Keys(scene).stream("obs", "cam"), "obs")
-    with Subscription(session, ObservationBatch, scene, timeout=DEADLINE) as batches:
+    observations = declare_publisher(session, KEYS.stream("obs", "cam"), "obs")
+    with Subscription(session, ObservationBatch, timeout=DEADLINE) as batches:
         observations.put(encode(batch("spoof", 0)))
         observations.put(encode(batch("cam", 0)))
         assert next(batches).source == "cam"
         assert batches.counters.invalid == {"source-mismatch": 1}
-    publisher = declare_publisher(session, Keys(scene).stream("status", "cam"), "status")
+    publisher = declare_publisher(session, KEYS.stream("status", "cam"), "status")
     publisher.put(encode(status("cam", "source")))
-    with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
+    with subscribe("default", endpoint, message=Status, timeout=DEADLINE) as statuses:
         assert next(statuses).component == "cam"
 
 
-def test_a_storm_of_statuses_of_one_component_displaces_no_other(
-    session: zenoh.Session, endpoint: str, scene: str
-) -> None:
-    keys = Keys(scene)
-    with subscribe(scene, endpoint, message=Status, timeout=DEADLINE) as statuses:
-        session.put(keys.stream("status", "quiet"), encode(status("quiet", "source")))
+def test_a_storm_of_statuses_of_one_component_displaces_no_other(session, endpoint):
+    with subscribe("default", endpoint, message=Status, timeout=DEADLINE) as statuses:
+        session.put(KEYS.stream("status", "quiet"), encode(status("quiet", "source")))
         assert next(statuses).component == "quiet"
         blocking = zenoh.CongestionControl.BLOCK
         for _ in range(500):
-            key = keys.stream("status", "loud")
+            key = KEYS.stream("status", "loud")
             session.put(key, encode(status("loud", "source")), congestion_control=blocking)
-        session.put(keys.stream("status", "last"), encode(status("last", "source")))
+        session.put(KEYS.stream("status", "last"), encode(status("last", "source")))
         while (found := next(statuses)).component != "last":
             assert found.component == "loud"
         assert statuses.counters.received < 100
         assert statuses.counters.received + statuses.counters.stale == 502
 
 
-def test_asyncio(session: zenoh.Session, endpoint: str, scene: str) -> None:
-    publisher = declare_publisher(session, Keys(scene).hypotheses, "hypotheses")
-    publisher.put(encode(update(scene, 0)))
+def test_asyncio(session, endpoint):
+    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+    publisher.put(encode(update(0)))
 
     async def read() -> list[int]:
         found = []
-        async with subscribe(scene, endpoint, timeout=DEADLINE) as updates:
+        async with subscribe("default", endpoint, timeout=DEADLINE) as updates:
             async for message in updates:
                 found.append(message.seq)
                 if len(found) == 3:
                     return found
-                publisher.put(encode(update(scene, len(found))))
+                publisher.put(encode(update(len(found))))
         return found
 
     assert asyncio.run(read()) == [0, 1, 2]
 
 
-def test_closing_ends_a_loop_that_waits(session: zenoh.Session, scene: str) -> None:
-    updates = Subscription(session, HypothesisUpdate, scene)
+def test_closing_ends_a_loop_that_waits(session):
+    updates = Subscription(session, HypothesisUpdate)
     closer = threading.Thread(target=updates.close)
     closer.start()
     assert list(updates) == []
@@ -154,17 +124,17 @@ def test_closing_ends_a_loop_that_waits(session: zenoh.Session, scene: str) -> N
     updates.close()
 
 
-def test_silence_is_a_timeout(endpoint: str, scene: str) -> None:
-    with subscribe(scene, endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
+def test_silence_is_a_timeout(endpoint):
+    with subscribe("default", endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
         next(updates)
 
 
-def test_no_router_is_a_timeout_that_names_it() -> None:
+def test_no_router_is_a_timeout_that_names_it():
     with pytest.raises(TimeoutError, match=r"no router answers at tcp/127\.0\.0\.1:1"):
         subscribe("scene", "tcp/127.0.0.1:1", timeout=0.2).__enter__()
 
 
-def test_wrong_names_and_endpoints_are_refused_at_once() -> None:
+def test_wrong_names_and_endpoints_are_refused_at_once():
     with pytest.raises(ValueError, match="scene"):
         subscribe("No Scene")
     with pytest.raises(ValueError, match="cannot open a session at nonsense"):

@@ -6,12 +6,9 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-import zenoh
 
 from comotion_experiments.screens import CHROMIUM, opened
 from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
@@ -20,10 +17,9 @@ from comotion_schemas.transport import declare_publisher
 
 from .. import builders
 from ..builders import SESSION
-from .conftest import every
+from .tracker import every
 
 pytest.importorskip("rerun", reason="needs the extra view")
-pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
 
 
@@ -44,22 +40,19 @@ def update(seq: int) -> HypothesisUpdate:
 
 
 @pytest.fixture
-def scene(session: zenoh.Session) -> Iterator[None]:
+def scene(session):
     """A service, at 10 Hz."""
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
     with every(0.1, lambda seq: hypotheses.put(encode(update(seq)))):
         yield
 
 
-def test_a_live_scene_into_a_file(
-    start: Callable, endpoint: str, session: zenoh.Session, listen: Callable, scene: None, tmp_path: Path
-) -> None:
+def test_a_live_scene_into_a_file(start, endpoint, session, listen, scene, tmp_path):
     statuses = listen(session, KEYS.streams("status"), "status")
     process = start("view", "--save", tmp_path / "a.rrd", "--connect", endpoint, "--json")
     shown = statuses.until(lambda s: s.role == "viewer" and s.counters.get("updates", 0) > 2)
     assert shown.ages["hypotheses"] < 30
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0
     result = json.loads(process.output.partition("ready\n")[2])
     assert result["updates"] > 2
     assert result["dropped"] == 0
@@ -70,9 +63,7 @@ def test_a_live_scene_into_a_file(
 
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(CHROMIUM not in os.environ, reason="needs the browser named by COMOTION_CHROMIUM")
-def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
-    start: Callable, endpoint: str, scene: None
-) -> None:
+def test_the_page_shows_features_in_the_colour_of_their_hypothesis(start, endpoint, scene):
     pytest.importorskip("playwright")
     from comotion_clients.viewing.sink import free_port
 
@@ -86,5 +77,4 @@ def test_the_page_shows_features_in_the_colour_of_their_hypothesis(
             image = picture()[:, :, ::-1].astype(int)
             found = max(int((np.abs(image - rgb).max(axis=2) < 16).sum()) for rgb in COLOURS)
         assert found >= 100
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0

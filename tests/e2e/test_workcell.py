@@ -1,11 +1,9 @@
 """The workcell as a user runs it: real processes, every input of proprioception, what goes wrong."""
 
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
-import zenoh
 
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.transport import declare_publisher
@@ -15,7 +13,8 @@ pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 from comotion_sources.proprioception import JointSample, Kinematics
 from comotion_sources.workcell import Scene
 
-pytestmark = pytest.mark.e2e
+from .tracker import until_heard
+
 KEYS = Keys()
 
 
@@ -26,7 +25,7 @@ def expected(scene: Scene, stamp_ns: int) -> np.ndarray:
     return kinematics.poses(JointSample(stamp_ns, scene.joints, q)).positions
 
 
-def test_robot_and_camera_see_one_workcell(start, endpoint: str, session: zenoh.Session, listen) -> None:
+def test_robot_and_camera_see_one_workcell(start, endpoint, session, listen):
     """Three processes that share nothing but the wire agree on where the hand is."""
     scene = Scene.named("arm")
     robot = listen(session, KEYS.stream("obs", "robot"), "obs")
@@ -55,9 +54,7 @@ def test_robot_and_camera_see_one_workcell(start, endpoint: str, session: zenoh.
     assert klt.wait() == 0
 
 
-def test_the_camera_waits_for_the_workcell_and_survives_its_restart(
-    start, endpoint: str, session: zenoh.Session, listen
-) -> None:
+def test_the_camera_waits_for_the_workcell_and_survives_its_restart(start, endpoint, session, listen):
     camera = listen(session, KEYS.stream("obs", "klt"), "obs")
     klt = start("source", "klt", "workcell:truck/a?size=160x120&rate=5", "--connect", endpoint)
     klt.wait_line(lambda line: "waiting for joint states 'workcell'" in line)
@@ -79,15 +76,13 @@ def joints(seq: int, stamp_ns: int, names: list[str], source: str = "ur") -> byt
     )
 
 
-def test_malformed_joint_states_are_counted_and_the_process_goes_on(
-    start, endpoint: str, session: zenoh.Session, listen, heard
-) -> None:
+def test_malformed_joint_states_are_counted_and_the_process_goes_on(start, endpoint, session, listen):
     names = [f"arm_{name}" for name in ("yaw", "shoulder", "elbow", "wrist", "roll")]
     poses = listen(session, KEYS.stream("obs", "robot"), "obs")
     statuses = listen(session, KEYS.stream("status", "robot"), "status")
     options = ("--joints", "ur", "--name", "robot", "--batch", "0")
     process = start("source", "proprioception", "workcell:arm", *options, "--connect", endpoint)
-    publisher = heard(declare_publisher(session, KEYS.stream("joints", "ur"), "joints"))
+    publisher = until_heard(declare_publisher(session, KEYS.stream("joints", "ur"), "joints"))
     publisher.put(b"\xc1 no msgpack")
     publisher.put(joints(0, 1_000_000_000, names, source="other"))
     publisher.put(joints(1, 1_000_000_000, names[:3]))
@@ -101,9 +96,7 @@ def test_malformed_joint_states_are_counted_and_the_process_goes_on(
     publisher.undeclare()
 
 
-def test_joint_states_live_from_rmw_zenoh(
-    start, endpoint: str, session: zenoh.Session, listen, heard
-) -> None:
+def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen):
     pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
     from ..ros_messages import encode_sample
 
@@ -113,7 +106,7 @@ def test_joint_states_live_from_rmw_zenoh(
     options = ("--ros", "/ur/joint_states", "--ros-domain", "3", "--name", "robot", "--batch", "0")
     start("source", "proprioception", "workcell:arm", *options, "--connect", endpoint)
     key = "3/ur/joint_states/sensor_msgs::msg::dds_::JointState_/RIHS01_a13e"
-    publisher = heard(session.declare_publisher(key))
+    publisher = until_heard(session.declare_publisher(key))
     publisher.put(b"\x00\x01\x00\x00broken")
     q = scene.configuration(5.0)
     publisher.put(encode_sample(JointSample(5_000_000_000, scene.joints, q)))
@@ -124,9 +117,7 @@ def test_joint_states_live_from_rmw_zenoh(
     publisher.undeclare()
 
 
-def test_a_csv_log_is_played_and_ends(
-    start, endpoint: str, session: zenoh.Session, listen, tmp_path: Path
-) -> None:
+def test_a_csv_log_is_played_and_ends(start, endpoint, session, listen, tmp_path):
     scene = Scene.named("arm")
     lines = [",".join(("time", *scene.joints))]
     lines += [",".join(map(repr, (k / 100, *scene.configuration(k / 100).tolist()))) for k in range(20)]

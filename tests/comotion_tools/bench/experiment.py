@@ -1,8 +1,10 @@
 """Runs the benchmark: every method at every number of features, each in a separate process."""
 
-import math
+import os
+import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,35 +15,43 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.processes import Progress, alone, quiet
 from comotion_schemas.plain import plain
 
-from .machine import Machine, describe_machine
 from .scene import SceneSpec
-from .timing import Timing, time_input, time_scene
+from .timing import Row, time_input, time_scene
 
 _MIN_FITTED = 500
+_PACKAGES = ("comotion", "numpy", "numba", "scikit-learn", "scipy")
 # From this number of features on the default method gets a longer period, s.
 _MANY = 5000
 _LONG_PERIOD = 0.25
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of the table; times in ms per update, including the ingest of its batches.
+class Machine:
+    """Hardware, load and versions."""
 
-    `features` is the requested number, for a recording the median.
-    """
+    processor: str
+    cores: int
+    load: float
+    versions: dict[str, str]
 
-    scene: str
-    method: str
-    features: int
-    rate: float
-    period: float
-    median_ms: float
-    p99_ms: float
-    ingest_ms: float
-    cpu_ms: float
-    cpu_share: float
-    memory_mb: float
-    nmi: float
+
+def describe_machine() -> Machine:
+    """Describe this machine."""
+    return Machine(
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        load=os.getloadavg()[0],
+        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    )
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 @dataclass(frozen=True)
@@ -100,16 +110,11 @@ def run_bench(
         for spec in scenes:
             progress(f"{config.method}, {spec.features} features at {spec.rate:g} Hz")
             sized = _sized(config, spec)
-            rows.append(_row("made up", spec.rate, alone(time_scene, spec, sized, updates)))
-            rows[-1] = replace(rows[-1], features=spec.features)
+            rows.append(alone(time_scene, spec, sized, updates))
         for item in inputs:
             progress(f"{config.method}, {item.name}")
-            rows.append(_row(Path(item.name).name, math.nan, alone(_time_named, item.name, config)))
+            rows.append(alone(time_input, item.name, config))
     return Costs(describe_machine(), rows)
-
-
-def _time_named(name: str, config: FusionConfig) -> Timing:
-    return time_input(find_inputs([name])[0], config)
 
 
 def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
@@ -118,24 +123,6 @@ def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
     if config.method == "comotion" and spec.features >= _MANY and not given:
         changes["period"] = _LONG_PERIOD
     return config.model_copy(update=changes)
-
-
-def _row(scene: str, rate: float, timing: Timing) -> Row:
-    total = timing.total_ms
-    return Row(
-        scene=scene,
-        method=timing.method,
-        features=int(np.median(timing.features)),
-        rate=rate,
-        period=timing.period,
-        median_ms=float(np.median(total)),
-        p99_ms=float(np.percentile(total, 99)),
-        ingest_ms=float(np.median(timing.ingest_ms)),
-        cpu_ms=float(np.median(timing.cpu_ms)),
-        cpu_share=float(np.sum(timing.cpu_ms)) / (1e3 * timing.period * len(total)),
-        memory_mb=timing.memory_mb,
-        nmi=float(np.nanmean(timing.nmi)) if np.isfinite(timing.nmi).any() else math.nan,
-    )
 
 
 def scaled(spec: SceneSpec, sizes: Iterable[int], rates: Iterable[float]) -> list[SceneSpec]:

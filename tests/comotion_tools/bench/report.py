@@ -1,6 +1,7 @@
 """The benchmark as a table, as Markdown and as a picture."""
 
 import math
+import sys
 from pathlib import Path
 
 from comotion_experiments.plot import new_figure
@@ -9,20 +10,7 @@ from comotion_schemas.errors import KnownError
 
 from .experiment import Costs
 
-TITLES = (
-    "scene",
-    "method",
-    "N",
-    "Hz",
-    "period",
-    "ms",
-    "p99",
-    "ingest",
-    "CPU ms",
-    "CPU",
-    "MB",
-    "NMI",
-)
+TITLES = ("scene", "method", "N", "Hz", "period", "ms", "p99", "ingest", "CPU ms", "CPU", "MB", "NMI")
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 
 
@@ -58,11 +46,34 @@ def lines(costs: Costs) -> list[str]:
     ]
 
 
-def markdown(costs: Costs, picture: str, command: str) -> str:
-    """Format the measured part of the page; `picture` is the path of the plot."""
+def parts(costs: Costs) -> list[object]:
+    """What a terminal shows."""
+    return [table(costs), *lines(costs)]
+
+
+def save(folder: Path, costs: Costs) -> Path:
+    """Write the measured part of the page and its picture; the page, between whose marks it stands.
+
+    Raises
+    ------
+    KnownError
+        If the page has no marks.
+    """
+    page, picture = folder / "performance.md", "images/performance.png"
+    (folder / picture).parent.mkdir(parents=True, exist_ok=True)
+    save_picture(folder / picture, costs)
+    # Files without their folders, since the page is for other machines.
+    words = [Path(word).name if Path(word).is_file() else word for word in sys.argv[1:]]
     listed = "\n".join(f"- {line}" for line in lines(costs))
-    drawn = table(costs).markdown()
-    return f"Made by `{command}`.\n\n{listed}\n\n{drawn}\n\n![cost against N]({picture})\n"
+    made, drawn = " ".join(["comotion", *words]), table(costs).markdown()
+    begin, end = "<!-- core: begin -->", "<!-- core: end -->"
+    old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
+    if begin not in old or end not in old:
+        raise KnownError(f"{page}: has no marks '{begin}' and '{end}'")
+    head, tail = old.split(begin)[0], old.split(end)[1]
+    text = f"Made by `{made}`.\n\n{listed}\n\n{drawn}\n\n![cost against N]({picture})\n"
+    page.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")
+    return page
 
 
 def save_picture(path: Path, costs: Costs) -> None:
@@ -85,13 +96,3 @@ def save_picture(path: Path, costs: Costs) -> None:
     axes.grid(visible=True, alpha=0.3)
     axes.legend()
     figure.savefig(path)
-
-
-def write_page(page: Path, text: str) -> None:
-    """Replace the measured part of a page between its marks."""
-    begin, end = "<!-- core: begin -->", "<!-- core: end -->"
-    old = page.read_text(encoding="utf-8") if page.exists() else f"# Performance\n\n{begin}\n{end}\n"
-    if begin not in old or end not in old:
-        raise KnownError(f"{page}: has no marks '{begin}' and '{end}'")
-    head, tail = old.split(begin)[0], old.split(end)[1]
-    page.write_text(f"{head}{begin}\n{text}{end}{tail}", encoding="utf-8")

@@ -1,61 +1,78 @@
 """Timing of the core: scene or recording -> time, processor time and memory per update."""
 
 import gc
+import math
 import resource
 import sys
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from comotion import Fusion, FusionConfig
 from comotion_clients.metrics import nmi
-from comotion_experiments.inputs import Input
+from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import HypothesisUpdate, ObservationBatch
 
 from .scene import Scene, SceneSpec
 
 
-@dataclass
-class Timing:
-    """Costs of the updates after the window is full.
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; times in ms per update after the window is full, with the ingest of its batches.
 
-    Attributes
-    ----------
-    method
-        Name of the method.
-    features
-        Number of tracks, per update.
-    ingest_ms, update_ms
-        Per update: ingest and fusion of its batches, and the update itself.
-    cpu_ms
-        Processor time of all threads per update, user and system.
-    memory_mb
-        Peak resident memory of the process.
-    nmi
-        Per update; NaN without truth.
+    `features` is the requested number, for a recording the median; `cpu_ms` is of all threads, user and
+    system; `nmi` is NaN without truth.
     """
 
+    scene: str
     method: str
+    features: int
+    rate: float
     period: float
+    median_ms: float
+    p99_ms: float
+    ingest_ms: float
+    cpu_ms: float
+    cpu_share: float
+    memory_mb: float
+    nmi: float
+
+
+@dataclass
+class _Timing:
+    """Per update: features, ingest and fusion of its batches, the update itself, processor time and NMI."""
+
     features: list[int] = field(default_factory=list)
     ingest_ms: list[float] = field(default_factory=list)
     update_ms: list[float] = field(default_factory=list)
     cpu_ms: list[float] = field(default_factory=list)
     nmi: list[float] = field(default_factory=list)
-    memory_mb: float = 0.0
 
-    @property
-    def total_ms(self) -> NDArray[np.float64]:
-        """Time per update including ingest, float64 [updates]."""
-        return np.array(self.ingest_ms) + self.update_ms
+    def row(self, scene: str, config: FusionConfig, rate: float) -> Row:
+        total = np.add(self.ingest_ms, self.update_ms)
+        unit = 1 if sys.platform == "darwin" else 1024
+        return Row(
+            scene=scene,
+            method=config.method,
+            features=int(np.median(self.features)),
+            rate=rate,
+            period=config.period,
+            median_ms=float(np.median(total)),
+            p99_ms=float(np.percentile(total, 99)),
+            ingest_ms=float(np.median(self.ingest_ms)),
+            cpu_ms=float(np.median(self.cpu_ms)),
+            cpu_share=float(np.sum(self.cpu_ms)) / (1e3 * config.period * len(total)),
+            memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6,
+            nmi=float(np.nanmean(self.nmi)) if np.isfinite(self.nmi).any() else math.nan,
+        )
 
 
-def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Timing:
+def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Row:
     """Time the core on a scene after the window is full.
 
     Updates run in every period while the window fills, since methods have memory.
@@ -63,36 +80,32 @@ def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Timing:
     scene = Scene(spec)
     fill = round(config.window / config.period) + 5
     batches = scene.merged((fill + updates + 1) * config.period)
-    timing = Timing(config.method, config.period)
+    timing = _Timing()
     # As in the service: garbage collection is not part of an update.
     gc.disable()
     with threadpool_limits(limits=1, user_api="blas"):
         _run(batches, config, timing, scene, fill)
-    timing.memory_mb = _peak_mb()
-    return timing
+    return replace(timing.row("made up", config, spec.rate), features=spec.features)
 
 
-def time_input(item: Input, config: FusionConfig) -> Timing:
+def time_input(name: str, config: FusionConfig) -> Row:
     """Time the core on a recording after the window is full, or in the second half of a short one."""
-    timing = Timing(config.method, config.period)
+    (item,) = find_inputs([name])
     sizes: list[int] = []
     with threadpool_limits(limits=1, user_api="blas"):
         cpu = time.process_time()
         run = run_offline(item.open(), config, on_update=lambda update, _: sizes.append(len(update.track_id)))
         cpu = time.process_time() - cpu
     first = min(round(config.window / config.period), len(run.update_ms) // 2)
-    timing.features = sizes[first:]
-    timing.update_ms = run.update_ms[first:].tolist()
+    timing = _Timing(sizes[first:], update_ms=run.update_ms[first:].tolist(), nmi=run.nmi[first:].tolist())
     # Ingest is not measured separately here, and processor time includes reading and scoring.
     timing.ingest_ms = [0.0] * len(timing.update_ms)
     timing.cpu_ms = [1e3 * cpu / len(run.update_ms)] * len(timing.update_ms)
-    timing.nmi = run.nmi[first:].tolist()
-    timing.memory_mb = _peak_mb()
-    return timing
+    return timing.row(Path(item.name).name, config, math.nan)
 
 
 def _run(
-    batches: Iterable[ObservationBatch], config: FusionConfig, timing: Timing, scene: Scene, fill: int
+    batches: Iterable[ObservationBatch], config: FusionConfig, timing: _Timing, scene: Scene, fill: int
 ) -> None:
     fusion = Fusion(config)
     period_ns = round(config.period * 1e9)
@@ -126,8 +139,3 @@ def _nmi_of(update: HypothesisUpdate, scene: Scene) -> float:
         ]
     )
     return nmi(update.track_hypothesis.astype(np.int64), truth)
-
-
-def _peak_mb() -> float:
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

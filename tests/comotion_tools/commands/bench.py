@@ -1,8 +1,11 @@
 """``comotion dev bench``: time, memory and latency of the core on this machine."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from comotion_deploy.commands.experiments import check, progress
+from comotion_deploy.errors import UserError
 from comotion_deploy.fusion_options import Assignments
 from comotion_deploy.options import Json, Tool, option
 
@@ -42,7 +45,60 @@ Examples:
     out: Path | None = option(None, "Write performance.md and images/performance.png there.", metavar="DIR")
 
     def run(self) -> None:
-        """Measure, and print or write the result."""
-        from comotion_tools.bench.command import bench
+        """Measure the core, or processes over a router, and print or write the result."""
+        from comotion_tools.bench.experiment import run_bench, scaled
+        from comotion_tools.bench.report import parts, save
+        from comotion_tools.bench.scene import SceneSpec
 
-        bench(self)
+        # Threads of parallel kernels spin for some tens of microseconds before they sleep.
+        os.environ.setdefault("GOMP_SPINCOUNT", "50000")
+        if self.live:
+            self._run_live()
+            return
+        if self.out is not None:
+            check(self.out)
+        spec = SceneSpec(
+            bodies=self.bodies,
+            sources=self.sources,
+            churn=self.churn,
+            seed=self.seed,
+            pixels=self.pixels,
+        )
+        features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
+        sizes = numbers("--features", features, 2, 50_000)
+        with progress() as note:
+            costs = run_bench(
+                scaled(spec, sizes, numbers("--rate", self.rate, 1, 1000)),
+                [self.fusion_config(name) for name in self.method or ("comotion", "thesis")],
+                self.updates or (20 if self.quick else 100),
+                recordings=self.recording or (),
+                progress=note,
+            )
+        written = [f"written: {save(self.out, costs)}"] if self.out is not None else []
+        self.show(costs.as_json(), *parts(costs), *written)
+
+    def _run_live(self) -> None:
+        from comotion_tools.bench.live import live_lines, run_live
+
+        words = [word for name in self.method or () for word in ("--method", name)]
+        words += [word for text in self.set_ or () for word in ("--set", text)]
+        results, shown = [], []
+        for size in numbers("--features", self.features or "1000", 2, 50_000):
+            most = ["--set", f"max_tracks={max(5000, 2 * size)}"]
+            results.append(run_live(size, self.seconds, [*most, *words], 12.0))
+            shown += live_lines(results[-1])
+        self.show(results, *shown)
+
+
+def numbers(option: str, text: str, least: int, most: int) -> list[int]:
+    """Parse whole numbers, separated by commas.
+
+    Raises
+    ------
+    UserError
+        If one is not from `least` to `most`.
+    """
+    chunks = [chunk.strip() for chunk in text.split(",")]
+    if not all(chunk.isdecimal() and least <= int(chunk) <= most for chunk in chunks):
+        raise UserError(f"{option} {text}: expected numbers from {least} to {most}, separated by commas")
+    return [int(chunk) for chunk in chunks]

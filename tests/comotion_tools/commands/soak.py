@@ -1,10 +1,13 @@
 """``comotion dev soak``: a scene under load and faults, and a report."""
 
+import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import typer
 
+from comotion_deploy.demo import free_endpoint
 from comotion_deploy.options import Json, Logged, option
 
 
@@ -37,7 +40,28 @@ The status is 0 if nothing was violated, and 1 otherwise.
 
     def run(self) -> None:
         """Run it; exit status 1 if something was violated."""
-        from comotion_tools.soak.command import soak
+        from comotion_schemas.component import stop_on_signals
+        from comotion_tools.soak import report
+        from comotion_tools.soak.run import Runner, clear, kill_in_a_row, stop_each
+        from comotion_tools.soak.schedule import draw
 
-        if soak(self):
+        clear(self.out)
+        stop, began = threading.Event(), time.monotonic()
+
+        def say(line: str) -> None:
+            if not self.json_:
+                print(f"{time.monotonic() - began:7.1f} s  {line}", flush=True)
+
+        with stop_on_signals(stop), Runner(free_endpoint(), self.out, stop, say) as runner:
+            runner.settle()
+            say(f"all bodies have a hypothesis; logs are in {self.out}")
+            if self.kills is None:
+                runner.run(draw(self.seed, self.duration), self.duration)
+            else:
+                kill_in_a_row(runner, self.kills)
+                if self.stopped:
+                    stop_each(runner, self.stopped)
+        values = report.as_json(runner.result, self.seed, self.gap)
+        self.show(values, *report.save(self.out, values, runner.result))
+        if values["violations"]:
             raise typer.Exit(1)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .processes import Managed
+from ..processes import Managed
 
 _FATES = ("fused", "partly_late", "late", "duplicates", "overflow", "waiting")
 

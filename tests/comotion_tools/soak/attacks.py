@@ -7,14 +7,15 @@ draws from them by its seed; the scripts in ``tests/adversary`` measure each alo
 import random
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgpack
 import numpy as np
 import zenoh
 
-from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, Status, encode
+from comotion import Fusion
+from comotion_schemas import Keys, Message, ObservationBatch, Status, encode
 from comotion_schemas.component import new_session_id
 from comotion_schemas.keys import StreamKind
 
@@ -31,22 +32,6 @@ _DRIFTER = Kind(30, 24)
 _DRIFT, _STEADY_S = 0.02, 5.0
 
 
-def resting_batch(session: str, seq: int, count: int = 50, /, **changes: Any) -> ObservationBatch:
-    """A batch of `count` features at rest, with changes of its fields."""
-    fields: dict[str, Any] = {
-        "source": NAME,
-        "session": session,
-        "seq": seq,
-        "space": "world",
-        "unit": "m",
-        "dim": 3,
-        "stamp_ns": time.time_ns(),
-        "ids": np.arange(count, dtype=np.uint64),
-        "positions": np.zeros((count, 3), np.float32),
-    }
-    return ObservationBatch(**(fields | changes))
-
-
 @dataclass
 class Attacker:
     """An open session at the scene, and what an attack has done so far."""
@@ -59,8 +44,19 @@ class Attacker:
     held: list[Any] = field(default_factory=list)
 
     def batch(self, count: int = 50, /, **changes: Any) -> ObservationBatch:
-        """The next batch: `count` features at rest, with changes."""
-        return resting_batch(self.run, self.seq, count, **changes)
+        """The next batch: `count` features at rest, with changes of its fields."""
+        fields: dict[str, Any] = {
+            "source": NAME,
+            "session": self.run,
+            "seq": self.seq,
+            "space": "world",
+            "unit": "m",
+            "dim": 3,
+            "stamp_ns": time.time_ns(),
+            "ids": np.arange(count, dtype=np.uint64),
+            "positions": np.zeros((count, 3), np.float32),
+        }
+        return ObservationBatch(**(fields | changes))
 
     def put(self, batch: ObservationBatch) -> None:
         """Publish it under its own name."""
@@ -75,18 +71,9 @@ class Attacker:
 
     def status(self, **changes: Any) -> Status:
         """A Status of its own, with changes."""
-        fields: dict[str, Any] = {
-            "component": NAME,
-            "role": "source",
-            "session": self.run,
-            "stamp_ns": time.time_ns(),
-            "state": "ok",
-            "rates": {},
-            "ages": {},
-            "counters": {},
-            "rejected": {},
-            "message": "",
-        }
+        fields: dict[str, Any] = {key: {} for key in ("rates", "ages", "counters", "rejected")}
+        fields |= {"component": NAME, "role": "source", "session": self.run}
+        fields |= {"stamp_ns": time.time_ns(), "state": "ok", "message": ""}
         return Status(**(fields | changes))
 
     def say(self, status: Status) -> None:
@@ -202,27 +189,9 @@ def outrank(attacker: Attacker) -> None:
     """One update of the highest epoch there is."""
     if attacker.seq:
         return
-    columns: dict[str, Any] = {
-        "track_source": np.zeros(0, np.uint16),
-        "track_id": np.zeros(0, np.uint64),
-        "track_hypothesis": np.zeros(0, np.uint32),
-        "track_confidence": np.zeros(0, np.float32),
-        "track_position": np.zeros((0, 3), np.float32),
-    }
-    header: dict[str, Any] = {
-        "scene": attacker.keys.scene,
-        "session": attacker.run,
-        "seq": 0,
-        "epoch": _TOP,
-        "live": True,
-        "stamp_ns": time.time_ns(),
-        "published_ns": time.time_ns(),
-        "period_ns": 100_000_000,
-        "sources": [],
-        "hypotheses": [],
-        "events": [],
-    }
-    attacker.session.put(attacker.keys.hypotheses, encode(HypothesisUpdate(**header, **columns)))
+    update = Fusion(scene=attacker.keys.scene, session=attacker.run).update(time.time_ns())
+    update = replace(update, epoch=_TOP, live=True, published_ns=time.time_ns())
+    attacker.session.put(attacker.keys.hypotheses, encode(update))
     attacker.seq += 1
 
 

@@ -10,7 +10,6 @@ import math
 import random
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
 import msgpack
@@ -20,74 +19,65 @@ from comotion_schemas import encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import client_settings
 
-from .attacks import NAME, WITHIN_LIMITS, Attacker, attack, resting_batch
+from .attacks import NAME, WITHIN_LIMITS, Attacker, attack
 
 _RATE = 50.0
 
 
-def _mutated(chance: random.Random, payload: bytes) -> bytes:
-    data = bytearray(payload)
+def _mutated(attacker: Attacker) -> bytes:
+    chance, data = attacker.chance, bytearray(encode(attacker.batch()))
     for _ in range(chance.randint(1, 8)):
         data[chance.randrange(len(data))] = chance.randrange(256)
     return bytes(data[: chance.randint(1, len(data))])
 
 
-def _jump(chance: random.Random, session: str, seq: int) -> bytes:
-    far = np.full((50, 3), chance.choice((1e3, 1e6, 9e8)), np.float32) * chance.choice((1, -1))
-    return encode(resting_batch(session, seq, positions=far))
+def _noise(attacker: Attacker) -> bytes:
+    return attacker.chance.randbytes(attacker.chance.choice((0, 10, 5000, 200_000)))
 
 
-def _millimetres(chance: random.Random, session: str, seq: int) -> bytes:
-    rows = np.array([[chance.uniform(-1000, 1000) for _ in range(3)] for _ in range(50)], np.float32)
-    return encode(resting_batch(session, seq, positions=rows))
+def _jump(attacker: Attacker) -> bytes:
+    far = attacker.chance.choice((1e3, 1e6, 9e8)) * attacker.chance.choice((1, -1))
+    return encode(attacker.batch(positions=np.full((50, 3), far, np.float32)))
 
 
-def _tampered(chance: random.Random, session: str, seq: int) -> bytes:
-    content = msgpack.unpackb(encode(resting_batch(session, seq)))
-    change = chance.choice(
-        [
-            {"positions": np.full(150, math.nan, "<f4").tobytes()},
-            {"ids": np.zeros(50, "<u8").tobytes()},
-            {"seq": -1},
-            {"colour": "red"},
-            {"dim": 7},
-            {"stamp_ns": -(2**63)},
-        ]
+def _millimetres(attacker: Attacker) -> bytes:
+    rows = [[attacker.chance.uniform(-1000, 1000) for _ in range(3)] for _ in range(50)]
+    return encode(attacker.batch(positions=np.array(rows, np.float32)))
+
+
+def _tampered(attacker: Attacker) -> bytes:
+    changes = (
+        {"positions": np.full(150, math.nan, "<f4").tobytes()},
+        {"ids": np.zeros(50, "<u8").tobytes()},
+        {"seq": -1},
+        {"colour": "red"},
+        {"dim": 7},
+        {"stamp_ns": -(2**63)},
     )
-    return msgpack.packb(content | change)  # type: ignore[no-any-return]
+    content = msgpack.unpackb(encode(attacker.batch())) | attacker.chance.choice(changes)
+    return msgpack.packb(content)  # type: ignore[no-any-return]
 
 
-def _extreme(chance: random.Random, session: str, seq: int) -> bytes:
-    change: dict[str, Any] = chance.choice(
-        [
-            {"seq": 2**63 - 1, "session": f"{chance.getrandbits(64):016x}"},
-            {"stamp_ns": -(2**63)},
-            {"stamp_ns": 2**63 - 1},
-            {"space": f"space-{chance.randrange(1000)}"},
-            {"unit": "px"},
-            {"session": f"{chance.getrandbits(64):016x}"},
-        ]
+def _extreme(attacker: Attacker) -> bytes:
+    other = f"{attacker.chance.getrandbits(64):016x}"
+    changes: tuple[dict[str, Any], ...] = (
+        {"seq": 2**63 - 1, "session": other},
+        {"stamp_ns": -(2**63)},
+        {"stamp_ns": 2**63 - 1},
+        {"space": f"space-{attacker.chance.randrange(1000)}"},
+        {"unit": "px"},
+        {"session": other},
     )
-    return encode(resting_batch(session, seq, **change))
+    return encode(attacker.batch(**attacker.chance.choice(changes)))
 
 
-def _many_instants(chance: random.Random, session: str, seq: int) -> bytes:
-    count = chance.choice((100, 2000))
-    now = time.time_ns()
-    return encode(
-        resting_batch(session, seq, count, stamp_ns=now, stamps_ns=now - np.arange(count)[::-1] * 1000)
-    )
+def _many_instants(attacker: Attacker) -> bytes:
+    count, now = attacker.chance.choice((100, 2000)), time.time_ns()
+    stamps = now - np.arange(count)[::-1] * 1000
+    return encode(attacker.batch(count, stamp_ns=now, stamps_ns=stamps))
 
 
-_MAKERS: tuple[Callable[[random.Random, str, int], bytes], ...] = (
-    lambda chance, session, seq: _mutated(chance, encode(resting_batch(session, seq))),
-    lambda chance, _session, _seq: chance.randbytes(chance.choice((0, 10, 5000, 200_000))),
-    _jump,
-    _millimetres,
-    _tampered,
-    _extreme,
-    _many_instants,
-)
+_MAKERS = (_mutated, _noise, _jump, _millimetres, _tampered, _extreme, _many_instants)
 
 
 def damage(attacker: Attacker, seconds: float) -> None:
@@ -95,7 +85,7 @@ def damage(attacker: Attacker, seconds: float) -> None:
     end, key = time.monotonic() + seconds, attacker.keys.stream("obs", NAME)
     while time.monotonic() < end:
         maker = attacker.chance.choice(_MAKERS)
-        attacker.session.put(key, maker(attacker.chance, attacker.run, attacker.seq))
+        attacker.session.put(key, maker(attacker))
         attacker.seq += 1
         time.sleep(1 / _RATE)
 

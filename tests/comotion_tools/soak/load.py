@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -65,21 +65,6 @@ def positions(kind: Kind, features: NDArray[np.float64], t: float) -> NDArray[np
 
 
 @dataclass
-class Account:
-    """What has been sent: `sent` counts sequence numbers, `repeated` those that were sent again."""
-
-    sent: int = 0
-    repeated: int = 0
-    paused: bool = False
-    late: deque[bytes] = field(default_factory=deque)
-
-    def declared(self, session: str) -> str:
-        """As a line of JSON."""
-        found = {"session": session, "sent": self.sent, "repeated": self.repeated, "paused": self.paused}
-        return json.dumps(found)
-
-
-@dataclass
 class _Faults:
     """What is wrong at the moment; each until a time on the monotonic clock."""
 
@@ -91,21 +76,43 @@ class _Faults:
     burst: int = 0
     paused: bool = False
 
+    def obey(self, command: dict[str, Any]) -> None:
+        """Let something be wrong from now on."""
+        until = time.monotonic() + command.get("lasts_s", 0.0)
+        match command["do"]:
+            case "clock":
+                self.clock_s, self.clock_until = command["size"], until
+            case "loss":
+                self.loss_until = until
+            case "disorder":
+                self.disorder_until = until
+            case "churn":
+                # Within the hundreds that leave the thousands, which name the body, alone.
+                self.generation = (self.generation + 1) % 9
+            case "burst":
+                self.burst = int(command["size"])
+            case "pause" | "resume":
+                self.paused = command["do"] == "pause"
 
-@dataclass
+
 class Source:
-    """Makes the batches of one source."""
+    """Makes the batches of one source, and sends them as the faults of the moment say.
 
-    name: str
-    session: str
-    seed: int
-    faults: _Faults = field(default_factory=_Faults)
-    seq: int = 0
+    Attributes
+    ----------
+    sent, repeated
+        Sequence numbers used, and batches sent again.
+    """
 
-    def __post_init__(self) -> None:
-        self.kind = KINDS[self.name]
-        self._features = places(self.kind, self.seed)
-        self._rng = np.random.default_rng(self.seed)
+    def __init__(self, component: Component) -> None:
+        self.name, self.session = component.name, component.session_id
+        self.kind, self.faults = KINDS[self.name], _Faults()
+        self.sent = self.repeated = 0
+        seed = sum(self.name.encode())
+        self._features = places(self.kind, seed)
+        self._rng, self._chance = np.random.default_rng(seed), random.Random(self.name)
+        self._publisher = stream_publisher(component.session, component.keys, "obs", self.name)
+        self._late: deque[bytes] = deque()
 
     def batch(self) -> ObservationBatch:
         """The next batch, as of now."""
@@ -115,11 +122,11 @@ class Source:
         found = positions(kind, self._features, now)
         found += self._rng.normal(0, _NOISE_M if kind.unit == "m" else _NOISE_PX, found.shape)
         ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(kind.features) + 100 * faults.generation
-        self.seq += 1
+        self.sent += 1
         return ObservationBatch(
             source=self.name,
             session=self.session,
-            seq=self.seq - 1,
+            seq=self.sent - 1,
             space=kind.space,
             unit=kind.unit,  # type: ignore[arg-type]
             dim=kind.dim,
@@ -128,75 +135,60 @@ class Source:
             positions=found.reshape(-1, kind.dim).astype(np.float32),
         )
 
+    def send(self) -> None:
+        """Send what is due."""
+        faults, now = self.faults, time.monotonic()
+        for _ in range(1 + faults.burst):
+            payload = encode(self.batch())
+            if now < faults.loss_until and self._chance.random() < 0.2:
+                continue
+            self._late.append(payload)
+            if now < faults.disorder_until and self._chance.random() < 0.2:
+                self._late.append(payload)
+                self.repeated += 1
+        faults.burst = 0
+        in_order = now >= faults.disorder_until
+        while len(self._late) > (0 if in_order else 2):
+            first = self._late.popleft()
+            if not in_order:
+                self._publisher.put(self._late.popleft())
+            self._publisher.put(first)
 
-def _obey(faults: _Faults, command: dict[str, Any]) -> None:
-    until = time.monotonic() + command.get("lasts_s", 0.0)
-    match command["do"]:
-        case "clock":
-            faults.clock_s, faults.clock_until = command["size"], until
-        case "loss":
-            faults.loss_until = until
-        case "disorder":
-            faults.disorder_until = until
-        case "churn":
-            # Within the hundreds that leave the thousands, which name the body, alone.
-            faults.generation = (faults.generation + 1) % 9
-        case "burst":
-            faults.burst = int(command["size"])
-        case "pause" | "resume":
-            faults.paused = command["do"] == "pause"
+    def flush(self) -> None:
+        """Send what it has held back to send it out of order."""
+        while self._late:
+            self._publisher.put(self._late.popleft())
 
+    def account(self) -> str:
+        """What it has sent, as a line of JSON."""
+        counts = {"sent": self.sent, "repeated": self.repeated, "paused": self.faults.paused}
+        return json.dumps({"session": self.session} | counts)
 
-def _listen(faults: _Faults) -> None:
-    for line in sys.stdin:
-        _obey(faults, json.loads(line))
-
-
-def _send(source: Source, publisher: Any, account: Account, chance: random.Random) -> None:
-    """Send what is due, as the faults of the moment say."""
-    faults, now = source.faults, time.monotonic()
-    held: deque[bytes] = deque()
-    for _ in range(1 + faults.burst):
-        payload = encode(source.batch())
-        account.sent += 1
-        if now < faults.loss_until and chance.random() < 0.2:
-            continue
-        held.append(payload)
-        if now < faults.disorder_until and chance.random() < 0.2:
-            held.append(payload)
-            account.repeated += 1
-    faults.burst = 0
-    account.late.extend(held)
-    in_order = now >= faults.disorder_until
-    while len(account.late) > (0 if in_order else 2):
-        first = account.late.popleft()
-        if not in_order:
-            publisher.put(account.late.popleft())
-        publisher.put(first)
+    def listen(self) -> None:
+        """Obey the commands on standard input."""
+        for line in sys.stdin:
+            self.faults.obey(json.loads(line))
 
 
 def main() -> None:
     """Publish until stopped."""
     endpoint, scene, name = sys.argv[1:4]
     settings = client_settings([endpoint])
-    chance = random.Random(name)
     with Component(role="source", name=name, scene=scene, settings=settings) as component:
-        source = Source(name, component.session_id, seed=sum(name.encode()))
-        publisher = stream_publisher(component.session, component.keys, "obs", name)
-        threading.Thread(target=_listen, args=(source.faults,), daemon=True).start()
-        account = Account()
+        source = Source(component)
+        threading.Thread(target=source.listen, daemon=True).start()
         due = said = time.monotonic()
         while not component.stop.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
             # What was missed while this process was stopped is not made up for.
             due = max(due + 1 / source.kind.rate, now)
-            if not source.faults.paused:
-                _send(source, publisher, account, chance)
-            while source.faults.paused and account.late:
-                publisher.put(account.late.popleft())
+            if source.faults.paused:
+                source.flush()
+            else:
+                source.send()
             if now - said > _ACCOUNT_S:
-                said, account.paused = now, source.faults.paused
-                print(account.declared(source.session), flush=True)
+                said = now
+                print(source.account(), flush=True)
 
 
 if __name__ == "__main__":

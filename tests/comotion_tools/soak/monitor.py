@@ -4,12 +4,15 @@ The truth is in the ids of the features: see :mod:`.load`. The label of a body i
 of its features have. A label counts once it has lasted for a while and each body has a hypothesis of its own.
 """
 
-from collections import Counter, deque
+import time
+from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from comotion_clients.subscription import Subscription
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Status
 
+from ..system import System
 from .load import BODIES, ID_STEP, KINDS
 
 LATE_PERIODS = 3
@@ -66,7 +69,7 @@ class Monitor:
         self._updates = updates
         self._statuses = statuses
         self._started_s = started_s
-        self._arrived_s: float | None = None
+        self.arrived_s: list[float] = []
         # Updates that were due since the count began, and those that came.
         self._expected, self._counted = 0.0, 0
         self._births: dict[int, int] = {}
@@ -74,17 +77,15 @@ class Monitor:
         self.labels: dict[Body, int] = {}
         self.findings = Findings()
         self.status: Status | None = None
-        self.statuses: deque[tuple[float, Status]] = deque(maxlen=600)
         self.last: HypothesisUpdate | None = None
 
     def poll(self) -> None:
         """Take in what has arrived."""
         for arrived, update in self._updates.drain():
             self._on_update(update, arrived)
-        for arrived, status in self._statuses.drain():
+        for _, status in self._statuses.drain():
             if status.role == "service":
                 self.status = status
-                self.statuses.append((arrived, status))
 
     def begin(self) -> None:
         """Forget gaps and missed updates of the time in which the system was starting."""
@@ -104,12 +105,13 @@ class Monitor:
     def _on_update(self, update: HypothesisUpdate, arrived_s: float) -> None:
         found, period_s = self.findings, update.period_ns * 1e-9
         at_s = arrived_s - self._started_s
-        if self._arrived_s is not None:
-            seconds = arrived_s - self._arrived_s
+        if self.arrived_s:
+            seconds = arrived_s - self.arrived_s[-1]
             self._expected += seconds / period_s
             if seconds > LATE_PERIODS * period_s:
                 found.gaps.append(Gap(round(at_s, 2), round(seconds, 3)))
-        self._arrived_s, self.last = arrived_s, update
+        self.arrived_s.append(arrived_s)
+        self.last = update
         found.updates += 1
         found.missed = max(0, round(self._expected) - self._counted)
         self._counted += 1
@@ -144,24 +146,48 @@ class Monitor:
             self.labels[body] = label
 
 
-def _labels(update: HypothesisUpdate) -> dict[Body, int]:
-    """Hypothesis of each body that its features agree on."""
-    names = [source.name for source in update.sources]
-    members: dict[Body, Counter[int]] = {}
-    for source, name in enumerate(names):
-        if name not in KINDS:
+class Watched(System):
+    """A system that is watched from its start on.
+
+    Attributes
+    ----------
+    monitor
+        What sees it.
+    started_s
+        When it was started, on the monotonic clock.
+    """
+
+    def _begin(self) -> None:
+        self.started_s = time.monotonic()
+        updates, statuses = self.subscribe(HypothesisUpdate), self.subscribe(Status)
+        self.monitor = Monitor(updates, statuses, self.started_s)
+
+    def turn(self) -> None:
+        """Wait for a moment, and take in what has arrived."""
+        super().turn()
+        self.monitor.poll()
+
+
+def votes(update: HypothesisUpdate, sources: Collection[str] = KINDS) -> dict[Body, Counter[int]]:
+    """For each body the labels of its features, of these sources, and how many have each."""
+    found: dict[Body, Counter[int]] = {}
+    for source, name in enumerate(one.name for one in update.sources):
+        if name not in sources:
             continue
         mine = update.track_source == source
         bodies = update.track_id[mine] // ID_STEP
         labels = update.track_hypothesis[mine]
         for body in range(BODIES):
-            counts = members.setdefault((KINDS[name].space, body), Counter())
+            counts = found.setdefault((KINDS[name].space, body), Counter())
             counts.update(labels[bodies == body].tolist())
+    return found
+
+
+def _labels(update: HypothesisUpdate) -> dict[Body, int]:
+    """Hypothesis of each body that its features agree on."""
     found = {}
-    for key, counts in members.items():
-        if not counts:
-            continue
-        label, count = counts.most_common(1)[0]
-        if label != UNDETERMINED and count >= _AGREE * counts.total():
-            found[key] = label
+    for body, counts in votes(update).items():
+        for label, count in counts.most_common(1):
+            if label != UNDETERMINED and count >= _AGREE * counts.total():
+                found[body] = label
     return found

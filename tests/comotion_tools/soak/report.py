@@ -1,13 +1,17 @@
 """Reports a soak: violations, a page of Markdown, JSON and a plot."""
 
+import json
 from collections import Counter
+from itertools import groupby
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+from comotion_experiments.plot import new_figure
+
+from ..processes import Usage
 from .load import KINDS
 from .monitor import Gap
-from .processes import Usage
 from .run import Soak
 from .schedule import Fault
 
@@ -22,6 +26,9 @@ _LIFE_SAMPLES = 20
 _MOST_MB, _KEPT_MB, _GIVEN_BACK_S = 800.0, 60.0, 25.0
 _LOG_BYTES_PER_MINUTE = 60_000
 _ALONE = frozenset({f"{kind.space}" for kind in KINDS.values() if kind.space != "world"})
+
+
+Span = tuple[float, float]
 
 
 def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
@@ -66,57 +73,48 @@ def violations(soak: Soak, longest_s: float) -> list[str]:
 
 
 def _growth(soak: Soak) -> list[str]:
+    attacks = [(at_s, at_s + fault.lasts_s) for at_s, fault in soak.faults if fault.kind == "hostile"]
     found = []
     for name, samples in soak.usage.items():
-        for life in sorted({starts for _, starts, _ in samples}):
-            for stretch in _stretches(soak, [one for one in samples if one[1] == life]):
-                found += [f"{name}, life {life}: {text}" for text in _grown(stretch)]
-            kept = _kept(soak, [(at_s, one.memory_mb) for at_s, starts, one in samples if starts == life])
-            found += [f"{name}, life {life}: {text}" for text in kept]
-            most = max(usage.memory_mb for _, starts, usage in samples if starts == life)
-            if most > _MOST_MB:
-                found.append(f"{name}, life {life}: memory reached {most:.0f} MB")
+        for starts, of_life in groupby(samples, key=lambda sample: sample[1]):
+            life = [(at_s, usage) for at_s, _, usage in of_life]
+            texts = [text for stretch in _stretches(attacks, life) for text in _grown(stretch)]
+            texts += _kept(attacks, [(at_s, usage.memory_mb) for at_s, usage in life])
+            most = max(usage.memory_mb for _, usage in life)
+            texts += [f"memory reached {most:.0f} MB"] if most > _MOST_MB else []
+            found += [f"{name}, life {starts}: {text}" for text in texts]
         minutes = max(soak.seconds / 60, 1.0)
         if samples and samples[-1][2].log_bytes / minutes > _LOG_BYTES_PER_MINUTE:
             found.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
     return found
 
 
-def _kept(soak: Soak, samples: list[tuple[float, float]]) -> list[str]:
+def _kept(attacks: list[Span], life: list[tuple[float, float]]) -> list[str]:
     """What a process has not given back after attacks, of its memory in MB at some s."""
-    attacks = [(at_s, at_s + fault.lasts_s) for at_s, fault in soak.faults if fault.kind == "hostile"]
     found = []
+    # What was there before the first attack of its life: what each leaves adds up.
+    first_s = min((begun_s for begun_s, _ in attacks if begun_s >= life[0][0]), default=0.0)
+    first = [memory_mb for at_s, memory_mb in life if at_s <= first_s]
     for begun_s, end_s in attacks:
-        before = [memory_mb for at_s, memory_mb in samples if at_s <= begun_s]
         later = next((begun for begun, _ in attacks if begun > begun_s), float("inf"))
-        after = [memory_mb for at_s, memory_mb in samples if end_s + _GIVEN_BACK_S <= at_s < later]
-        # What was there before the first attack of its life: what each leaves adds up.
-        if before and after and min(after) > (first := _before_attacks(attacks, samples)) + _KEPT_MB:
+        after = [memory_mb for at_s, memory_mb in life if end_s + _GIVEN_BACK_S <= at_s < later]
+        if first and begun_s >= first_s and after and min(after) > first[-1] + _KEPT_MB:
             found.append(
-                f"memory was {first:.0f} MB, and {min(after):.0f} after the attack at {begun_s:.0f} s"
+                f"memory was {first[-1]:.0f} MB, and {min(after):.0f} after the attack at {begun_s:.0f} s"
             )
     return found
 
 
-def _before_attacks(attacks: list[tuple[float, float]], samples: list[tuple[float, float]]) -> float:
-    """The last memory of a life before an attack."""
-    first_s = min(begun_s for begun_s, _ in attacks if begun_s >= samples[0][0])
-    return [memory_mb for at_s, memory_mb in samples if at_s <= first_s][-1]
-
-
-def _stretches(soak: Soak, samples: list[tuple[float, int, Usage]]) -> list[list[Usage]]:
+def _stretches(attacks: list[Span], life: list[tuple[float, Usage]]) -> list[list[Usage]]:
     """What a process held, by the stretches of its life between attacks.
 
     An attack within the limits grows arrays and queues up to their bounds; that they are given back is judged
     apart. A leak grows between attacks too.
     """
-    attacks = [
-        (at_s, at_s + fault.lasts_s + _BELONGS_S) for at_s, fault in soak.faults if fault.kind == "hostile"
-    ]
     stretches: dict[int, list[Usage]] = {}
-    for at_s, _, usage in samples:
-        if not any(begun <= at_s < end for begun, end in attacks):
-            stretches.setdefault(sum(end <= at_s for _, end in attacks), []).append(usage)
+    for at_s, usage in life:
+        if not any(begun <= at_s < end + _BELONGS_S for begun, end in attacks):
+            stretches.setdefault(sum(end + _BELONGS_S <= at_s for _, end in attacks), []).append(usage)
     return list(stretches.values())
 
 
@@ -173,24 +171,17 @@ def gaps_by_fault(soak: Soak) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for gap in soak.findings.gaps:
         fault = cause(soak, gap.at_s, gap.seconds)
-        found.setdefault("no fault" if fault is None else f"{fault.kind} {fault.target}", []).append(
-            gap.seconds
-        )
+        name = "no fault" if fault is None else f"{fault.kind} {fault.target}"
+        found.setdefault(name, []).append(gap.seconds)
     return {name: sorted(gaps, reverse=True) for name, gaps in sorted(found.items())}
 
 
 def _extremes(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
-    usages = [usage for *_, usage in samples]
-    return {
-        "starts": samples[-1][1],
-        "memory_mb": [
-            round(median(u.memory_mb for u in usages), 1),
-            round(max(u.memory_mb for u in usages), 1),
-        ],
-        "descriptors": [median(u.descriptors for u in usages), max(u.descriptors for u in usages)],
-        "threads": [median(u.threads for u in usages), max(u.threads for u in usages)],
-        "log_bytes": usages[-1].log_bytes,
-    }
+    found: dict[str, Any] = {"starts": samples[-1][1], "log_bytes": samples[-1][2].log_bytes}
+    for name in ("memory_mb", "descriptors", "threads"):
+        held = [getattr(usage, name) for *_, usage in samples]
+        found[name] = [round(median(held), 1), round(max(held), 1)]
+    return found
 
 
 def lines(found: dict[str, Any]) -> list[str]:
@@ -222,20 +213,23 @@ def lines(found: dict[str, Any]) -> list[str]:
     return text
 
 
-def save_plot(path: Path, soak: Soak) -> None:
-    """Draw memory and gaps over time, with the faults.
+def save(folder: Path, values: dict[str, Any], soak: Soak) -> list[str]:
+    """Write the figures of :func:`as_json`, their text and, with matplotlib, a plot; returns the text."""
+    text = lines(values)
+    (folder / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
+    (folder / "soak.txt").write_text("\n".join(text) + "\n", encoding="utf-8")
+    try:
+        figure = new_figure(10, 6, dpi=90)
+    except ModuleNotFoundError:
+        return [*text, "no plot: pip install 'comotion[plot]'"]
+    _draw(figure, soak)
+    figure.savefig(folder / "soak.png")
+    return text
 
-    Raises
-    ------
-    ModuleNotFoundError
-        Without matplotlib.
-    """
-    import matplotlib as mpl
 
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (above, below) = plt.subplots(2, 1, figsize=(10, 6), sharex=True, layout="constrained")
+def _draw(figure: Any, soak: Soak) -> None:
+    """Draw memory and gaps over time, with the faults."""
+    above, below = figure.subplots(2, 1, sharex=True)
     for name, samples in soak.usage.items():
         above.plot([s / 60 for s, *_ in samples], [u.memory_mb for *_, u in samples], lw=1, label=name)
     above.set_ylabel("memory, MB")
@@ -248,5 +242,3 @@ def save_plot(path: Path, soak: Soak) -> None:
     below.set_ylabel("time without updates, s")
     below.set_xlabel("min")
     below.legend(ncols=5, fontsize=8)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)

@@ -4,7 +4,6 @@ The loop looks at everything ten times a second: it starts what has ended, carri
 measures. One fault is carried out at a time.
 """
 
-import json
 import signal
 import threading
 import time
@@ -12,22 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Self
 
-from comotion_clients.subscription import Subscription
-from comotion_deploy.errors import UserError
 from comotion_deploy.processes import PYTHON
-from comotion_schemas import HypothesisUpdate, Keys, Status
-from comotion_schemas.transport import SessionSettings, connect
+from comotion_schemas.transport import SessionSettings
 
+from ..processes import COMOTION, STARTS, Managed, Usage
 from .accounts import Audit, Moment, audit, moment
-from .monitor import Findings, Monitor
-from .processes import Managed, Usage, system
-from .schedule import HOSTILE, SOURCES, Fault
+from .monitor import Findings, Watched
+from .schedule import HOSTILE, OTHERS, SOURCES, Fault
 
 SCENE = "soak"
-READY_S = 180.0
-_TURN_S = 0.1
 _SAMPLE_S = 2.0
 _PAUSED_S = 15.0
 _WINDOW_S = 60.0
@@ -35,6 +28,8 @@ _SETTLE_S = 1.2
 _HOSTILE_S = 4.0
 _RECORDINGS = 3
 _PRUNE_S = 30.0
+_RECOVERED_S = 60.0
+_BETWEEN_S = 4.0
 
 
 @dataclass
@@ -64,7 +59,37 @@ class Soak:
     recovery: list[tuple[str, float]] = field(default_factory=list)
 
 
-class Runner:
+def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = ()) -> dict[str, Managed]:
+    """Build the processes of a soak, by name, in the order in which they start.
+
+    Parameters
+    ----------
+    endpoint, scene
+        Where they meet.
+    folder
+        Where logs, state and recording go.
+    serve
+        Further options of ``comotion serve``.
+    """
+    at = ("--connect", endpoint, "--scene", scene)
+    record = ("record", str(folder / f"take-{STARTS}.mcap"), "--max-size", "20")
+    commands = {
+        "router": (*COMOTION, "router", "--listen", endpoint),
+        "service": (*COMOTION, "serve", "--state", str(folder / "scene.state"), *serve, *at),
+        **{name: (*PYTHON, "comotion_tools.soak.load", endpoint, scene, name) for name in SOURCES},
+        "recorder": (*COMOTION, *record, *at),
+        "viewer": (*COMOTION, "watch", *at),
+    }
+    return {name: Managed(name, command, folder) for name, command in commands.items()}
+
+
+def hostile(endpoint: str, scene: str, folder: Path, seconds: float, seed: int, *attack: str) -> Managed:
+    """Build the process that attacks a scene for some seconds, as :mod:`.hostile` says."""
+    command = (*PYTHON, "comotion_tools.soak.hostile", endpoint, scene, f"{seconds:g}", str(seed), *attack)
+    return Managed(HOSTILE, command, folder)
+
+
+class Runner(Watched):
     """A running system under faults; a context manager that stops it all.
 
     Parameters
@@ -82,14 +107,13 @@ class Runner:
     def __init__(
         self, endpoint: str, folder: Path, stop: threading.Event, say: Callable[[str], None]
     ) -> None:
-        self._endpoint, self._folder, self._stop, self.say = endpoint, folder, stop, say
-        self.processes = system(endpoint, SCENE, folder)
+        super().__init__(system(endpoint, SCENE, folder), SCENE, SessionSettings(connect=(endpoint,)), stop)
+        self._endpoint, self._folder, self.say = endpoint, folder, say
         if find_spec("mcap") is None:
             del self.processes["recorder"]
             say("no recorder: mcap is not installed")
-        self.started_s = time.monotonic()
         self.result = Soak()
-        self._expected: dict[str, int] = {}
+        self._expected: set[str] = set()
         self._sampled_s = self._pruned_s = 0.0
         self._window: Moment | None = None
         self._window_s = 0.0
@@ -99,39 +123,21 @@ class Runner:
         """Seconds since the start."""
         return time.monotonic() - self.started_s
 
-    def __enter__(self) -> Self:
-        self.processes["router"].start()
-        self._session = connect(SessionSettings(connect=(self._endpoint,)), given_up=self._stop)
-        self._updates = Subscription(self._session, HypothesisUpdate, SCENE)
-        self._statuses = Subscription(self._session, Status, SCENE)
-        for name, process in self.processes.items():
-            if name != "router":
-                process.start()
-        self.monitor = Monitor(self._updates, self._statuses, self.started_s)
-        self.result.findings = self.monitor.findings
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.result.seconds = self.now_s
-        for process in reversed(self.processes.values()):
-            process.end()
-        self._updates.close()
-        self._statuses.close()
-        self._session.close()  # type: ignore[no-untyped-call]
+        super().__exit__(*exception)
 
     def settle(self) -> None:
-        """Wait until every body has a hypothesis of its own; the soak begins then.
+        """Start all and wait until every body has a hypothesis of its own; the soak begins then.
 
         Raises
         ------
         UserError
             If that does not happen.
         """
-        deadline = time.monotonic() + READY_S
-        while not self.monitor.is_sorted_out and not self._stop.is_set():
-            self.turn()
-            if time.monotonic() > deadline:
-                raise UserError(f"the scene does not come up; see the logs in {self._folder}")
+        self.start(*(name for name in self.processes if name != "router"))
+        self.result.findings = self.monitor.findings
+        self.until(lambda: self.monitor.is_sorted_out)
         self.monitor.begin()
 
     def run(self, faults: list[Fault], until_s: float) -> None:
@@ -139,28 +145,22 @@ class Runner:
         offset_s = self.now_s
         for fault in faults:
             self.wait(offset_s + fault.at_s - self.now_s)
-            if self._stop.is_set():
+            if self.stop.is_set():
                 return
             self._audit(fault)
             self.carry_out(fault)
         self.wait(offset_s + until_s - self.now_s)
         self._audit(None)
 
-    def wait(self, seconds: float) -> None:
-        """Watch for some time."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not self._stop.is_set():
-            self.turn()
-
     def turn(self) -> None:
-        """Look once at everything."""
-        self._stop.wait(_TURN_S)
-        self.monitor.poll()
+        """Look once at everything: start what has ended, and measure."""
+        super().turn()
         for name, process in self.processes.items():
             if process.has_ended():
-                if not self._expected.pop(name, 0):
+                if name not in self._expected:
                     self.result.ended.setdefault(name, []).append(process.ended[-1])
                     self.say(f"{name} has ended by itself, status {process.ended[-1]}")
+                self._expected.discard(name)
                 process.start()
         if self.now_s - self._sampled_s > _SAMPLE_S:
             self._sampled_s = self.now_s
@@ -171,7 +171,7 @@ class Runner:
 
     def expect(self, name: str) -> None:
         """Note that a process is about to end, and is to be started again."""
-        self._expected[name] = 1
+        self._expected.add(name)
 
     def carry_out(self, fault: Fault) -> None:
         """Do what a fault says, and wait until it is over."""
@@ -201,12 +201,9 @@ class Runner:
             self.wait(fault.lasts_s)
 
     def _attack(self, seed: int) -> None:
-        command = (*PYTHON, "comotion_tools.soak.hostile", self._endpoint, SCENE)
-        attacker = Managed(HOSTILE, (*command, f"{_HOSTILE_S:g}", str(seed)), self._folder)
+        attacker = hostile(self._endpoint, SCENE, self._folder, _HOSTILE_S, seed)
         attacker.start()
-        deadline = time.monotonic() + 10 * _HOSTILE_S
-        while not attacker.has_ended() and time.monotonic() < deadline and not self._stop.is_set():
-            self.turn()
+        self.is_so(attacker.has_ended, 10 * _HOSTILE_S)
         attacker.end()
 
     def _audit(self, fault: Fault | None) -> None:
@@ -232,39 +229,25 @@ class Runner:
         the time before its start is none of the stretch.
         """
         sources = [self.processes[name] for name in SOURCES]
-        for source in sources:
-            source.send({"do": "pause"})
-        try:
-            return self._settled(sources, time.monotonic() + _PAUSED_S, opens=opens)
-        finally:
-            for source in sources:
-                source.send({"do": "resume"})
+        with self.paused(sources):
+            return self._settled(sources, opens=opens)
 
-    def _settled(self, sources: list[Managed], deadline: float, *, opens: bool) -> Moment | None:
+    def _settled(self, sources: list[Managed], *, opens: bool) -> Moment | None:
         """The accounts, once all sources pause and the service counts no more; None if that takes long."""
         before: Moment | None = None
-        asked_s = 0.0
-        while time.monotonic() < deadline and not self._stop.is_set():
-            self.turn()
-            paused = all(source.account.get("paused") for source in sources)
-            if not paused or time.monotonic() - asked_s < _SETTLE_S:
-                continue
-            asked_s = time.monotonic()
-            now = self._query_accounts(sources)
+        end = time.monotonic() + _PAUSED_S
+        while self.is_so(lambda: all(one.account.get("paused") for one in sources), end - time.monotonic()):
+            now = self._count(sources)
             if now is not None and now == before and not now.waiting and not (opens and now.unheard):
                 return now
             before = now
+            self.wait(_SETTLE_S)
         return None
 
-    def _query_accounts(self, sources: list[Managed]) -> Moment | None:
+    def _count(self, sources: list[Managed]) -> Moment | None:
         """What the service says of the accounts now."""
-        if self.monitor.last is None:
-            return None
-        selector = f"{Keys(SCENE).prefix}/query/accounts"
-        for reply in self._session.get(selector, timeout=_SETTLE_S):
-            if reply.ok is not None:
-                return moment(self.monitor.last.session, json.loads(reply.ok.payload.to_bytes()), sources)
-        return None
+        last, reply = self.monitor.last, self.accounts(_SETTLE_S)
+        return None if last is None or reply is None else moment(last.session, reply, sources)
 
     def _sample(self) -> None:
         for name, process in self.processes.items():
@@ -291,3 +274,34 @@ def clear(folder: Path) -> None:
     for pattern in ("*.log", "take-*.mcap", "scene.state*"):
         for file in folder.glob(pattern):
             file.unlink()
+
+
+def kill_in_a_row(runner: Runner, count: int) -> None:
+    """Kill the service, start it again, and wait until all bodies have their hypotheses; `count` times."""
+    for k in range(1, count + 1):
+        if runner.stop.is_set():
+            return
+        seconds = _recovery_s(runner)
+        runner.result.recovery.append(("kill service", seconds))
+        changed = len(runner.monitor.findings.changes)
+        runner.say(
+            f"kill {k} of {count}: all bodies again after {seconds:.2f} s, {changed} ids changed so far"
+        )
+        runner.wait(_BETWEEN_S)
+
+
+def _recovery_s(runner: Runner) -> float:
+    """Kill the service; how long until all bodies have their hypotheses again, at most a minute."""
+    monitor, began = runner.monitor, time.monotonic()
+    sessions = len(monitor.findings.sessions)
+    runner.carry_out(Fault(runner.now_s, "kill", "service"))
+    runner.is_so(lambda: len(monitor.findings.sessions) > sessions and monitor.is_sorted_out, _RECOVERED_S)
+    return time.monotonic() - began
+
+
+def stop_each(runner: Runner, seconds: float) -> None:
+    """Stop each process for some time and continue it."""
+    for target in (*SOURCES, *OTHERS):
+        if target in runner.processes:
+            runner.carry_out(Fault(runner.now_s, "stop", target, seconds))
+            runner.wait(2 * _BETWEEN_S)

@@ -1,8 +1,6 @@
 """A fleet of agents over real etcd: scenes are served, and go on when agents are lost, drained or added."""
 
 import json
-import threading
-import time
 from contextlib import ExitStack
 
 import pytest
@@ -14,11 +12,11 @@ from comotion_deploy.fleet.entries import add_scene, claim, read_fleet, register
 from comotion_deploy.fleet.plan import Place, Scene
 from comotion_schemas import HypothesisUpdate
 
-from ..conftest import DEADLINE
 from ..etcd_cluster import NEEDS_ETCD
+from ..tracker import until
 from .test_service import is_sorted_out, labels
 
-pytestmark = [pytest.mark.e2e, NEEDS_ETCD]
+pytestmark = NEEDS_ETCD
 SCENES = 2
 OPTIONS = ("--set", "window=7")
 
@@ -55,17 +53,18 @@ class Clients:
 
     def until(self, condition):
         """Wait until every scene has gone on and is sorted out, and `condition` holds; labels by scene."""
-        last, end = {}, time.monotonic() + DEADLINE
-        for subscription in self.of.values():
-            subscription.drain()
-        while time.monotonic() < end:
+        last = {}
+
+        def is_so():
             for scene, subscription in self.of.items():
                 if arrived := subscription.drain():
                     _, last[scene] = arrived[-1]
-            if len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition():
-                return {scene: labels(update) for scene, update in last.items()}
-            threading.Event().wait(0.1)
-        raise AssertionError("what was awaited did not come")
+            return len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition()
+
+        for subscription in self.of.values():
+            subscription.drain()
+        until(is_so)
+        return {scene: labels(update) for scene, update in last.items()}
 
 
 @pytest.fixture
@@ -115,10 +114,7 @@ def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, source
     assert clients.until(lambda: versions(client, "s0") == {changed.version}) == before
 
     assert run(["fleet", "remove", "s0", *at]) == 0
-    end = time.monotonic() + DEADLINE
-    while any(place.scene == "s0" for place in read_fleet(client).holders):
-        assert time.monotonic() < end
-        threading.Event().wait(0.1)
+    until(lambda: not any(place.scene == "s0" for place in read_fleet(client).holders))
 
 
 def test_of_two_ready_replicas_only_one_leaves(etcd):

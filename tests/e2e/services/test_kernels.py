@@ -29,8 +29,8 @@ def updates(
 
 @pytest.mark.timeout(900)  # compiles
 def test_processes_that_compile_and_that_load_give_the_same_updates_with_any_number_of_threads(
-    digests_before: tuple[dict[str, str], bool], tmp_path: Path
-) -> None:
+    digests_before, tmp_path
+):
     before, compiled_before = digests_before
     before = before or updates(2)[0]
     # Where set-up has compiled everything, what takes the shortest is compiled again.
@@ -44,7 +44,7 @@ def test_processes_that_compile_and_that_load_give_the_same_updates_with_any_num
 
 @pytest.mark.parametrize("method", ["comotion", "thesis"])
 @pytest.mark.timeout(900)  # compiles what has changed
-def test_after_ready_nothing_is_compiled_or_loaded_whatever_comes_first(method: str) -> None:
+def test_after_ready_nothing_is_compiled_or_loaded_whatever_comes_first(method):
     """Signatures are counted, so it does not matter what is on the disk; CI starts from an empty folder."""
     script = EVERY_KERNEL.with_name("first_tick.py")
     done = subprocess.run(

@@ -10,9 +10,6 @@ from comotion_schemas import Keys, ObservationBatch
 from comotion_sources.recordings import read_recording, recording_batches
 from comotion_sources.simulator import Simulation, load_scene
 
-from ..conftest import routing
-
-pytestmark = pytest.mark.e2e
 KEYS = Keys()
 
 SCENE = """
@@ -36,13 +33,6 @@ motion = { kind = "key-states", states = [[0.0, 0.0, 0.0, 0.0], [2.0, 1.0, 0.0, 
 """
 
 
-@pytest.fixture(scope="module")
-def endpoint(shared_endpoint):
-    """One router for all tests of this module."""
-    with routing(shared_endpoint):
-        yield shared_endpoint
-
-
 @pytest.fixture
 def scene(tmp_path):
     path = tmp_path / "scene.toml"
@@ -60,11 +50,6 @@ def take(tmp_path):
     labels, names = np.array([1, 1, 2, 2, 1, -1, 2]), np.array(["arm", "hand"])
     np.savez(path, positions=positions, times=np.arange(200) / 50, labels=labels, segment_names=names)
     return path
-
-
-def finish(process):
-    """Wait for a source that ends by itself."""
-    assert process.wait() == 0, process.output
 
 
 def by_source(messages):
@@ -87,7 +72,7 @@ def test_processes_divide_one_scene_and_agree_on_the_world(start, endpoint, sess
             process.wait_ready()
         in_time = time.time() < begin
         for process in processes:
-            finish(process)
+            assert process.wait() == 0, process.output
         messages, told = observations.drain(), truths.drain()
         if in_time:
             break
@@ -114,16 +99,14 @@ def test_processes_divide_one_scene_and_agree_on_the_world(start, endpoint, sess
     assert labels == objects
 
 
-@pytest.mark.parametrize("options", [(), ("--split", "3"), ("--rate", "25,10", "--split", "2")])
-def test_a_replay_publishes_what_the_recording_yields(start, endpoint, session, listen, take, options):
+def test_a_replay_publishes_what_the_recording_yields(start, endpoint, session, listen, take):
+    """Divided between sources of two rates; tests/unit/test_recordings.py has what else it yields."""
     observations = listen(session, KEYS.streams("obs"), "obs")
-    original = ("--stamps", "original", "--speed", 4, "--connect", endpoint)
-    finish(start("source", "replay", take, *original, *options))
-    split = int(options[-1]) if options else 1
-    rates = [25.0, 10.0] if "--rate" in options else None
+    options = ("--stamps", "original", "--speed", 4, "--rate", "25,10", "--split", 2)
+    assert start("source", "replay", take, *options, "--connect", endpoint).wait() == 0
     expected = by_source(
         message
-        for message in recording_batches(read_recording(take), split=split, rates=rates)
+        for message in recording_batches(read_recording(take), split=2, rates=[25.0, 10.0])
         if isinstance(message, ObservationBatch)
     )
     found = by_source(observations.drain())
@@ -150,8 +133,7 @@ def test_a_loop_is_a_new_session_and_a_late_joiner_gets_the_truth(start, endpoin
     truth = truths.until(lambda message: message.session == seen[-1].session)
     assert truth.names == {"1": "arm", "2": "hand"}
     assert truth.objects.tolist() == [1, 1, 2, 2, 1, -1, 2]
-    process.interrupt()
-    assert process.wait() == 0
+    assert process.interrupt() == 0
     assert "Traceback" not in process.output
 
 

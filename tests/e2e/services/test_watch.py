@@ -11,10 +11,8 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
 
 import pytest
-import zenoh
 
 from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
 from comotion_schemas.transport import declare_publisher
@@ -22,14 +20,13 @@ from comotion_schemas.transport import declare_publisher
 from ... import builders
 from ...builders import SESSION
 from ...command_line import refused
-from ..conftest import DEADLINE, every
+from ..tracker import DEADLINE, every
 
-pytestmark = pytest.mark.e2e
 KEYS = Keys("default")
 
 
 @pytest.fixture
-def scene(session: zenoh.Session) -> Iterator[None]:
+def scene(session):
     """A source and a service, at 20 Hz."""
     observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
@@ -50,28 +47,25 @@ def update(seq: int) -> HypothesisUpdate:
     )
 
 
-def test_once_as_json(start: Callable, endpoint: str, scene: None) -> None:
-    process = start("watch", "--once", "--json", "--timeout", DEADLINE, "--connect", endpoint, ready=False)
-    assert process.wait() == 0
-    found = json.loads(process.output)
+def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint, scene):
+    at = ("--connect", endpoint)
+    lines = start("watch", *at, ready=False)
+    once = start("watch", "--once", "--json", "--timeout", DEADLINE, *at, ready=False)
+    assert once.wait() == 0
+    found = json.loads(once.output)
     (source,) = found["sources"]
     assert (source["name"], source["state"], source["tracks"]) == ("camera", "ok", 1)
     assert source["rate"] > 0
     assert found["hypotheses"][0]["id"] == 42
     assert found["service"]["state"] == "ok"
+    lines.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
+    assert lines.interrupt() == 0
+    assert "\x1b" not in lines.output
 
 
-def test_once_without_a_scene_is_one_clear_line(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_once_without_a_scene_is_one_clear_line(endpoint, capsys):
     said = refused(capsys, "watch", "--once", "--timeout", 0.3, "--connect", endpoint)
     assert said == f"error: no message of scene 'default' arrives at {endpoint}"
-
-
-def test_lines_when_the_output_is_no_terminal(start: Callable, endpoint: str, scene: None) -> None:
-    process = start("watch", "--connect", endpoint, ready=False)
-    process.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
-    process.interrupt()
-    assert process.wait() == 0
-    assert "\x1b" not in process.output
 
 
 class Terminal:
@@ -118,7 +112,7 @@ class Terminal:
             os.close(self._main)
 
 
-def test_a_terminal_of_80x24(endpoint: str, scene: None) -> None:
+def test_a_terminal_of_80x24(endpoint, scene):
     terminal = Terminal(80, 24, "watch", "--connect", endpoint)
     terminal.until("sorted by size")
     terminal.until("camera")

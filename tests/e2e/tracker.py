@@ -1,0 +1,122 @@
+"""A source of two bodies, in a thread of a test or as a process: ``tracker.py OPTIONS``, which are JSON.
+
+The process takes the options of :func:`main`, and says in the end how many batches it has sent.
+"""
+
+import itertools
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import zenoh
+
+from comotion_schemas import ObservationBatch, encode
+from comotion_schemas.component import Component
+from comotion_schemas.transport import client_settings, stream_publisher
+from comotion_tools.processes import DEADLINE
+
+
+@contextmanager
+def every(seconds: float, step: Callable[[int], object]) -> Iterator[None]:
+    """Call ``step(0)``, ``step(1)`` and so on, in a thread, for as long as the context lasts."""
+    over = threading.Event()
+
+    def run() -> None:
+        for seq in itertools.count():
+            if over.wait(seconds):
+                return
+            step(seq)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    yield
+    over.set()
+    thread.join(DEADLINE)
+
+
+def until(condition: Callable[[], object], meanwhile: Callable[[], object] = lambda: None) -> None:
+    """Look again and again until something is so."""
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end, "what was awaited did not come"
+        meanwhile()
+        time.sleep(0.005)
+
+
+def until_heard(publisher: zenoh.Publisher) -> zenoh.Publisher:
+    """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
+    matched = threading.Event()
+    listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
+    if publisher.matching_status.matching:
+        matched.set()
+    assert matched.wait(DEADLINE)
+    listener.undeclare()
+    return publisher
+
+
+class Tracker:
+    """Tracks twelve features in metres: the first six move along x, the others along y."""
+
+    def __init__(
+        self,
+        component: Component,
+        space: str = "world",
+        seed: int = 7,
+        noise: float = 0.0,
+        rate: float = 20.0,
+    ) -> None:
+        self._component, self._space, self._noise, self._rate = component, space, noise, rate
+        self._rng = np.random.default_rng(seed)
+        self._rest = self._rng.random((12, 3)) * 0.4
+        self.publisher = stream_publisher(component.session, component.keys, "obs", component.name)
+        self.sent = 0
+
+    def batch(self, seq: int) -> ObservationBatch:
+        """What it sees now."""
+        stamp_ns = time.time_ns()
+        positions = self._rest + self._rng.normal(0, self._noise, self._rest.shape)
+        swing = 0.3 * np.sin(2 * np.pi * 0.5 * (stamp_ns % 10**12) / 1e9)
+        positions[:6, 0] += swing
+        positions[6:, 1] += 1.0 + swing
+        return ObservationBatch(
+            source=self._component.name,
+            session=self._component.session_id,
+            seq=seq,
+            space=self._space,
+            unit="m",
+            dim=3,
+            stamp_ns=stamp_ns,
+            ids=np.arange(12, dtype=np.uint64),
+            positions=positions.astype(np.float32),
+        )
+
+    def send(self, seq: int) -> None:
+        self.publisher.put(encode(self.batch(seq)))
+        self.sent = seq + 1
+
+    def running(self):
+        """Publish for as long as the context lasts."""
+        return every(1 / self._rate, self.send)
+
+
+def main(endpoint, name, scene="default", tls=None, ahead_s=0.0, stays_s=0.0, **options) -> None:
+    """Publish until stopped, by a clock that is so far ahead; be present for some s after the last batch."""
+    clock = time.time_ns
+    time.time_ns = lambda: clock() + round(ahead_s * 1e9)
+    settings = client_settings([endpoint], tls)
+    with Component(role="source", name=name, scene=scene, settings=settings) as component:
+        tracker = Tracker(component, **options)
+        component.ready()
+        until_heard(tracker.publisher)
+        with tracker.running():
+            component.stop.wait()
+        time.sleep(stays_s)
+    print(f"sent {tracker.sent}", flush=True)
+
+
+if __name__ == "__main__":
+    main(**json.loads(sys.argv[1]))
