@@ -18,6 +18,8 @@ _HINT = "More options (--connect, --config, --log-level ...) and environment var
 
 def helped(app: typer.Typer, arguments: Sequence[str]) -> Callable[..., Any]:
     """Return a call of the app with its help folded, or with ``--help-all``, whole."""
+    if arguments and not {"--help", ALL} & set(arguments):
+        return partial(app, list(arguments))
     command: Any = typer.main.get_command(app)
     _make_plain(command)
     if ALL not in arguments:

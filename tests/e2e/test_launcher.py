@@ -144,7 +144,7 @@ def test_a_process_that_cannot_start_ends_the_launcher_with_one_line(start, tmp_
     launcher = start("up", tmp_path / "up.toml", ready=False)
     assert launcher.wait() == 2
     assert [line for line in launcher.lines if line.startswith("error: ")] == [launcher.lines[-1]]
-    assert "router cannot start: cannot listen" in launcher.lines[-1]
+    assert "router cannot start: 'tcp/nowhere' is not an address to listen at" in launcher.lines[-1]
     assert "Traceback" not in launcher.output
 
 

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import DecodeError, decode
+from comotion_schemas import DecodeError, Keys, decode
 from comotion_tools.soak import hostile
+from comotion_tools.soak.attacks import Attacker
 from comotion_tools.soak.load import BODIES, ID_STEP, KINDS, places, positions
 
 from .. import builders
@@ -39,12 +40,12 @@ def stream(name, first, last):
 
 def crowd(first, last, seed, monkeypatch):
     """Batches of a source that sends lies and extremes, 50 a second, as far as they can be decoded."""
-    chance, session = random.Random(seed), f"{seed + 7:016x}"
+    attacker = Attacker(None, Keys(), random.Random(seed), f"{seed + 7:016x}")
     for seq in range(int((last - first) * 50)):
-        seconds = first + seq / 50
+        seconds, attacker.seq = first + seq / 50, seq
         monkeypatch.setattr(hostile.time, "time_ns", lambda now=seconds: START + round(now * S))
         try:
-            yield seconds, decode(chance.choice(hostile._MAKERS)(chance, session, seq))
+            yield seconds, decode(attacker.chance.choice(hostile._MAKERS)(attacker))
         except DecodeError:
             continue
 

@@ -87,7 +87,7 @@ WRONG = {
         (npz(times=np.zeros(10)), "times do not increase"),
         (npz(labels=np.zeros(2, int)), "labels are not 3 integers"),
         (npz(positions=np.ones((10, 3, 3)), units=np.array("furlong")), "unit is 'furlong'"),
-        (npz(positions=np.array([[object()]])), "damaged"),
+        (npz(positions=np.array([[object()]])), "holds Python objects, not numbers"),
     ],
     "tracks.npz": [
         (packed(tracks=TRACKS), "--fps says how many frames per second"),

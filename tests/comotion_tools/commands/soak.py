@@ -7,7 +7,6 @@ from pathlib import Path
 
 import typer
 
-from comotion_deploy.demo import free_endpoint
 from comotion_deploy.options import Json, Logged, option
 
 
@@ -40,6 +39,7 @@ The status is 0 if nothing was violated, and 1 otherwise.
 
     def run(self) -> None:
         """Run it; exit status 1 if something was violated."""
+        from comotion_deploy.demo import free_endpoint
         from comotion_schemas.component import stop_on_signals
         from comotion_tools.soak import report
         from comotion_tools.soak.run import Runner, clear, kill_in_a_row, stop_each

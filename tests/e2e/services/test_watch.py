@@ -58,7 +58,7 @@ def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint,
     assert source["rate"] > 0
     assert found["hypotheses"][0]["id"] == 42
     assert found["service"]["state"] == "ok"
-    lines.wait_line(lambda line: "1 tracks 1 hypotheses 0 undetermined" in line)
+    lines.wait_line(lambda line: "1 track 1 hypothesis 0 undetermined" in line)
     assert lines.interrupt() == 0
     assert "\x1b" not in lines.output
 
