@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Bools, Ints, Stamps, identities
+from ..arrays import Bools, Ints, Stamps, find, identities
 from ..config import RigidConfig
+from ..matching import continued, largest_total
 from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
 from .costs import stacked
@@ -21,8 +22,13 @@ from .procrustes import Body, static_body
 from .resampling import Frames, extended
 from .tracks import Tracks
 
-# A result holds for this share of the window, and until so large a share of the trajectories is new.
-_HELD_SHARE, _NEW_SHARE = 0.04, 0.05
+# A result holds for this share of the window; twice as long as the one before that it confirms, but at most
+# for so large a share.
+_HELD_SHARE, _MOST_HELD = 0.04, 0.12
+# A fit confirms another where at most so large a share of the trajectories changes its body.
+_CHANGED_SHARE = 0.02
+# It holds until so large a share of the trajectories is new.
+_NEW_SHARE = 0.05
 # s before the new frames in which the place of a trajectory in its body is taken.
 _REFERENCE_TIME = 1.0
 # New frames are at least as dense as the others, but for so much of a frame.
@@ -33,13 +39,18 @@ _FALSE_ALARMS = 20.0
 
 @dataclass(frozen=True)
 class Fit:
-    """What an update has found. At `fitted_ns` all of it was fitted, and so many were :func:`judged`."""
+    """What an update has found.
+
+    At `fitted_ns` all of it was fitted, and so many were :func:`judged`; it may be held for the share `holds`
+    of the window.
+    """
 
     tracks: Tracks
     frames: Frames
     result: SearchResult
     fitted_ns: int
     judged: int
+    holds: float = _HELD_SHARE
 
 
 def held(
@@ -55,7 +66,7 @@ def held(
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    kept_ns = _HELD_SHARE * (frames.stamps[-1] - frames.stamps[0])
+    kept_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
     if not frames.stamps[-1] < stamp_ns < last.fitted_ns + kept_ns:
         return None
     tracks = last.tracks.joined(now)
@@ -74,12 +85,25 @@ def held(
         return None
     if fresh:
         result = joined(more, tracks.newest, result, config)
-    return Fit(tracks, more, result, last.fitted_ns, last.judged)
+    return replace(last, tracks=tracks, frames=more, result=result)
 
 
 def judged(frames: Frames, config: RigidConfig) -> int:
     """How many trajectories were observed for so long that they take part in finding hypotheses."""
     return int(np.count_nonzero(frames.life >= config.min_life))
+
+
+def holding(last: Fit | None, frames: Frames, labels: Ints) -> float:
+    """For what share of the window a new fit may be held, by its labels intp [N] and the last fit."""
+    if last is None:
+        return _HELD_SHARE
+    at = find(frames.key, last.frames.key)
+    then, now = last.result.assignment.labels[at[at >= 0]], labels[at >= 0]
+    count = now.max(initial=-1) + 1
+    heirs = continued(then, now, count, largest_total)
+    same = then == np.append([heirs.get(k, OUTLIER) for k in range(count)], OUTLIER)[now]
+    confirmed = np.count_nonzero(~same) <= _CHANGED_SHARE * len(same)
+    return min(2 * last.holds, _MOST_HELD) if confirmed else _HELD_SHARE
 
 
 def _lost(labels: Ints, tracks: Tracks) -> bool:

@@ -52,7 +52,7 @@ from .assignment import (
 )
 from .belief import Belief, carried_costs
 from .candidates import cluster_rows
-from .continuation import Fit, held, judged
+from .continuation import Fit, held, holding, judged
 from .costs import Costs, costs, excess_costs, moving_bodies
 from .motions import describe_bodies
 from .noise import NoiseEstimates
@@ -169,7 +169,8 @@ class RigidMethod(Method):
         result, due = self._grouped(scene)  # 5 to 9
         if due:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config))
+        holds = holding(self._last, frames, result.assignment.labels)
+        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config), holds)
 
     def _learn(self, previous: Previous) -> None:
         if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
