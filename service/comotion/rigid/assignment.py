@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from ..arrays import Floats, Ints, last_true, thinned
 from ..config import RigidConfig
-from .costs import Costs, with_new
+from .costs import Costs, updated
 from .procrustes import Body
 from .resampling import Frames
 
@@ -112,23 +112,32 @@ def assign(
     return Assignment(labels, cost)
 
 
-def joined(frames: Frames, newest: Floats, found: SearchResult, config: RigidConfig) -> SearchResult:
-    """The result with trajectories that are new, the last ones of `frames`: the others keep their bodies.
+def joined(
+    frames: Frames, newest: Floats, found: SearchResult, again: Ints, config: RigidConfig
+) -> SearchResult:
+    """The result with trajectories that are new, the last ones of `frames`, and others that join `again`.
 
-    `newest` float64 [N, 3] are positions of all of them.
+    Parameters
+    ----------
+    newest
+        float64 [N, 3], positions of all trajectories.
+    again
+        intp [n], ascending; all others keep their bodies.
     """
-    assignment, bodies = found.assignment, found.bodies
-    evidence = with_new(frames, bodies, found.evidence, config)
-    new = np.arange(len(assignment.labels), len(frames.key))
-    labels = np.append(assignment.labels, np.full(len(new), OUTLIER))
+    bodies, known = found.bodies, len(found.assignment.labels)
+    some = np.append(again, np.arange(known, len(frames.key)))
+    evidence = updated(frames, bodies, found.evidence, some, config)
+    labels = np.append(found.assignment.labels, np.full(len(frames.key) - known, OUTLIER))
+    labels[again] = OUTLIER
     x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
     weight = _weight(frames)
-    prior = _log_prior(x, new, labels, weight, len(bodies), _spacing(x[weight > 0]))
-    cost = np.column_stack([evidence.outlier, evidence.body])[new]
-    cost[:, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
-    labels[new] = np.argmin(cost, 1) - 1
-    both = Assignment(labels, np.concatenate([assignment.cost, cost]))
-    return SearchResult(bodies, both, evidence)
+    prior = _log_prior(x, some, labels, weight, len(bodies), _spacing(x[weight > 0]))
+    every = np.zeros((len(labels), 1 + len(bodies)))
+    every[:known] = found.assignment.cost
+    every[some] = np.column_stack([evidence.outlier, evidence.body])[some]
+    every[some, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
+    labels[some] = np.argmin(every[some], 1) - 1
+    return SearchResult(bodies, Assignment(labels, every), evidence)
 
 
 def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labels: Ints) -> Floats:

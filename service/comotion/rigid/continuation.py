@@ -2,7 +2,8 @@
 
 An update costs what is new. Known bodies get their poses in the new frames; what their members do there is
 compared with where they were in their body. Trajectories that are new join a body by place and by the little
-that they have moved. Where something is not explained, or much is new, all is fitted anew.
+that they have moved, and again where they leave it while they are too young for the fit. Where something else
+is not explained, or much is new, all is fitted anew.
 """
 
 from dataclasses import dataclass, replace
@@ -81,10 +82,13 @@ def held(
         return None
     bodies = [_followed(more, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
-    if not np.isin(more.key[_unexplained(more, result, len(frames.stamps), config)], odd).all():
+    unexplained = _unexplained(more, result, len(frames.stamps), config) & ~np.isin(more.key, odd)
+    # What has no part in the fit yet joins another body than the one that it leaves.
+    if (unexplained & (more.life >= config.min_life)).any():
         return None
-    if fresh:
-        result = joined(more, tracks.newest, result, config)
+    again = np.flatnonzero(unexplained[: len(frames.key)])
+    if fresh or len(again):
+        result = joined(more, tracks.newest, result, again, config)
     return replace(last, tracks=tracks, frames=more, result=result)
 
 

@@ -70,17 +70,24 @@ def costs(frames: Frames, bodies: list[Body], config: RigidConfig) -> Costs:
     return Costs(body, outlier, opening, restless, wider, slides, squared)
 
 
-def with_new(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> Costs:
-    """The costs, and those of new trajectories: the last ones of `frames`, as are their rows."""
-    new = frames.of(np.arange(len(found.outlier), len(frames.key)))
-    body, squared = _body_costs(new, stacked(bodies), found.wider, config)
-    return replace(
+def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, config: RigidConfig) -> Costs:
+    """The costs, with those of `tracks` intp [n], ascending, computed anew; all that are new are among them.
+
+    New trajectories are the last ones of `frames`, as are their rows.
+    """
+    some, rows = frames.of(tracks), frames.rows_of(tracks)
+    body, squared = _body_costs(some, stacked(bodies), found.wider, config)
+    new, shape = len(frames.key) - len(found.outlier), (len(frames.owner), len(bodies))
+    every = replace(
         found,
-        body=np.concatenate([found.body, body]),
-        outlier=np.append(found.outlier, _outlier_costs(new, config)[1]),
-        slides=np.concatenate([found.slides, np.zeros(body.shape, np.bool_)]),
-        squared=np.concatenate([found.squared, squared]),
+        body=np.concatenate([found.body, np.zeros((new, len(bodies)))]),
+        outlier=np.append(found.outlier, np.zeros(new)),
+        slides=np.concatenate([found.slides, np.zeros((new, len(bodies)), np.bool_)]),
+        squared=np.concatenate([found.squared, np.zeros((shape[0] - len(found.squared), shape[1]))]),
     )
+    every.body[tracks], every.squared[rows] = body, squared
+    every.outlier[tracks], every.slides[tracks] = _outlier_costs(some, config)[1], False
+    return every
 
 
 def _body_costs(frames: Frames, poses: Floats, wider: Floats, config: RigidConfig) -> tuple[Floats, Floats]:
