@@ -2,7 +2,7 @@
 
 An update costs what is new. Known bodies get their poses in the new frames; what their members do there is
 compared with where they were in their body. Trajectories that are new join a body by place and by the little
-that they have moved, and again where they leave it while they are too young for the fit. Where something else
+that they have moved, and again where they leave it if they were too young for the fit. Where something else
 is not explained, or much is new, all is fitted anew.
 """
 
@@ -83,8 +83,8 @@ def held(
     bodies = [_followed(more, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
     unexplained = _unexplained(more, result, len(frames.stamps), config) & ~np.isin(more.key, odd)
-    # What has no part in the fit yet joins another body than the one that it leaves.
-    if (unexplained & (more.life >= config.min_life)).any():
+    # What was too young for the fit joins another body than the one that it leaves.
+    if (unexplained & (more.life - (stamp_ns - last.fitted_ns) * 1e-9 >= config.min_life)).any():
         return None
     again = np.flatnonzero(unexplained[: len(frames.key)])
     if fresh or len(again):
