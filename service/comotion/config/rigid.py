@@ -26,7 +26,7 @@ class RigidConfig(Group):
         description="share; ... and by no less than this of what the trajectories of the scene do, rms",
     )
     looseness: Annotated[float, Field(ge=0, le=10)] = Field(
-        default=0.8, description="how far a body's tolerance follows its own residual; 0: not at all"
+        default=1.0, description="factor of the variance by which bodies deform; 0: they are rigid"
     )
     residual_cap: Positive = Field(
         default=16.0,

@@ -12,7 +12,7 @@ from .subset import Scene
 
 # Cuts of the dendrogram, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the
 # scenes of docs/research/accuracy.md.
-CUTS = (1.0, 2.0, 4.5)
+CUTS = (1.0, 2.0, 4.5, 10.0, 20.0)
 # Distance of a pair that shares no frames: neither near nor far, in the middle of the cuts.
 _UNKNOWN = 3.0
 

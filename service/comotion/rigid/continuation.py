@@ -147,8 +147,8 @@ def _unexplained(frames: Frames, result: SearchResult, first: int, config: Rigid
     body = np.where(frames.current, known, OUTLIER)[frames.owner]
     squared, count = np.zeros(len(body)), np.zeros(len(body))
     span = max(first - round(_REFERENCE_TIME * config.frame_rate), 0), first
-    poses, wider = stacked(result.bodies), result.evidence.wider
-    recent_residuals(frames.arrays, body, poses, wider, span, squared, count)
+    poses, soft = stacked(result.bodies), result.evidence.soft
+    recent_residuals(frames.arrays, body, poses, soft, span, squared, count)
     freedom = frames.dim * np.bincount(frames.owner, count, len(frames.key))
     rare = float(np.log(_FALSE_ALARMS * max(int(frames.current.sum()), 1)))
     most = freedom + 2 * np.sqrt(freedom * rare) + 2 * rare

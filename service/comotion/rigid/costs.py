@@ -15,12 +15,10 @@ from .sliding import with_sliders
 # trajectory: more than that of an outlier, or a body without poses would be the cheapest. Chosen on the
 # scenes of docs/research/accuracy.md.
 _UNCOVERED_SHARE = 0.7
-# Most tolerances that the residual of one row adds to the looseness of its body: a row that does not belong
-# must not make it loose. Chosen on the scenes of docs/research/accuracy.md.
-_MOST_EXCESS = 9.0
-# Share of what rest would gain by a body's tolerance that the body pays. All of it would be fair, but takes
-# soft bodies apart that rest most of the time. Chosen on the markers and on stress scenes of even seeds.
-_REST_SHARE = 0.5
+# Variances of the deformation of a body that are compared, in tolerances of its rows, and its correlation
+# time, s: from .3 s to 2 s it hardly matters (docs/research/ablation.md).
+_DEFORMATIONS = np.array([0.0, 0.5, 1, 2, 4, 8, 16, 32, 64])
+_DEFORMATION_TIME = 0.7
 
 
 @dataclass(frozen=True)
@@ -31,43 +29,43 @@ class Costs:
 
     `squared` float64 [P, K] is the mean squared residual of each row, NaN where it was not computed.
 
-    `wider` float64 [K] is the variance by which the tolerance of a body exceeds that of a row; `slides` bool
-    [N, K] whether a cost is that of a feature that slides on the body.
+    `soft` float64 [K] is the variance of the deformation of each body; `slides` bool [N, K] whether a cost is
+    that of a feature that slides on the body.
     """
 
     body: Floats
     outlier: Floats
     opening: Floats
     restless: Floats = field(default_factory=lambda: np.zeros(0))
-    wider: Floats = field(default_factory=lambda: np.zeros(0))
+    soft: Floats = field(default_factory=lambda: np.zeros(0))
     slides: Bools = field(default_factory=lambda: np.zeros((0, 0), np.bool_))
     squared: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def of(self, chosen: list[int]) -> "Costs":
         """The costs of some bodies only, by column."""
-        wider = self.wider[chosen] if len(self.wider) else self.wider
+        soft = self.soft[chosen] if len(self.soft) else self.soft
         slides = self.slides[:, chosen] if self.slides.size else self.slides
         restless = self.restless[chosen] if len(self.restless) else self.restless
         squared = self.squared[:, chosen] if self.squared.size else self.squared
         prices = self.opening[chosen], restless
-        return Costs(self.body[:, chosen], self.outlier, *prices, wider, slides, squared)
+        return Costs(self.body[:, chosen], self.outlier, *prices, soft, slides, squared)
 
 
 def costs(frames: Frames, bodies: list[Body], config: RigidConfig) -> Costs:
     """Cost of each trajectory under each body, of being an outlier, and of opening each body.
 
-    C_ik = 1/2 sum_f min(|x_f - b_i|^2 / v_ik, cap dim), x the trajectory in the body's frame, b_i its robust
-    mean there and v_ik the tolerance. Each degree of freedom of a pose gains half a nat by fitting noise
-    even where the body does not exist; the price of opening is beyond that.
+    A cost is the negative log likelihood of the trajectory in the body's frame, where it is a constant, white
+    and slow noise, and the deformation of the body; see :func:`~.kernels.residuals.body_costs`. The price
+    of opening is that of the body's path before the data are seen.
     """
     poses = stacked(bodies)
-    wider = _looseness(frames, bodies, poses, config)
-    body, squared = _body_costs(frames, poses, wider, config)
+    soft = _deformations(frames, bodies, poses, config)
+    body, squared = _body_costs(frames, poses, soft, config)
     seen, outlier = _outlier_costs(frames, config)
-    opening = np.array([_opening(b, b.free, config) for b in bodies])
+    opening = np.array([_opening(b, b.free, config) + b.bends for b in bodies])
     restless = np.array([_opening(b, int(b.posed.sum()), config) for b in bodies])
     body, slides = with_sliders(frames, bodies, body, seen, config)
-    return Costs(body, outlier, opening, restless, wider, slides, squared)
+    return Costs(body, outlier, opening, restless, soft, slides, squared)
 
 
 def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, config: RigidConfig) -> Costs:
@@ -76,7 +74,7 @@ def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, conf
     New trajectories are the last ones of `frames`, as are their rows.
     """
     some, rows = frames.of(tracks), frames.rows_of(tracks)
-    body, squared = _body_costs(some, stacked(bodies), found.wider, config)
+    body, squared = _body_costs(some, stacked(bodies), found.soft, config)
     new, shape = len(frames.key) - len(found.outlier), (len(frames.owner), len(bodies))
     every = replace(
         found,
@@ -90,15 +88,10 @@ def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, conf
     return every
 
 
-def _body_costs(frames: Frames, poses: Floats, wider: Floats, config: RigidConfig) -> tuple[Floats, Floats]:
+def _body_costs(frames: Frames, poses: Floats, soft: Floats, config: RigidConfig) -> tuple[Floats, Floats]:
     """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
     rows = np.arange(len(frames.owner))
-    at_rest = np.zeros((len(rows), len(poses)))
-    row_costs, squared = _residuals(frames, poses, rows, wider, config, at_rest)
-    # The deformation of a body is alike from frame to frame: its price is paid once, not at each frame.
-    price = 0.5 * frames.dim * np.log1p(wider / frames.tolerance[:, None])
-    # A wider tolerance lowers all costs. A body must not earn by it what rest would earn as well.
-    row_costs += price + _REST_SHARE * np.maximum(at_rest - price, 0.0)
+    row_costs, squared = _residuals(frames, poses, rows, soft, config)
     return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
 
 
@@ -128,20 +121,12 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
 def moving_bodies(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> list[int]:
     """Columns of the static body and of the bodies that are worth their price by their motion alone.
 
-    Such a body explains its own rows better than rest does, both at its own tolerance, by more than its
-    price. A wider tolerance lowers the cost of all trajectories: among very many at rest, a body could be
-    worth its price by its tolerance alone.
+    Such a body explains its own rows better than rest does, both with its deformation, by more than its
+    price. Otherwise a body could, among very many at rest, be worth its price by its deformation alone.
     """
     kept = []
     for k, body in enumerate(bodies):
-        if body.static:
-            kept.append(k)
-            continue
-        own = np.unique(frames.owner[body.rows])
-        v = float(frames.tolerance[body.rows].min())
-        # A bound that needs no residuals: a wider tolerance lowers a cost in proportion at most.
-        least = found.body[own, 0].sum() * v / (v + found.wider[k]) - found.body[own, k].sum()
-        if least > found.opening[k] or _gain(frames, body, found.wider[k], config) > found.opening[k]:
+        if body.static or _gain(frames, body, found.soft[k], config) > found.opening[k]:
             kept.append(k)
     return kept
 
@@ -158,31 +143,24 @@ def _opening(body: Body, poses: float, config: RigidConfig) -> float:
     return pose_costs(body.dof, poses, config) + config.birth_price
 
 
-def _gain(frames: Frames, body: Body, wider: float, config: RigidConfig) -> float:
-    """By how much a body's own rows are cheaper under it than at rest, both at its tolerance."""
+def _gain(frames: Frames, body: Body, soft: float, config: RigidConfig) -> float:
+    """By how much a body's own rows are cheaper under it than at rest, both with its deformation."""
     both = stacked([static_body(len(frames.stamps)), body])
-    cost, _ = _residuals(frames, both, body.rows, np.full(2, wider), config)
+    cost, _ = _residuals(frames, both, body.rows, np.full(2, soft), config)
     return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows])
 
 
 def _residuals(
-    frames: Frames,
-    poses: Floats,
-    rows: Ints,
-    wider: Floats,
-    config: RigidConfig,
-    at_rest: Floats | None = None,
+    frames: Frames, poses: Floats, rows: Ints, soft: Floats, config: RigidConfig
 ) -> tuple[Floats, Floats]:
-    """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each.
-
-    `at_rest` [n, K]: out, as of :func:`~.kernels.residuals.body_costs`.
-    """
+    """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each."""
     shape = len(rows), len(poses)
     cost, squared = np.zeros(shape), np.full(shape, np.nan)
-    gain = np.zeros((0, 0)) if at_rest is None else at_rest
+    step = float(frames.stamps[-1] - frames.stamps[0]) * 1e-9 / max(len(frames.stamps) - 1, 1)
+    deformation = soft, float(np.exp(-step / _DEFORMATION_TIME))
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
-    terms = wider, unposed, frames.dim, config.residual_cap
-    body_costs(frames.arrays, rows, poses, *terms, cost, squared, gain)
+    terms = deformation, unposed, frames.dim, config.residual_cap
+    body_costs(frames.arrays, rows, poses, *terms, cost, squared)
     return cost, squared
 
 
@@ -198,17 +176,16 @@ def stacked(bodies: list[Body]) -> Floats:
     return found
 
 
-def _looseness(frames: Frames, bodies: list[Body], poses: Floats, config: RigidConfig) -> Floats:
-    """Variance that each body, with its :func:`stacked` poses, adds to the tolerance, [K].
+def _deformations(frames: Frames, bodies: list[Body], poses: Floats, config: RigidConfig) -> Floats:
+    """Variance of the deformation of each body under which its own rows are most likely, [K].
 
-    Soft things are bodies too. A body that fits its own rows worse than the noise says has a wider
-    tolerance, for all trajectories alike, at the price of a log per coordinate.
+    Soft things are bodies too, and deform slowly; what rests does not deform.
     """
-    wider = np.zeros(len(bodies))
+    soft = np.zeros(len(bodies))
     for k, body in enumerate(bodies):
         if not body.static:
-            tolerance = frames.tolerance[body.rows]
-            _, squared = _residuals(frames, poses[k : k + 1], body.rows, np.zeros(1), config)
-            excess = np.minimum(squared[:, 0] / (frames.dim * tolerance), _MOST_EXCESS).mean()
-            wider[k] = max(config.looseness * (excess - 1), 0.0) * tolerance.mean()
-    return wider
+            tried = config.looseness * frames.tolerance[body.rows].mean() * _DEFORMATIONS
+            alike = np.repeat(poses[k : k + 1], len(tried), 0)
+            cost, _ = _residuals(frames, alike, body.rows, tried, config)
+            soft[k] = tried[np.argmin(frames.weight[body.rows] @ cost)]
+    return soft

@@ -31,8 +31,10 @@ class Body:
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
-        As many poses it is free to take: where it is settled (:mod:`.rest`), one for each rest, and fewer
-        than its frames on a smooth path.
+        As many poses it is free to take: where it is settled (:mod:`.rest`), one for each rest, and two for
+        each path between.
+    bends
+        By how much less likely those paths are than lines, nat.
     rests
         Whether it is settled, and rests in the newest frame.
     """
@@ -43,7 +45,8 @@ class Body:
     t: Floats
     posed: Bools
     dof: int
-    free: float = 0
+    free: int = 0
+    bends: float = 0.0
     rests: bool = False
 
     @property

@@ -5,7 +5,7 @@ fit, so that a resting feature next to nothing of the body may cost less under i
 for each rest, both cost the same, and place and memory decide; and a rest has the price of one pose.
 
 Between rests a body moves smoothly. Poses that were free in each frame would fit noise there as well, and be
-paid for; a smooth path has the price of as many poses as it is free to take.
+paid for; a smooth path has the price of a line, and of what it bends.
 """
 
 from dataclasses import replace
@@ -34,8 +34,8 @@ def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
     template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
     least = _LEAST_REST * config.frame_rate
     runs = settle(w, *noise, template, frames.dim, body.dof, least, still.poses, rests)
-    free = smooth_poses(*_holds(frames, body), body.posed & ~rests, frames.dim, still.poses)
-    return replace(still, free=runs + free, rests=bool(rests[-1]))
+    free, nats = smooth_poses(*_holds(frames, body), body.posed & ~rests, frames.dim, still.poses)
+    return replace(still, free=runs + free, bends=nats, rests=bool(rests[-1]))
 
 
 def _holds(frames: Frames, body: Body) -> tuple[Floats, Floats, Floats]:

@@ -18,8 +18,8 @@ _SHORTEST = 4
 @compiled()
 def smooth_poses(
     middle: Floats, place: Floats, turn: Floats, moving: Bools, dim: int, poses: PoseArrays
-) -> float:
-    """Smooth the poses x = R b + t of a body, in place; returns the number of poses that are as free.
+) -> tuple[int, float]:
+    """Smooth the poses x = R b + t of a body, in place.
 
     The body is accelerated at random: its path is the most probable one, for the accelerations under which
     its poses are most likely. These are sought apart for the middle and for the rotation.
@@ -32,6 +32,13 @@ def smooth_poses(
         float64 [F], inverse variances of a coordinate of the middle and of an angle, in each frame.
     moving
         bool [F], frames with a pose of their own. What lies on both sides of others has paths of its own.
+
+    Returns
+    -------
+    free
+        Poses that are free: two for each path, as for a line, and those of paths that are too short for one.
+    nats
+        By how much less likely the paths are than lines, before the data are seen (Laplace).
     """
     R, t, _ = poses
     count = len(t)
@@ -42,10 +49,9 @@ def smooth_poses(
             for d in range(3):
                 centres[f, c] += R[f, c, d] * middle[d]
                 turns[f, 3 * c + d] = R[f, c, d]
-    angles = 3 if dim == 3 else 1
     # A small turn changes the nine numbers by twice its square.
-    free = dim * _smooth(centres, place, moving, dim, 1.0)
-    free += angles * _smooth(turns, turn, moving, angles, 0.5)
+    nats = _smooth(centres, place, moving, dim, 1.0)
+    nats += _smooth(turns, turn, moving, 3 if dim == 3 else 1, 0.5)
     for f in range(count):
         if moving[f]:
             if dim == 3:
@@ -56,12 +62,25 @@ def smooth_poses(
                 t[f, c] = centres[f, c]
                 for d in range(3):
                     t[f, c] -= R[f, c, d] * middle[d]
-    return free / (dim + angles)
+    return _free_poses(moving), nats
+
+
+@compiled()
+def _free_poses(moving: Bools) -> int:
+    """Two for each run of frames that has a path, and those of shorter runs."""
+    free, length = 0, 0
+    for f in range(len(moving)):
+        length = length + 1 if moving[f] else 0
+        if 0 < length < _SHORTEST:
+            free += 1
+        elif length == _SHORTEST:
+            free += 3 - _SHORTEST
+    return free
 
 
 @compiled()
 def _smooth(z: Floats, weight: Floats, moving: Bools, channels: int, share: float) -> float:
-    """Smooth the columns of z [F, C] in each run of moving frames, in place; how many frames are as free.
+    """Smooth the columns of z [F, C] in each run of moving frames, in place; nats as of :func:`smooth_poses`.
 
     They are so many independent channels, the squares of which are a share of those of the columns.
     """
@@ -70,11 +89,11 @@ def _smooth(z: Floats, weight: Floats, moving: Bools, channels: int, share: floa
         if moving[f]:
             level, total = level + weight[f], total + 1
     if level <= 0.0:
-        return float(total)
+        return 0.0
     path, best, band = z.copy(), z, np.zeros((len(z), 3))
-    free, least = float(total), np.inf
+    nats, least = 0.0, np.inf
     for stiffness in _STIFFNESS:
-        cost, used, stop = 0.0, 0.0, 0
+        cost, bent, stop = 0.0, 0.0, 0
         while stop < len(z):
             begin = stop
             while stop < len(z) and moving[stop]:
@@ -82,15 +101,13 @@ def _smooth(z: Floats, weight: Floats, moving: Bools, channels: int, share: floa
             if stop - begin >= _SHORTEST:
                 run = slice(begin, stop)
                 pull = stiffness * level / total
-                paid, held = _fit_path(z[run], weight[run], pull, channels, share, band[run], path[run])
-                cost, used = cost + paid, used + held
-            else:
-                used += stop - begin
+                paid, more = _fit_path(z[run], weight[run], pull, channels, share, band[run], path[run])
+                cost, bent = cost + paid, bent + more
             stop = max(stop, begin + 1)
         if cost < least:
-            least, free, best = cost, used, path.copy()
+            least, nats, best = cost, bent, path.copy()
     z[:] = best
-    return free
+    return nats
 
 
 @compiled()
@@ -99,9 +116,9 @@ def _fit_path(
 ) -> tuple[float, float]:
     """The path of z [F, C] with the least weighted squares plus `pull` times those of second differences.
 
-    Returns twice the negative log likelihood of the pull, but for what does not depend on it, and the trace
-    of the smoother. `band` [F, 3] is room for the factors of the equations: L D L^T, with two bands below
-    the diagonal.
+    Returns twice the negative log likelihood of the pull, but for what does not depend on it, and the nats
+    of :func:`smooth_poses`: those of the second differences, and what the path is freer than a line. `band`
+    [F, 3] is room for the factors of the equations: L D L^T, with two bands below the diagonal.
     """
     n, columns = z.shape
     _factor(weight, pull, band)
@@ -123,10 +140,14 @@ def _fit_path(
             path[f, c] = path[f, c] * inverse - one * path[after, c] - two * path[later, c]
             squares += (z[f, c] - mean[c]) * (z[f, c] - mean[c] - path[f, c])
         cost += channels * np.log(band[f, 0]) + share * weight[f] * squares
+    left, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0
     for f in range(n):
         for c in range(columns):
             path[f, c] += mean[c]
-    return cost, _trace(weight, band)
+            left += weight[f] * (z[f, c] - path[f, c]) ** 2
+        s0, s1, s2 = s0 + weight[f], s1 + weight[f] * f, s2 + weight[f] * f * f
+    line = np.log(max(s0 * s2 - s1 * s1, 1e-300))
+    return cost, 0.5 * (cost - share * left - channels * line)
 
 
 @compiled()
@@ -146,18 +167,3 @@ def _factor(weight: Floats, pull: float, band: Floats) -> None:
         band[f, 0] = d
         band[f, 1] = one / d if f < n - 1 else 0.0
         band[f, 2] = pull / d if f < n - 2 else 0.0
-
-
-@compiled()
-def _trace(weight: Floats, band: Floats) -> float:
-    """Sum of the weights times the diagonal of the inverse (Hutchinson and de Hoog 1985)."""
-    total, s00, s01, s11 = 0.0, 0.0, 0.0, 0.0
-    # The inverse at (f, f), (f, f + 1) and (f + 1, f + 1), from the last frame on.
-    for f in range(len(weight) - 1, -1, -1):
-        one, two = band[f, 1], band[f, 2]
-        beside = -one * s00 - two * s01
-        across = -one * s01 - two * s11
-        own = 1.0 / band[f, 0] - one * beside - two * across
-        total += weight[f] * own
-        s00, s01, s11 = own, beside, s00
-    return total

@@ -17,17 +17,17 @@ def body_costs(
     arrays: RowArrays,
     rows: Slots,
     poses: Floats,
-    wider: Floats,
+    deformation: tuple[Floats, float],
     unposed: float,
     dim: int,
     cap: float,
     cost: Floats,
     squared: Floats,
-    gain: Floats,
 ) -> None:
-    """Cost of rows under each body, 1/2 sum_f min(w |x - b|^2 / v, cap dim), in place.
+    """Cost of rows under each body, 1/2 sum_f (min(e_f^2 / s_f, cap dim) + dim log(s_f / s0_f)), in place.
 
-    x is the row in the body's frame, b its robust mean there.
+    e_f is the innovation of the row in the body's frame, about its robust mean there: the distance from what
+    a Kalman filter of slow noise and deformation expects. s_f is its variance, s0_f that without deformation.
 
     Parameters
     ----------
@@ -35,42 +35,38 @@ def body_costs(
         intp [n], rows to take.
     poses
         float64 [K, F, 13], of :func:`~comotion.rigid.costs.stacked`.
-    wider
-        float64 [K], by how much the tolerance of a body exceeds that of a row: v = tolerance + wider.
+    deformation
+        Variance of the deformation of each body, float64 [K], and its correlation from frame to frame.
     unposed
         Twice the cost of a frame without a pose where a body covers little of a row. Where it covers most
         frames of the row, the others cost the expected residual.
     cost
         Out: float64 [n, K], in nats.
     squared
-        Out: float64 [n, K], the mean of w |x - b|^2 over posed frames.
-    gain
-        Out, where the first body is the static one: float64 [n, K], what a row would gain at rest by the
-        wider tolerance of each body. Else empty.
+        Out: float64 [n, K], the mean of w e^2 over posed frames, in variances of the white noise.
     """
     y, w, tolerance, spectrum, metric = arrays
     x, gains = np.empty((w.shape[1], 5)), np.empty((w.shape[1], 2))
+    soft_gains, mixed = np.empty((w.shape[1], 2)), np.empty(3)
     for n in range(len(rows)):
         i = rows[n]
-        span, terms = observed_span(w[i]), (dim, cap, unposed)
+        span, terms, inverse = observed_span(w[i]), (dim, cap, unposed), 1.0 / tolerance[i]
         _filter_gains(w[i], spectrum[i], gains)
-        # The body at rest is the last: the gain by a wider tolerance follows from its residuals.
-        for k in range(len(poses) - 1, -1, -1):
-            inverse = 1.0 / (tolerance[i] + wider[k])
-            noise = inverse, metric[i], spectrum[i, 2]
-            cost[n, k], squared[n, k] = _body_cost(y[i], w[i], poses[k], span, noise, terms, x, gains)
-        for k in range(1, gain.shape[1]):
-            if wider[k] > 0:
-                gain[n, k] = _wider_gain(x, span[1] - span[0], tolerance[i], wider[k], cap * dim)
-
-
-@compiled()
-def _wider_gain(x: Floats, count: int, tolerance: float, wider: float, most: float) -> float:
-    """By how much the squares in the last column of x [count, 5] cost less at a wider tolerance."""
-    gain, narrow, wide = 0.0, 1.0 / tolerance, 1.0 / (tolerance + wider)
-    for f in range(count):
-        gain += min(x[f, 4] * narrow, most) - min(x[f, 4] * wide, most)
-    return 0.5 * gain
+        for k in range(len(poses)):
+            soft = deformation[0][k] * inverse
+            if soft == 0.0:
+                noise = inverse, metric[i], spectrum[i, 2]
+                cost[n, k], squared[n, k] = _body_cost(y[i], w[i], poses[k], span, noise, terms, x, gains)
+                continue
+            slow = spectrum[i, 1] + soft
+            mixed[0], mixed[1] = spectrum[i, 0], slow
+            mixed[2] = (spectrum[i, 1] * spectrum[i, 2] + soft * deformation[1]) / slow
+            _filter_gains(w[i], mixed, soft_gains)
+            noise = inverse, metric[i], mixed[2]
+            cost[n, k], squared[n, k] = _body_cost(y[i], w[i], poses[k], span, noise, terms, x, soft_gains)
+            for f in range(span[0], span[1]):
+                if w[i, f] * poses[k, f, 12] > 0:
+                    cost[n, k] += 0.5 * dim * np.log(gains[f, 1] / soft_gains[f, 1])
 
 
 @compiled()
@@ -78,7 +74,7 @@ def recent_residuals(
     arrays: RowArrays,
     body: Slots,
     poses: Floats,
-    wider: Floats,
+    soft: Floats,
     span: tuple[int, int],
     squared: Floats,
     count: Floats,
@@ -89,8 +85,10 @@ def recent_residuals(
     ----------
     body
         intp [P], body of each row; below 0 for none.
-    poses, wider
+    poses
         As of :func:`body_costs`.
+    soft
+        float64 [K], variance of the deformation of each body.
     span
         First frame of the mean, and one past the last: the frames after it are judged.
     squared, count
@@ -110,7 +108,7 @@ def recent_residuals(
                 total, m0, m1, m2 = total + a, m0 + a * x[0], m1 + a * x[1], m2 + a * x[2]
         if total == 0.0:
             continue
-        variance, is_round = (tolerance[i] + wider[k]) * (1.0 + 1.0 / total), is_round_metric(metric[i])
+        variance, is_round = (tolerance[i] + soft[k]) * (1.0 + 1.0 / total), is_round_metric(metric[i])
         for f in range(split, w.shape[1]):
             a = w[i, f] * poses[k, f, 12]
             if a > 0:
@@ -251,12 +249,10 @@ def _filter_gains(w: Floats, spectrum: Floats, gains: Floats) -> None:
     :class:`~.records.RowArrays`.
     """
     white, slow, persistence = spectrum[0], spectrum[1], spectrum[2]
-    if slow == 0.0:
-        return
     variance = slow
     for k in range(len(w)):
         a = w[k]
-        gain = variance * a / (variance * a + white)
-        gains[k, 0], gains[k, 1] = gain, 1.0 / (variance * a + white)
+        gains[k, 1] = 1.0 / (variance * a + white)
+        gains[k, 0] = gain = variance * a * gains[k, 1]
         variance -= gain * variance
         variance = persistence * persistence * variance + (1.0 - persistence * persistence) * slow
