@@ -68,8 +68,8 @@ def _only_white(_tracks: Any, _y: Any, _w: Any, owner: Any, tolerance: Any, *_: 
     return tolerance, np.tile([1.0, 0.0, 0.0], (len(owner), 1))
 
 
-def _free(_middle: Any, _place: Any, _turn: Any, moving: Any, *_: Any) -> float:
-    return float(np.count_nonzero(moving))
+def _free(_middle: Any, _place: Any, _turn: Any, moving: Any, *_: Any) -> tuple[int, float]:
+    return int(np.count_nonzero(moving)), 0.0
 
 
 def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *out: Any) -> None:
@@ -90,10 +90,12 @@ RULES: dict[str, Rule] = {
     "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
-    "looseness": Rule("tolerance of soft bodies", parameters={"looseness": 0.0}),
-    "rest_share": Rule("what rest gains by a body's tolerance", {"costs._REST_SHARE": 0.0}),
+    "looseness": Rule("deformation of bodies", parameters={"looseness": 0.0}),
     "contradiction": Rule("nats that speak against a body", {"belief._CONTRARY": 0.0}),
-    "past_factor": Rule("more for the past than a body costs", {"belief._PAST_FACTOR": 1.0}),
+    "supported": Rule(
+        "in large scenes, a body is worth its price by its own trajectories",
+        {"method.supported": lambda _scene, owners, *_: list(range(len(owners)))},
+    ),
     "uncovered": Rule("more than an outlier where a body has no pose", {"costs._UNCOVERED_SHARE": 0.5}),
     "place": Rule("spatial prior", parameters={"prior_weight": 0.0}),
     "sliding": Rule(
@@ -104,10 +106,6 @@ RULES: dict[str, Rule] = {
     "paths": Rule("smooth paths between rests", {"rest.smooth_poses": _free}),
     "settled": Rule(
         "one pose for each rest, smooth paths", {"method.settled": lambda _frames, body, _config: body}
-    ),
-    "motion_gain": Rule(
-        "in large scenes, worth by motion alone",
-        {"method.moving_bodies": lambda _f, b, *_: list(range(len(b)))},
     ),
 }
 """By name."""

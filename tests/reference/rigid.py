@@ -82,38 +82,47 @@ def settled(w, noise, b, dof, poses):
 
 
 def smooth(z, weight, moving, channels, share):
-    """(path, trace of the smoother) of z [F, C] under the most likely of seven strengths of acceleration."""
-    runs = [run for run in np.split(np.arange(len(z)), np.flatnonzero(np.diff(moving)) + 1) if moving[run[0]]]
+    """(path, nats beyond lines) of z [F, C] under the most likely of seven strengths of acceleration."""
     fits = []
     for stiffness in (1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6, 1e8):
-        path, free, cost, pull = z.copy(), 0.0, 0.0, stiffness * weight[moving].mean()
-        for run in runs:
+        path, nats, cost, pull = z.copy(), 0.0, 0.0, stiffness * weight[moving].mean()
+        for run in runs_of(moving):
             if len(run) < 4:
-                free += len(run)
                 continue
             W, D = np.diag(weight[run]), np.diff(np.eye(len(run)), 2, axis=0)
             A, seen = W + pull * D.T @ D, z[run] - z[run].mean(0)
+            line = np.column_stack([np.ones(len(run)), np.arange(len(run))])
             path[run] += np.linalg.solve(A, W @ seen) - seen
-            free += np.trace(np.linalg.solve(A, W))
-            cost += channels * (np.linalg.slogdet(A)[1] - (len(run) - 2) * np.log(pull))
-            cost += share * (seen * (W @ (z[run] - path[run]))).sum()
-        fits.append((cost, path, free))
+            freedom = np.linalg.slogdet(A)[1] - (len(run) - 2) * np.log(pull)
+            cost += channels * freedom + share * (seen * (W @ (z[run] - path[run]))).sum()
+            nats += 0.5 * channels * (freedom - np.linalg.slogdet(line.T @ W @ line)[1])
+            nats += 0.5 * share * pull * ((D @ path[run]) ** 2).sum()
+        fits.append((cost, path, nats))
     return min(fits, key=lambda fit: fit[0])[1:]
 
 
+def runs_of(moving):
+    """Frames of each run of moving ones."""
+    runs = np.split(np.arange(len(moving)), np.flatnonzero(np.diff(moving)) + 1)
+    return [run for run in runs if moving[run[0]]]
+
+
 def smooth_poses(middle, place, turn, moving, dim, poses):
-    """(R, t, number of poses that are as free) of a body on smooth paths."""
+    """(R, t, number of free poses, nats beyond lines) of a body on smooth paths."""
     R, t, _ = poses
     angles = 3 if dim == 3 else 1
-    centres, free = smooth(R @ middle + t, place, moving, dim, 1.0)
+    centres, nats = smooth(R @ middle + t, place, moving, dim, 1.0)
     turns, turned = smooth(R.reshape(-1, 9), turn, moving, angles, 0.5)
     R = np.where(moving[:, None, None], [best_rotation(one.reshape(3, 3)) for one in turns], R)
     t = np.where(moving[:, None], centres - R @ middle, t)
-    return R, t, (dim * free + angles * turned) / (dim + angles)
+    return R, t, sum(2 if len(run) >= 4 else len(run) for run in runs_of(moving)), nats + turned
 
 
-def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0, 0, 0, 1.0, 0, 1.0)):
-    """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D."""
+def row_cost(y, w, v, poses, soft, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0, 0, 0, 1.0, 0, 1.0)):
+    """(cost, mean squared residual) of one row [F, 3] under a body (R, t, posed), 3-D.
+
+    `soft` is the variance of its deformation and the correlation of that from frame to frame.
+    """
     R, t, posed = poses
     M = np.zeros((3, 3))
     M[np.triu_indices(3)] = metric
@@ -128,8 +137,25 @@ def row_cost(y, w, v, poses, cap, unposed, spectrum=(1.0, 0.0, 0.0), metric=(1.0
     mean = np.average(x, axis=0, weights=a)
     squared = np.einsum("fi,fij,fj->f", x - mean, turned, x - mean)
     b = np.average(x, axis=0, weights=a / (1 + a * squared / (SOFT * 3 * v)))
-    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, spectrum, turned)
-    return missing + 0.5 * np.minimum(squared / v, cap * 3).sum(), squared.mean()
+    own, more = spectrum[1], soft[0] / v
+    memory = (own * spectrum[2] + more * soft[1]) / max(own + more, 1e-300)
+    mixed = spectrum[0], own + more, memory
+    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, mixed, turned)
+    wider = np.log(innovation_variances(w, mixed) / innovation_variances(w, spectrum))[used]
+    return missing + 0.5 * (np.minimum(squared / v, cap * 3) + 3 * wider).sum(), squared.mean()
+
+
+def innovation_variances(w, spectrum):
+    """Variances of the innovations [F], times the weights; NaN where nothing is observed."""
+    white, slow, memory = spectrum
+    variance, found = slow, np.full(len(w), np.nan)
+    for f in range(len(w)):
+        gain = 0.0
+        if w[f] > 0:
+            found[f] = w[f] * variance + white
+            gain = w[f] * variance / found[f]
+        variance = memory**2 * (1 - gain) * variance + (1 - memory**2) * slow
+    return found
 
 
 def squared_innovations(at, x, w, v, spectrum, metrics):

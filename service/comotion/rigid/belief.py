@@ -25,8 +25,6 @@ _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
 # Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated
 # over time gains once or twice the price by chance.
 _CLEARLY = 4.0
-# The past pays a little more than what the body and its memberships cost.
-_PAST_FACTOR = 1.2
 # nat; by so much rest must explain the members better than the body does to speak against it.
 _CONTRARY = 10.0
 # nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and so much the
@@ -171,7 +169,7 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
         gain = (found.body[members, :1] - found.body[members]).sum(0)
         others = np.flatnonzero((gain <= _CLEARLY * found.restless) & (continued != one))
         sharing = max(int((members & current).sum()), 1)
-        evidence[np.ix_(members, others)] = _PAST_FACTOR * price / sharing
+        evidence[np.ix_(members, others)] = price / sharing
     return evidence
 
 

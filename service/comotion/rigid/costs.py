@@ -7,7 +7,7 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
 from .kernels.residuals import body_costs
-from .procrustes import Body, static_body
+from .procrustes import Body
 from .resampling import Frames
 from .sliding import with_sliders
 
@@ -19,6 +19,9 @@ _UNCOVERED_SHARE = 0.7
 # time, s: from .3 s to 2 s it hardly matters (docs/research/ablation.md).
 _DEFORMATIONS = np.array([0.0, 0.5, 1, 2, 4, 8, 16, 32, 64])
 _DEFORMATION_TIME = 0.7
+# Most that a body deforms, as a share of how it moves; chosen on half of the recordings of
+# docs/research/unseen.md.
+_MOST_DEFORMATION = 0.2
 
 
 @dataclass(frozen=True)
@@ -118,19 +121,6 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
     return found
 
 
-def moving_bodies(frames: Frames, bodies: list[Body], found: Costs, config: RigidConfig) -> list[int]:
-    """Columns of the static body and of the bodies that are worth their price by their motion alone.
-
-    Such a body explains its own rows better than rest does, both with its deformation, by more than its
-    price. Otherwise a body could, among very many at rest, be worth its price by its deformation alone.
-    """
-    kept = []
-    for k, body in enumerate(bodies):
-        if body.static or _gain(frames, body, found.soft[k], config) > found.opening[k]:
-            kept.append(k)
-    return kept
-
-
 def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     """Price of so many poses, nat."""
     return 0.5 * dof * (1 + config.pose_price) * poses
@@ -141,13 +131,6 @@ def _opening(body: Body, poses: float, config: RigidConfig) -> float:
     if body.static:
         return 0.0
     return pose_costs(body.dof, poses, config) + config.birth_price
-
-
-def _gain(frames: Frames, body: Body, soft: float, config: RigidConfig) -> float:
-    """By how much a body's own rows are cheaper under it than at rest, both with its deformation."""
-    both = stacked([static_body(len(frames.stamps)), body])
-    cost, _ = _residuals(frames, both, body.rows, np.full(2, soft), config)
-    return float((cost[:, 0] - cost[:, 1]) @ frames.weight[body.rows])
 
 
 def _residuals(
@@ -179,12 +162,15 @@ def stacked(bodies: list[Body]) -> Floats:
 def _deformations(frames: Frames, bodies: list[Body], poses: Floats, config: RigidConfig) -> Floats:
     """Variance of the deformation of each body under which its own rows are most likely, [K].
 
-    Soft things are bodies too, and deform slowly; what rests does not deform.
+    Soft things are bodies too, and deform slowly as they move; what rests does not deform.
     """
     soft = np.zeros(len(bodies))
     for k, body in enumerate(bodies):
         if not body.static:
             tried = config.looseness * frames.tolerance[body.rows].mean() * _DEFORMATIONS
+            tried = np.unique(tried[tried <= _MOST_DEFORMATION**2 * frames.moved[body.rows].mean()])
+            if len(tried) == 1:
+                continue
             alike = np.repeat(poses[k : k + 1], len(tried), 0)
             cost, _ = _residuals(frames, alike, body.rows, tried, config)
             soft[k] = tried[np.argmin(frames.weight[body.rows] @ cost)]

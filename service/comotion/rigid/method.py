@@ -53,14 +53,14 @@ from .assignment import (
 from .belief import Belief, carried_costs
 from .candidates import cluster_rows
 from .continuation import Fit, held, holding, judged
-from .costs import Costs, costs, excess_costs, moving_bodies
+from .costs import Costs, costs, excess_costs
 from .motions import describe_bodies
 from .noise import NoiseEstimates
 from .procrustes import Body, fit_body, static_body
 from .registration import Registration
 from .resampling import Frames, make_frames
 from .rest import settled
-from .selection import STATIC, membership_prices, select, weighted
+from .selection import STATIC, membership_prices, select, supported, weighted
 from .subset import (
     Scene,
     Subset,
@@ -252,19 +252,17 @@ def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[li
 
 
 def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchResult:
-    """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them.
-
-    In a large scene a body must be worth its price by its motion alone.
-    """
+    """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
     frames = scene.frames
     fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
     bodies = [static_body(len(frames.stamps)), *fitted]
     still = [settled(frames, body, config) for body in bodies]
     found = costs(frames, still, config)  # 7
-    if not scene.small:
-        worth = moving_bodies(frames, still, found, config)
-        bodies, still, found = [bodies[k] for k in worth], [still[k] for k in worth], found.of(worth)
     owners = _owners(frames, bodies)
+    if not scene.small:
+        worth = supported(scene, owners, found, config)
+        bodies, still, owners = ([some[k] for k in worth] for some in (bodies, still, owners))
+        found = found.of(worth)
     chosen = select(weighted(scene, owners, found, config))  # 8
     bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
     resting = np.array([still[k].rests for k in chosen])

@@ -30,7 +30,7 @@ _LEAST_ENDED = 0.5
 _ROUNDING_NS = 2_000
 
 
-_NOISE = ("noise", "tolerance", "metric", "spectrum")
+_NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,8 @@ class Frames:
     noise, tolerance
         float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
         and slow noise.
+    moved
+        float64 [P], mean squared distance of a coordinate from its mean.
     metric
         float64 [P, 6], by how much each direction counts, of :class:`~.kernels.records.RowArrays`.
     spectrum
@@ -79,6 +81,7 @@ class Frames:
     weight: Floats
     noise: Floats
     tolerance: Floats
+    moved: Floats
     metric: Floats
     spectrum: Floats
     key: Stamps
@@ -128,6 +131,7 @@ class Frames:
             weight=self.weight[rows],
             noise=self.noise[rows],
             tolerance=self.tolerance[rows],
+            moved=self.moved[rows],
             metric=self.metric[rows],
             spectrum=self.spectrum[rows],
             key=self.key[tracks],
@@ -185,7 +189,7 @@ def make_frames(
     covariance += deformation[:, None, None] * np.eye(3)
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, resting, config)
-    terms = noise, tolerance, metric, spectrum
+    terms = noise, tolerance, squared / tracks.dim, metric, spectrum
     who = tracks.key, life, tracks.current
     return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *who, tracks.extent)
 

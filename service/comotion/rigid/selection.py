@@ -44,6 +44,19 @@ def weighted(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig
     return Costs(body[judged], found.outlier[judged], found.opening)
 
 
+def supported(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> list[int]:
+    """Columns of the static body and of the bodies that the trajectories pay for that they were fitted to.
+
+    Among very many at rest some, with more noise than is known, would gain by any body.
+    """
+    prices = membership_prices(scene, owners, config)
+    gains = [
+        float((found.body[own, STATIC] - found.body[own, k] - prices[k]).sum())
+        for k, own in enumerate(owners)
+    ]
+    return [k for k, gain in enumerate(gains) if k == STATIC or gain > found.opening[k]]
+
+
 def membership_prices(scene: Scene, owners: list[Ints], config: RigidConfig) -> Floats:
     """Price of a membership in each body, [K]: that of the nats that it takes to say which they are.
 
