@@ -38,6 +38,7 @@ def frames_of(y, w, seconds, sigma, dim=3):
         weight=np.ones(n),
         noise=variance,
         tolerance=variance,
+        moved=variance,
         metric=np.tile(ROUND, (n, 1)),
         spectrum=np.tile([1.0, 0.0, 0.0], (n, 1)),
         key=np.arange(n),

@@ -23,10 +23,6 @@ _FULL_WEIGHT_AFTER = 1.0
 # nat; where the evidence exceeds all that the prior can add by this much, the prior changes neither the
 # label nor the confidence, and is not computed.
 _CLEAR = 30.0
-# Residuals of successive frames are correlated, so that costs overstate the evidence. Measured on the
-# simulated scenes (docs/research/accuracy.md): at this temperature, assignments at 0.9 are right at least
-# nine times in ten.
-_TEMPERATURE = 2.0
 # Smallest variance of a density in any direction, as a share of the sum over directions: above rounding.
 _FLATTEST = 1e-9
 # So many members, evenly drawn, represent a body in its density, and so many points the spacing of the scene.
@@ -172,9 +168,7 @@ def _carry(frames: Frames, rows: Ints, tracks: Ints, body: Body, position: Float
 
 def posterior(assignment: Assignment) -> Floats:
     """Probability of being an outlier and of belonging to each body, float64 [N, 1 + K]."""
-    logits = -assignment.cost / _TEMPERATURE
-    logits -= logits.max(1, keepdims=True)
-    chances = np.exp(logits)
+    chances = np.exp(assignment.cost.min(1, keepdims=True) - assignment.cost)
     return np.asarray(chances / chances.sum(1, keepdims=True))
 
 

@@ -32,8 +32,6 @@ _MOST_RESIDUAL = 3.0
 _LEAST_FRAMES = 8
 # Unknowns of (rotation, shift, delay) that exist in 2-D.
 _PLANAR = np.array([2, 3, 4, 6])
-# Residuals of successive frames are correlated: so many count as one, as in the assignment.
-_TEMPERATURE = 2.0
 # nat; by so much the evidence must speak against what is in force before it is replaced, by the scale of
 # Kass and Raftery (1995), "Bayes factors": very strong.
 _REPLACEMENT_MARGIN = 5.0
@@ -197,13 +195,12 @@ def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -
 
 
 def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> Equations:
-    """Equations of rows and one body, in numbers of independent residuals."""
+    """Equations of rows and one body, in the unknowns that exist."""
     frames, some = view.frames, view.unknowns
     terms = arrays, _seconds(frames), rows, view.bodies[k], view.information[k], pivot
     found = normal_equations(*terms, frames.dim, _LEAST_FRAMES)
-    share = float(frames.independent[rows].mean()) / _TEMPERATURE
-    left, right = share * found.left[np.ix_(some, some)], share * found.right[some]
-    return Equations(left, right, share * found.squared, share * found.coordinates)
+    left, right = found.left[np.ix_(some, some)], found.right[some]
+    return found._replace(left=left, right=right)
 
 
 def _gain(one: Equations, step: Floats) -> float:
