@@ -285,6 +285,16 @@ class TestStateKeeper:
             assert keeper.is_due(one, now + 100 * SECOND)
             assert keeper.is_due(two, now + 90 * SECOND)
 
+    def test_one_that_takes_long_to_write_is_written_less_often(self, tmp_path: Path, monkeypatch) -> None:
+        spent = iter((0, SECOND))
+        monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
+        one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        keeper, fusion = StateKeeper(tmp_path / "state", SECOND, Fusion()), Fusion()
+        keeper._write(fusion.capture())
+        keeper.after(one, now)
+        assert not keeper.is_due(two, now + 10 * SECOND)
+        assert keeper.is_due(two, now + 12 * SECOND)
+
     def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self) -> None:
         fusion = Fusion(FusionConfig())
         spec = simulator.load_scene("3d_async")
