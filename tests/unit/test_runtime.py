@@ -11,9 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth
+from comotion import Fusion, FusionConfig, SourceHealth, precompiling, warm_up
 from comotion.event_time.stats import Stats
-from comotion.runtime import warm_up
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
@@ -150,18 +149,22 @@ class TestWatchdog:
 
 
 class TestPreparing:
-    def test_the_other_process_ends_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
+    def test_processes_that_compile_end_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
         script = tmp_path / "python"
-        script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\necho\nexec sleep 600\n")
+        # Ready, and again after a first kernel.
+        script.write_text(f"#!/bin/sh\necho $$ >> {tmp_path}/pids\necho\nread task\necho\nexec sleep 600\n")
         script.chmod(0o755)
         monkeypatch.setattr(sys, "executable", str(script))
-        monkeypatch.setattr(warm_up, "load", lambda kinds: False)
-        monkeypatch.setattr(warm_up, "folder", lambda: tmp_path)
+        monkeypatch.setattr(precompiling, "folder", lambda: tmp_path)
         steps = warm_up.prepare(FusionConfig())
         next(steps)
+        next(steps)
         steps.close()  # type: ignore[attr-defined]
-        with pytest.raises(ProcessLookupError):
-            os.kill(int((tmp_path / "pid").read_text()), 0)
+        pids = (tmp_path / "pids").read_text().split()
+        assert pids
+        for pid in pids:
+            with pytest.raises(ProcessLookupError):
+                os.kill(int(pid), 0)
 
 
 def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:
