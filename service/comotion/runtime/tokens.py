@@ -7,6 +7,7 @@ declares, and when it leaves, a router goes through all matches of a wildcard fo
 import logging
 from collections import deque
 from collections.abc import Callable, Collection
+from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
@@ -66,7 +67,7 @@ class Tokens:
         def answered() -> None:
             self._answers.append((name, None if False in replies else bool(replies)))
 
-        query = Callback(lambda reply: replies.append(reply.ok is not None), answered)
+        query: Any = Callback(lambda reply: replies.append(reply.ok is not None), answered)
         self._session.liveliness().get(self._keys.live("source", name), query, timeout=_TIMEOUT_S)
 
     def _take_in(self, name: str, there: bool | None, monotonic_ns: int) -> None:
