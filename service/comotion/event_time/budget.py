@@ -41,7 +41,7 @@ class Budget:
     whole
         Share of time that may be spent with all else that the clock has measured since the last round.
     share_ns
-        What everyone had of this round when it began, ns.
+        What everyone has of a round like this one if nothing else takes time, ns.
     cost_ns
         What was charged last, ns.
     """
@@ -66,9 +66,10 @@ class Budget:
         self._new = new
         elapsed = self.period_ns if self._at_ns is None else at_ns - self._at_ns
         self._at_ns = at_ns
-        self._left = round(self._free(max(elapsed, 1)) * min(max(elapsed, 0), self.period_ns))
+        most = min(max(elapsed, 0), self.period_ns)
+        self._left = round(self._free(max(elapsed, 1)) * most)
         self._share(spenders)
-        self.share_ns = self._left_to_new
+        self.share_ns = round(self.share * most) // self._parties
         # Who has nothing to do saves nothing.
         self._credit = {name: one for name, one in self._credit.items() if one < 0 or name in spenders}
 
