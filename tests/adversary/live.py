@@ -9,7 +9,6 @@ seconds, and how long it takes until nothing is left out once the service has a 
 """
 
 import argparse
-import os
 import re
 import sys
 import tempfile
@@ -32,7 +31,7 @@ from comotion_experiments.offline import run_offline
 from comotion_schemas import ObservationBatch, Status, TruthBatch, decode_as
 from comotion_schemas.transport import SessionSettings
 from comotion_sources import scenes
-from comotion_tools.processes import COMOTION, Managed, keep_nice
+from comotion_tools.processes import COMOTION, Managed
 from comotion_tools.soak.monitor import Watched
 
 from . import quota
@@ -215,7 +214,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("scenes", nargs="*", default=SCENES)
     chosen = parser.parse_args()
-    keep_nice(os.getpid())
     if "workcell" in chosen.scenes and "workcell" not in SCENES:
         parser.error("workcell needs the extra sim3d")
     show(chosen.scenes, chosen.cores, chosen.seconds)

@@ -7,11 +7,9 @@ then :mod:`.live` whole: half an hour on a quiet machine. Give it priority (``ni
 """
 
 import argparse
-import os
 import tempfile
 from pathlib import Path
 
-from comotion_tools.processes import keep_nice
 from comotion_tools.soak.attacks import ATTACKS, WITHIN_LIMITS
 
 from . import live
@@ -29,7 +27,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("attacks", nargs="*")
     chosen = parser.parse_args()
-    keep_nice(os.getpid())
     runs = [(one, chosen.secure) for one in chosen.attacks]
     if not runs:
         runs = [*((one, False) for one in ATTACKS), *((one, True) for one in SECURE)]

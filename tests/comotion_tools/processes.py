@@ -35,7 +35,7 @@ class Usage:
     log_bytes: int
 
 
-def keep_nice(pid: int) -> None:
+def _keep_nice(pid: int) -> None:
     """Let the session of a process have the nice value of this process.
 
     Linux shares the processors among sessions first: without this a nice value counts within each alone.
@@ -112,7 +112,7 @@ class Managed:
                 env=self._env,
                 cwd=self._cwd,
             )
-        keep_nice(self._popen.pid)
+        _keep_nice(self._popen.pid)
         self.starts += 1
         self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
         self._reader.start()
