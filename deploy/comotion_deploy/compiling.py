@@ -9,7 +9,7 @@ _TICK_S = 0.5
 
 def show_progress(name: str, steps: Iterable[None]) -> None:
     """Take the steps of a warm-up; a line on standard error shows how far it is, in long steps too."""
-    from comotion.runtime.warm_up import STEPS
+    from comotion.warm_up import STEPS
     from comotion_schemas.terminal import reporting
 
     begun, number, over = time.monotonic(), 1, threading.Event()

@@ -108,8 +108,7 @@ def time_scale(simulated: str, duration: float) -> float:
 
 def prepare() -> None:
     """Compile all kernels before the scene starts."""
-    from comotion import FusionConfig
-    from comotion.runtime import warm_up
+    from comotion import FusionConfig, warm_up
 
     from .compiling import show_progress
 

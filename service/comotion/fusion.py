@@ -35,8 +35,8 @@ from .space import MAX_COORDINATE
 from .spaces import Spaces
 
 # Share of a period for updating spaces: less than what makes updates slow, for who spends it must not make
-# all leave out work.
-_GROUPING = 0.6
+# all leave out work; and for that with all else, reading and publishing too.
+_GROUPING, _WHOLE = 0.6, 0.85
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 
@@ -100,7 +100,7 @@ class Fusion:
         self.faults = Faults(self.stats)
         self.timeline = Timeline(self.config, self.stats, self.faults)
         self._ids = IdAllocator(first_id)
-        self._grouping = Budget(_GROUPING, to_ns(self.config.period))
+        self._grouping = Budget(_GROUPING, to_ns(self.config.period), whole=_WHOLE)
         self._spaces = Spaces(
             self.config,
             self._ids,

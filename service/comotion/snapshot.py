@@ -13,7 +13,7 @@ import hashlib
 import struct
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self, TypeVar, cast
 
 import msgpack
@@ -104,10 +104,10 @@ def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
     TypeError
         If there is anything else in `state`.
     """
-    arrays: list[memoryview] = []
-    values = cast("bytes", msgpack.packb(state, default=lambda value: _refer(value, arrays)))
-    size = sum(part.nbytes for part in arrays)
-    return [Header(len(values), size, following, _digest([values, *arrays])).pack(), values, *arrays]
+    arrays = _Arrays()
+    values = cast("bytes", msgpack.packb(state, default=arrays.refer))
+    digest = _digest([values, *arrays.parts])
+    return [Header(len(values), arrays.size, following, digest).pack(), values, *arrays.parts]
 
 
 def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
@@ -145,15 +145,23 @@ def _digest(parts: Iterable[Any]) -> bytes:
     return found.digest()
 
 
-def _refer(value: Any, arrays: list[memoryview]) -> Any:
-    """Put an array behind the values; what is kept in its place says where it is."""
-    if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
-        at = sum(part.nbytes for part in arrays)
-        arrays.append(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
-        return {_ARRAY: [value.dtype.str, list(value.shape), at]}
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"cannot store a {type(value).__name__}")
+@dataclass
+class _Arrays:
+    """The arrays of a state, put one behind the other."""
+
+    parts: list[memoryview] = field(default_factory=list)
+    size: int = 0
+
+    def refer(self, value: Any) -> Any:
+        """Put an array behind the others; what is kept in its place says where it is."""
+        if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
+            part = np.ascontiguousarray(value).reshape(-1).view(np.uint8).data
+            self.parts.append(part)
+            self.size += part.nbytes
+            return {_ARRAY: [value.dtype.str, list(value.shape), self.size - part.nbytes]}
+        if isinstance(value, np.generic):
+            return value.item()
+        raise TypeError(f"cannot store a {type(value).__name__}")
 
 
 def _resolve(value: dict[Any, Any], arrays: memoryview) -> Any:

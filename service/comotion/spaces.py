@@ -4,7 +4,8 @@ A fault in a space costs what it has derived, at worst its trajectories; never t
 Bounds are kept here: of spaces, and of trajectories, of which each source has its share (:mod:`.shares`).
 
 Unit and dim of a space are those of the configuration, else of the source that was the first to observe
-something in it, as long as anybody who agrees does. Who contradicts is refused.
+something in it, as long as anybody who agrees does. Who contradicts is refused, and so is who is not among
+the sources that the configuration names.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -86,20 +87,28 @@ class Spaces:
 
     def refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch does not fit in its space; None if it does, or the space can be released for it."""
+        contradiction = self._contradiction(batch)
+        if contradiction is None:
+            return None
+        self.troubles.note("contradicts-space", batch.source, contradiction)
+        return "space-mismatch"
+
+    def _contradiction(self, batch: ObservationBatch) -> str | None:
+        """What a batch says against its space, in words."""
         name = batch.space
         unit, dim = self._known(name)
+        declared = self.config.spaces.get(name, SpaceConfig())
+        if declared.sources is not None and batch.source not in declared.sources:
+            return f"that it observes in {name}, where the configuration names other sources"
         if unit in (None, batch.unit) and dim in (None, batch.dim):
             return None
-        declared = self.config.spaces.get(name, SpaceConfig())
         configured = declared.unit is not None or declared.dim is not None
         first = self._spaces[name].owner if name in self._spaces else ""
         owner = "the configuration" if configured else first or "the first source"
-        text = (
+        return (
             f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
             f"{unit or batch.unit} and {dim or batch.dim}"
         )
-        self.troubles.note("contradicts-space", batch.source, text)
-        return "space-mismatch"
 
     def _known(self, name: str) -> tuple[Unit | None, int | None]:
         """Unit and dim of a space; None where nobody has said, or nobody who did is there any more."""

@@ -16,7 +16,7 @@ from numba.core import event
 
 from comotion.config import FusionConfig
 from comotion.precompiling import LIST, kernels, kinds_of_scene, spelled, within
-from comotion.runtime.warm_up import SCENES, warm_up_scene
+from comotion.warm_up import SCENES, warm_up_scene
 
 _METHODS = ("comotion", "thesis")
 

@@ -35,6 +35,15 @@ class Usage:
     log_bytes: int
 
 
+def _keep_nice(pid: int) -> None:
+    """Let the session of a process have the nice value of this process.
+
+    Linux shares the processors among sessions first: without this a nice value counts within each alone.
+    """
+    with suppress(OSError):  # of another kind of system, or kernel
+        Path(f"/proc/{pid}/autogroup").write_text(str(os.nice(0)))
+
+
 class Managed:
     """A process that ends with this one, and can be started again.
 
@@ -103,6 +112,7 @@ class Managed:
                 env=self._env,
                 cwd=self._cwd,
             )
+        _keep_nice(self._popen.pid)
         self.starts += 1
         self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
         self._reader.start()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from comotion import Fusion, FusionConfig
 from comotion.precompiling import kernels
-from comotion.runtime.warm_up import warm_up
+from comotion.warm_up import warm_up
 from comotion_schemas import encode
 
 sys.path.append(str(Path(__file__).parents[1]))

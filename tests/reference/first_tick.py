@@ -14,7 +14,7 @@ import numpy as np
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.precompiling import kernels
-from comotion.runtime.warm_up import prepare
+from comotion.warm_up import prepare
 from comotion_schemas import ObservationBatch, encode
 
 T0, MS = 1_700_000_000_000_000_000, 1_000_000

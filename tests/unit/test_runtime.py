@@ -11,9 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth
+from comotion import Fusion, FusionConfig, SourceHealth, precompiling, warm_up
 from comotion.event_time.stats import Stats
-from comotion.runtime import warm_up
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
@@ -150,18 +149,22 @@ class TestWatchdog:
 
 
 class TestPreparing:
-    def test_the_other_process_ends_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
+    def test_processes_that_compile_end_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
         script = tmp_path / "python"
-        script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\necho\nexec sleep 600\n")
+        # Ready, and again after a first kernel.
+        script.write_text(f"#!/bin/sh\necho $$ >> {tmp_path}/pids\necho\nread task\necho\nexec sleep 600\n")
         script.chmod(0o755)
         monkeypatch.setattr(sys, "executable", str(script))
-        monkeypatch.setattr(warm_up, "load", lambda kinds: False)
-        monkeypatch.setattr(warm_up, "folder", lambda: tmp_path)
+        monkeypatch.setattr(precompiling, "folder", lambda: tmp_path)
         steps = warm_up.prepare(FusionConfig())
         next(steps)
+        next(steps)
         steps.close()  # type: ignore[attr-defined]
-        with pytest.raises(ProcessLookupError):
-            os.kill(int((tmp_path / "pid").read_text()), 0)
+        pids = (tmp_path / "pids").read_text().split()
+        assert pids
+        for pid in pids:
+            with pytest.raises(ProcessLookupError):
+                os.kill(int(pid), 0)
 
 
 def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:
@@ -284,6 +287,16 @@ class TestStateKeeper:
             assert not keeper.is_due(one, now + 99 * SECOND)
             assert keeper.is_due(one, now + 100 * SECOND)
             assert keeper.is_due(two, now + 90 * SECOND)
+
+    def test_one_that_takes_long_to_write_is_written_less_often(self, tmp_path: Path, monkeypatch) -> None:
+        spent = iter((0, SECOND))
+        monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
+        one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        keeper, fusion = StateKeeper(tmp_path / "state", SECOND, Fusion()), Fusion()
+        keeper._write(fusion.capture())
+        keeper.after(one, now)
+        assert not keeper.is_due(two, now + 10 * SECOND)
+        assert keeper.is_due(two, now + 12 * SECOND)
 
     def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self) -> None:
         fusion = Fusion(FusionConfig())

@@ -7,10 +7,15 @@ import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig, ThesisConfig
+from comotion.hypotheses.registry import Registry
+from comotion.joints.joints import Joints
+from comotion.linking.linker import Linker
 from comotion.runtime import server
 from comotion.runtime.overload import Overload
 from comotion.shedding import MOST, Load
+from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
+from comotion_sources import simulator
 
 from .. import builders
 from ..builders import labels_of
@@ -85,6 +90,17 @@ class TestObservations:
         assert rests != swings
         assert {labels[1000 + one] for one in range(10)} == swings
 
+    def test_at_the_highest_level_the_result_is_as_good_within_a_twentieth(self) -> None:
+        messages = list(simulator.batches(simulator.simulate(simulator.load_scene("3d_4"), seed=1)))
+        means = []
+        for level in (0, MOST):
+            fusion = Fusion(FusionConfig())
+            fusion.shed(level)
+            run = run_offline(messages, FusionConfig(), fusion=fusion, duration=10.0)
+            means.append(np.nanmean(run.nmi[run.seconds > 3.0]))
+        assert means[0] > 0.9
+        assert means[1] > means[0] - 0.05
+
     def test_another_part_of_a_large_space_may_be_grouped_at_each_update(self) -> None:
         fusion = Fusion(FusionConfig())
         for k in range(80):
@@ -102,6 +118,34 @@ class TestObservations:
         assert groups(run(fusion, range(20))[-1]) == 1
         fusion.shed(4)
         assert groups(run(fusion, range(20, 60))[-1]) == 2
+
+
+@pytest.mark.parametrize(
+    ("level", "done"),
+    [
+        (0, {"judging": True, "deciding": True, "boxes": True}),
+        (1, {"judging": False, "deciding": True, "boxes": True}),
+        (2, {"judging": False, "deciding": True, "boxes": False}),
+        (3, {"judging": False, "deciding": False, "boxes": False}),
+    ],
+)
+def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, monkeypatch) -> None:
+    asked = {}
+
+    def spied(plain):
+        def call(*args, **options):
+            asked.update(options)
+            return plain(*args, **options)
+
+        return call
+
+    for place, name in ((Joints, "update"), (Linker, "linked"), (Registry, "update")):
+        monkeypatch.setattr(place, name, spied(getattr(place, name)))
+    fusion = Fusion(FusionConfig())
+    fusion.shed(level)
+    run(fusion, range(4))
+    assert asked == done
+    assert fusion.stats.shed == (2 if level else 0)
 
 
 def updates(load: Load, took_s: float, start_s: float, count: int, *, busy: float = 1.0) -> list[int]:

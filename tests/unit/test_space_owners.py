@@ -75,6 +75,18 @@ def test_the_configuration_decides_before_anybody_observes():
     assert "the configuration says m and 3" in fusion.timeline.troubles.lately()["contradicts-space"]["first"]
 
 
+def test_where_the_configuration_names_sources_others_are_refused():
+    fusion = Fusion(FusionConfig(spaces={"world": SpaceConfig(sources=("first",))}))
+    for source, space in (("other", "world"), ("first", "world"), ("third", "elsewhere")):
+        fusion.ingest(batch(source, 0, T0, space=space))
+    update = fusion.update(T0)
+    assert {one.name for one in update.sources} == {"first", "third"}
+    assert rejected(fusion) == {"other": {"space-mismatch": 1}, "first": {}, "third": {}}
+    fusion.ingest(batch("other", 1, T0 + MS))
+    text = of_fusion(fusion)["other", "contradicts-space"]
+    assert "says that it observes in world, where the configuration names other sources" in text
+
+
 def frames(fusion, ticks, *, other):
     """A source that says nothing of the frame, and another that says `other`."""
     updates = play(

@@ -27,7 +27,7 @@ Examples:
     def run(self) -> None:
         """Compile for each method."""
         from comotion import FusionConfig
-        from comotion.runtime.warm_up import prepare
+        from comotion.warm_up import prepare
 
         from ..compiling import show_progress
 

@@ -69,8 +69,8 @@ class FusionConfig(Group):
 
     spaces: dict[str, SpaceConfig] = Field(
         default_factory=dict,
-        description="what is known of single spaces, by name: `unit`, `dim`, and `moving` for a carried "
-        "camera",
+        description="what is known of single spaces, by name: `unit`, `dim`, `moving` for a carried camera, "
+        "and `sources`, the names of those that may publish in it",
     )
 
 

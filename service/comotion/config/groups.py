@@ -176,3 +176,6 @@ class SpaceConfig(Group):
         description="its frame is carried, as that of a camera in the hand: the largest body is the world, "
         "and what is published is relative to it; null: if all its sources say so",
     )
+    sources: tuple[str, ...] | None = Field(
+        None, description="names of the sources that may publish in it, others are refused; null: all"
+    )

@@ -12,6 +12,7 @@ gives the same answer everywhere.
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import inf
 
 CostClock = Callable[[], int]
 """Gives the time that has been spent, in ns from any start: processor time, or counted in a test."""
@@ -21,6 +22,8 @@ CostClock = Callable[[], int]
 _MOST_DEBT_NS = 400_000_000
 # ns; less than this is not shared any more.
 _LEAST_REST_NS = 100_000
+# Share of its time that a round has in any case, whatever else was spent.
+_LEAST = 0.25
 
 
 @dataclass
@@ -35,8 +38,10 @@ class Budget:
         The time for which at most a round may make up, ns.
     clock
         Measures costs; None: nothing is limited.
+    whole
+        Share of time that may be spent with all else that the clock has measured since the last round.
     share_ns
-        What everyone had of this round when it began, ns.
+        What everyone has of a round like this one if nothing else takes time, ns.
     cost_ns
         What was charged last, ns.
     """
@@ -44,6 +49,7 @@ class Budget:
     share: float
     period_ns: int
     clock: CostClock | None = None
+    whole: float = inf
     share_ns: int = 0
     cost_ns: int = 0
     _credit: dict[str, int] = field(default_factory=dict)
@@ -52,17 +58,27 @@ class Budget:
     _parties: int = 1
     _left: int = 0
     _at_ns: int | None = None
+    # What the clock said at the end of the last charge.
+    _clock_ns: int | None = None
 
     def begin(self, at_ns: int, spenders: Collection[str], new: Collection[str] = ()) -> None:
         """Begin a round at a time on the clock of arrivals, in which some, of them some new, have work."""
         self._new = new
         elapsed = self.period_ns if self._at_ns is None else at_ns - self._at_ns
         self._at_ns = at_ns
-        self._left = round(self.share * min(max(elapsed, 0), self.period_ns))
+        most = min(max(elapsed, 0), self.period_ns)
+        self._left = round(self._free(max(elapsed, 1)) * most)
         self._share(spenders)
-        self.share_ns = self._left_to_new
+        self.share_ns = round(self.share * most) // self._parties
         # Who has nothing to do saves nothing.
         self._credit = {name: one for name, one in self._credit.items() if one < 0 or name in spenders}
+
+    def _free(self, elapsed_ns: int) -> float:
+        """Share of the time since the last round that may be spent now."""
+        if self.clock is None or self._clock_ns is None:
+            return self.share
+        beside = (self.clock() - self._clock_ns) / elapsed_ns
+        return min(self.share, max(self.whole - beside, _LEAST * self.share))
 
     def share_rest(self, spenders: Collection[str]) -> bool:
         """Share what is left of the round among some; whether there was anything."""
@@ -98,7 +114,8 @@ class Budget:
         try:
             yield
         finally:
-            self.cost_ns = cost = self.clock() - began
+            self._clock_ns = self.clock()
+            self.cost_ns = cost = self._clock_ns - began
             self._left -= cost
             least = -round(self.share * _MOST_DEBT_NS / self._parties)
             for name, share in shares.items():

@@ -74,7 +74,7 @@ class Intake:
             For reading and whatever the caller does with a batch. Beyond it, a source that has had its share
             waits for the next call; any source may have one batch read.
         """
-        self.tokens.look(monotonic_ns)
+        self.tokens.look(monotonic_ns, self._known)
         active = self.queues.active()
         share_ns, total_ns, spent = budget_ns // max(len(active), 1), 0, dict.fromkeys(active, 0)
         while active:
@@ -93,6 +93,10 @@ class Intake:
                 spent[name] += took_ns
                 if not queue.waiting or (total_ns > budget_ns and spent[name] >= share_ns):
                     del active[name]
+
+    def _known(self) -> set[str]:
+        """Names of which something has come: batches, or Statuses since the last call."""
+        return self.queues.received().keys() | self.statuses.take_sources()
 
     def drop_idle(self, monotonic_ns: int) -> None:
         """Forget sources that have left and sent nothing for some seconds."""

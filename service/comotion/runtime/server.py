@@ -24,6 +24,7 @@ from comotion_schemas.transport import SessionSettings
 
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
+from ..warm_up import prepare
 from .clocks import ClockName, EventClock, WallClock
 from .health import Watchdog
 from .housekeeping import Housekeeping
@@ -39,7 +40,6 @@ from .standby.follower import Follower
 from .state_file import begin_afresh, load_fusion
 from .state_keeper import StateKeeper
 from .ticker import HeadStart, Ticker
-from .warm_up import prepare
 
 DEFAULT_NAME = "fusion"
 # The loop looks for new data at least this often: often enough that little is left at the deadline.

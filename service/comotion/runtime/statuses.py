@@ -55,6 +55,7 @@ class Statuses:
         self._lock = threading.Lock()
         self._unread: dict[str, _Unread] = {}
         self._read_ns: dict[str, int] = {}
+        self._sources: set[str] = set()
         self._limit = LogLimit(5, 60.0)
         self._receiver = Receiver(session, keys.streams("status"), "status", _RING, self._add)
 
@@ -70,9 +71,15 @@ class Statuses:
             names = [name for name in self._unread if name not in self._read_ns][:_AT_ONCE]
             due = [(name, self._unread.pop(name)) for name in names]
         self._read_ns |= dict.fromkeys(names, now)
-        return [
-            (status, one.arrived_s) for name, one in due if (status := self._decode(name, one)) is not None
-        ]
+        decoded = ((self._decode(name, one), one.arrived_s) for name, one in due)
+        found = [(status, arrived_s) for status, arrived_s in decoded if status is not None]
+        self._sources.update(status.component for status, _ in found if status.role == "source")
+        return found
+
+    def take_sources(self) -> set[str]:
+        """Names of the sources of which a Status was read since the last call."""
+        sources, self._sources = self._sources, set()
+        return sources
 
     def _add(self, key: str, content: bytes) -> None:
         """Keep the newest of a component; called in the thread."""

@@ -1,45 +1,25 @@
-"""Knows which sources are present, by their liveliness tokens, queried once a second or less often.
+"""Knows of which sources the process is there: of each known one, its liveliness token is asked for.
 
-The service does not subscribe to them: it would receive each one that comes and goes, and nothing limits how
-many a source declares. A query ends with the router's reply.
+The service has no wildcard for tokens, neither a subscription nor a query. Nothing limits how many a source
+declares, and when it leaves, a router goes through all matches of a wildcard for each one of them.
 """
 
 import logging
-import threading
+from collections import deque
+from collections.abc import Callable, Collection
+from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
 from comotion_schemas import Keys
-from comotion_schemas.keys import last_chunk
-from comotion_schemas.types import is_name
 
 from .log_limit import LogLimit
 
-# Between two queries, at least; and for each token that the last one has found, so that many cost no more.
-_AGAIN_NS, _EACH_NS = 1_000_000_000, 2_000_000
-# After more tokens than there may be sources: for so many replies a router keeps all others waiting.
-_MANY_NS = 60_000_000_000
+# Between two queries of one token, at least; and queries without an answer.
+_AGAIN_NS, _AT_ONCE = 1_000_000_000, 4
 _TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)
-
-
-class _Answer:
-    """Collects the replies to one query. A ring would vanish with the last reply, and its content with it."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self.names: set[str] = set()
-        self.replies = 0
-        # Whether it has all names; and whether all replies have come.
-        self.whole, self.complete = True, threading.Event()
-
-    def add(self, reply: zenoh.Reply) -> None:
-        self.replies += 1
-        if reply.ok is None or len(self.names) >= self._most:
-            self.whole = False
-        elif is_name(name := last_chunk(str(reply.ok.key_expr))):
-            self.names.add(name)
 
 
 class Tokens:
@@ -61,30 +41,39 @@ class Tokens:
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
-        self._session, self._key, self._most = session, keys.all_live("source"), most
+        self._session, self._keys, self._most = session, keys, most
         self._limit = LogLimit(20, 10.0)
-        self._answer: _Answer | None = None
-        self._due_ns = 0
+        self._due_ns = self._asked = 0
+        self._turn: list[str] = []
+        # Names, and whether their token is there; None: no router has said. Zenoh's threads add to it.
+        self._answers: deque[tuple[str, bool | None]] = deque()
         self.present: dict[str, int] = {}
 
-    def look(self, monotonic_ns: int) -> None:
-        """Take in a complete answer, and query again when it is due."""
-        answer = self._answer
-        if answer is not None and answer.complete.is_set():
-            self._answer = None
-            wait_ns = _EACH_NS * answer.replies if answer.replies <= self._most else _MANY_NS
-            self._due_ns = monotonic_ns + max(_AGAIN_NS, wait_ns)
-            self._take_in(answer, monotonic_ns)
-        if self._answer is None and monotonic_ns >= self._due_ns:
-            self._answer = query = _Answer(self._most)
-            replies = Callback(query.add, query.complete.set)
-            self._session.liveliness().get(self._key, replies, timeout=_TIMEOUT_S)
+    def look(self, monotonic_ns: int, known: Callable[[], Collection[str]]) -> None:
+        """Take in answers, and query some tokens: each second those of all names that are known by then."""
+        while self._answers:
+            self._asked -= 1
+            self._take_in(*self._answers.popleft(), monotonic_ns)
+        if not self._turn and monotonic_ns >= self._due_ns:
+            self._due_ns = monotonic_ns + _AGAIN_NS
+            self._turn = sorted(self.present.keys() | known(), reverse=True)
+        while self._turn and self._asked < _AT_ONCE:
+            self._asked += 1
+            self._ask(self._turn.pop())
 
-    def _take_in(self, answer: _Answer, monotonic_ns: int) -> None:
-        # Of more tokens than are remembered nobody knows which are gone.
-        for name in self.present.keys() - answer.names if answer.whole else ():
-            del self.present[name]
-            self._limit.log(_log, logging.INFO, "source %s has left", name)
-        for name in sorted(answer.names - self.present.keys())[: self._most - len(self.present)]:
+    def _ask(self, name: str) -> None:
+        replies: list[bool] = []
+
+        def answered() -> None:
+            self._answers.append((name, None if False in replies else bool(replies)))
+
+        query: Any = Callback(lambda reply: replies.append(reply.ok is not None), answered)
+        self._session.liveliness().get(self._keys.live("source", name), query, timeout=_TIMEOUT_S)
+
+    def _take_in(self, name: str, there: bool | None, monotonic_ns: int) -> None:
+        if there and name not in self.present and len(self.present) < self._most:
             self.present[name] = monotonic_ns
             self._limit.log(_log, logging.INFO, "source %s is here", name)
+        elif there is False and name in self.present:
+            del self.present[name]
+            self._limit.log(_log, logging.INFO, "source %s has left", name)

@@ -49,8 +49,6 @@ class Election:
         Name of this service, unique in its scene, and its session.
     lease
         Seconds until a silent owner loses the key, at least 2.
-    changed
-        Called from the thread whenever :attr:`epoch` has changed.
     """
 
     def __init__(
@@ -61,7 +59,6 @@ class Election:
         session: str,
         *,
         lease: int = DEFAULT_LEASE_S,
-        changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.epoch: int | None = None
         self.leader: str | None = None
@@ -70,7 +67,6 @@ class Election:
         self._key = f"comotion/v1/leader/{scene}"
         self._me = _Owner(name, session)
         self._ttl = lease
-        self._changed = changed
         self._lease: int | None = None
         self._suspects: deque[str] = deque()
         self._spoke_s = -float("inf")
@@ -167,7 +163,6 @@ class Election:
             if epoch is None:
                 self._spoke_s = time.monotonic()
             self.epoch = epoch
-            self._changed()
 
 
 def _owner(entry: Entry) -> _Owner:

@@ -1,26 +1,20 @@
-"""Imports and compiles all that a method needs, in a process of its own.
+"""Imports and compiles all that a method needs: without this, the first updates would be late by as much.
 
-Compiling takes many seconds on the first start on a machine, and is kept on disk from then on. Without
-this, the first updates would be late by as much.
+Compiling takes many seconds on the first start on a machine, and is kept on disk from then on.
 """
 
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import suppress
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch
 
-from ..compiled import folder
-from ..config import FusionConfig
-from ..fusion import Fusion
-from ..methods import make_method
-from ..partition import SpaceSpec
-from ..precompiling import compile_ahead, entries, kinds_of_method, load
+from .config import FusionConfig
+from .fusion import Fusion
+from .methods import make_method
+from .partition import SpaceSpec
+from .precompiling import compile_ahead, entries, kinds_of_method, load
 
 # Unit, dimension, features of a body and sources of every made-up scene. One has so many features that
 # the method chooses a subset of them; in one, some features have an orientation. With fewer features the
@@ -44,9 +38,7 @@ _FIRST_STAMP_NS = 1_000_000_000_000
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
-    """Load what a warm-up has compiled, an earlier one or one in another process; yields now and then.
-
-    Where nothing can be kept on disk, or the other process fails, this one compiles.
+    """Compile on every core what the disk has not, load it, and run through made-up scenes; yields each step.
 
     Parameters
     ----------
@@ -55,41 +47,11 @@ def prepare(config: FusionConfig) -> Iterator[None]:
     """
     _import(config)
     kinds = kinds_of_method(config.method)
-    loaded = load(kinds)
-    if not loaded and folder() is not None:
-        yield from _compiled_apart(config)
-        loaded = load(kinds)
+    for _ in compile_ahead(kinds):
+        yield
+    load(kinds)
     # Libraries prepare themselves at their first use.
-    yield from warm_up(config, _FEW_FRAMES if loaded else _FRAMES)
-
-
-def compile_all() -> None:
-    """Warm up with the parameters on standard input (JSON); a line out for each step."""
-    config = FusionConfig.model_validate_json(sys.stdin.read())
-    _import(config)
-    for _ in chain(compile_ahead(kinds_of_method(config.method)), warm_up(config)):
-        sys.stdout.write("\n")
-        sys.stdout.flush()
-
-
-def _compiled_apart(config: FusionConfig) -> Iterator[None]:
-    """Warm up in another process: one that has compiled keeps some 300 MB more for as long as it lives."""
-    command = [sys.executable, "-P", "-c", f"from {__name__} import compile_all; compile_all()"]
-    try:
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
-    except OSError:
-        return
-    with process:
-        assert process.stdin is not None  # noqa: S101 - it was opened with a pipe
-        assert process.stdout is not None  # noqa: S101 - it was opened with a pipe
-        with suppress(OSError):
-            process.stdin.write(config.model_dump_json())
-            process.stdin.close()
-        try:
-            for _ in process.stdout:
-                yield
-        finally:
-            process.terminate()
+    yield from warm_up(config, _FEW_FRAMES)
 
 
 def _import(config: FusionConfig) -> None:
