@@ -10,8 +10,9 @@ from comotion_schemas.hypotheses import JointKind
 from ..arrays import Floats, Stamps
 from ..partition import BodyMotion
 from .evidence import DEGREES, KINDS, Verdict, excess, judge
+from .fitting import Fit, joint_position
 from .memory import KeyStates
-from .models import Fit, FixedKind, Model, joint_position
+from .models import FixedKind, Model
 from .states import States, averaged, quantiles, relative_states
 
 JOINTS: tuple[JointKind, ...] = KINDS
