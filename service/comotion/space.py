@@ -303,12 +303,11 @@ class Space:
         """Forget trajectories, by age."""
         window = self._window
         self._method.forgetting(window, gone)
-        self._hypotheses.labels.forget(window, gone)
         self.index.close(gone)
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""
-        return self._hypotheses.forget(hypothesis)
+        return self._hypotheses.forget(self._window, hypothesis)
 
     def affinity(self) -> tuple[Slots, Ids, NDArray[np.float32]]:
         """Session numbers intp [n], ids uint64 [n] and affinities float32 [n, n] of the last grouping."""
@@ -330,7 +329,7 @@ class Space:
             "ids": self.index.ids[self._window.slots()],
             "window": self._window.state(),
             "method": self._method.state(),
-            "hypotheses": self._hypotheses.state(self._window),
+            "hypotheses": self._hypotheses.state(),
             "frame": plain(self.carrying.frame),
             "ended": [[number, ids] for number, ids in self.index.ended()],
         }
