@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Ints, Slots
-from .kernels import sum_inside
+from .kernels import combine_rows
 
-Sides = NDArray[np.int8]
-"""At a split, the half in which each trajectory is: 1 or -1, 0 where it has no part or is not known."""
 # 2-means always ends, since no step makes the scatter larger; this bounds what one update may cost.
 _MOST_STEPS = 100
 # A split of n members has settled when fewer than n / 64 change sides: the means would hardly move.
@@ -23,23 +21,22 @@ _SETTLED_SHARE = 64
 # in five ended at a worse 2-means from two or three starts than from scikit-learn's ten random ones; from 24
 # starts, one in a hundred.
 _STARTS, _MANY_STARTS_SIZE = 24, 128
-_NO_SPLIT = -1
+# Rows per part in which a weak edge is looked for: most clusters that have one have one in the first.
+_ROWS_AT_ONCE = 64
 
 
 class DivisiveKMeans:
     """Clusters whose smallest affinity is above `stop_affinity`.
 
-    The splits of one call are the first guess of the next: one step of 2-means, of all large ones together,
-    confirms those in which nothing moves.
+    The splits of one call are the first guess of the next: of a large cluster, two products with the matrix
+    confirm that nothing moves.
     """
 
     def __init__(self, stop_affinity: float) -> None:
         # As the affinities are: in single precision.
         self._stop_affinity = float(np.float32(stop_affinity))
-        # Of the last call, int8 [splits + 1, slots], and which split each half was divided by. The last row
-        # is that of :data:`_NO_SPLIT`.
-        self._sides: Sides = np.zeros((1, 1), np.int8)
-        self._children = [[_NO_SPLIT, _NO_SPLIT]]
+        # By depth, int8 [slots]: the side that each took at the split of the last call, 1 or -1; 0 for none.
+        self._sides: list[NDArray[np.int8]] = []
 
     def __call__(self, affinity: Floats32, slots: Slots) -> tuple[NDArray[np.intp], Floats]:
         """Split trajectories into clusters.
@@ -57,75 +54,82 @@ class DivisiveKMeans:
             intp [n], and float64 [n]: the sum of affinities of each inside its cluster.
         """
         n = len(slots)
-        labels, inside, found = np.zeros(n, np.intp), np.zeros(n), 0
-        known, children = self._known(slots), list[list[int]]()
-        closer, sides = _one_step(affinity, known), list[Sides]()
-        # Members, the split of the last call, and of which new split they are which half.
-        pending = [(np.arange(n), 0, _NO_SPLIT, 0)] if n else []
+        labels, inside, everyone = np.zeros(n, np.intp), np.zeros(n), np.arange(n)
+        # Members of a cluster, the sum of affinities of each inside it, and how often it was split off.
+        pending = [(everyone, _times(affinity, everyone, np.ones(n)), 0)] if n else []
+        before, self._sides = self._sides, []
+        found = 0
         while pending:
-            members, last, parent, half = pending.pop()
-            if sum_inside(affinity, members, self._stop_affinity, inside):
-                labels[members], found = found, found + 1
+            members, sums, depth = pending.pop()
+            if not self._holds_weak_edge(affinity, members):
+                labels[members], inside[members] = found, sums
+                found += 1
                 continue
-            second = closer[last, members]
-            if not _settled(known[last], members, second):
-                second = _searched(affinity, members, known[last, members])
-            if parent != _NO_SPLIT:
-                children[parent][half] = len(sides)
-            side = np.zeros(n, np.int8)
-            side[members] = np.where(second, 1, -1)
-            following = self._children[last]
-            pending.append((members[second], following[1], len(sides), 1))
-            pending.append((members[~second], following[0], len(sides), 0))
-            sides.append(side)
-            children.append([_NO_SPLIT, _NO_SPLIT])
-        self._sides = np.zeros((len(sides) + 1, int(slots.max(initial=0)) + 1), np.int8)
-        for split, side in enumerate(sides):
-            self._sides[split, slots] = side
-        self._children = [*children, [_NO_SPLIT, _NO_SPLIT]]
+            mine = slots[members]
+            known = before[depth] if depth < len(before) else np.zeros(0, np.int8)
+            guess = np.append(known, np.int8(0))[np.minimum(mine, len(known))]
+            of = affinity, members, sums, guess
+            second, to_second = _confirmed(*of) or _searched(*of)
+            if depth == len(self._sides):
+                self._sides.append(np.zeros(int(slots.max()) + 1, np.int8))
+            self._sides[depth][mine] = np.where(second, 1, -1)
+            pending.append((members[second], to_second[second], depth + 1))
+            pending.append((members[~second], (sums - to_second)[~second], depth + 1))
         return labels, inside
 
-    def _known(self, slots: Slots) -> Sides:
-        """Sides of slots intp [n] at the splits of the last call, int8 [splits + 1, n]."""
-        held = slots < self._sides.shape[1]
-        return np.asarray(self._sides[:, np.where(held, slots, 0)] * held, np.int8)
+    def _holds_weak_edge(self, affinity: Floats32, members: Ints) -> bool:
+        parts = (members[k : k + _ROWS_AT_ONCE] for k in range(0, len(members), _ROWS_AT_ONCE))
+        least = (affinity[part].take(members, 1).min() for part in parts)
+        return len(members) > 1 and any(value <= self._stop_affinity for value in least)
 
 
-def _one_step(affinity: Floats32, known: Sides) -> Bools:
-    """One step of 2-means from a first guess at each of some splits: who is nearer to the second half.
+def _times(affinity: Floats32, members: Ints, factors: Floats) -> Floats:
+    """Product of the rows and columns of m members with factors, float64 [m]; rows times 0 are not read."""
+    out, some = np.zeros(len(affinity)), factors != 0
+    combine_rows(affinity, members[some], factors[some], out)
+    return out[members]
 
-    bool [splits, n], as `known` is; False for splits that are not large.
+
+def _sums_to(affinity: Floats32, members: Ints, sums: Floats, second: Bools) -> Floats:
+    """Sum of the affinities of each of m members to those of one half, float64 [m]."""
+    if 2 * np.count_nonzero(second) <= len(second):
+        return _times(affinity, members, second.astype(np.float64))
+    return sums - _times(affinity, members, (~second).astype(np.float64))
+
+
+def _confirmed(
+    affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
+) -> tuple[Bools, Floats] | None:
+    """One step of 2-means from a guess at a large cluster; None if it has not settled.
+
+    Returns
+    -------
+    second, to_second
+        bool [m], and float64 [m]: the sums of affinities to that half.
     """
-    closer, large = np.zeros(known.shape, np.bool_), (known != 0).sum(1) > _MANY_STARTS_SIZE
-    if large.any():
-        halves = np.stack([known[large] < 0, known[large] > 0]).astype(np.float32)
-        shares = halves / np.maximum(halves.sum(2, keepdims=True), 1)
-        means = (shares.reshape(-1, len(affinity)) @ affinity).reshape(halves.shape)
-        mean, other = means * halves.sum(0)
-        middle = (np.square(other).sum(1) - np.square(mean).sum(1)) / 2
-        closer[large] = (other - mean) @ affinity > middle[:, None]
-    return closer
+    n, high = len(members), guess > 0
+    count, settled = np.count_nonzero(high), len(members) // _SETTLED_SHARE
+    if n <= _MANY_STARTS_SIZE or not 0 < count < n or np.count_nonzero(guess == 0) > settled:
+        return None
+    half = _sums_to(affinity, members, sums, high)
+    mean, other = (sums - half) / (n - count), half / count
+    closer: Bools = _times(affinity, members, other - mean) > (other @ other - mean @ mean) / 2
+    moved = closer.astype(np.float64) - high
+    if np.count_nonzero(moved * guess) > settled or closer.all() or not closer.any():
+        return None
+    return closer, half + _times(affinity, members, moved)
 
 
-def _settled(known: Sides, members: Ints, second: Bools) -> bool:
-    """Whether a step of :func:`_one_step` at a large split has moved nearly nobody.
-
-    Its members must be nearly those of the last call.
-    """
-    guess, few = known[members], len(members) // _SETTLED_SHARE
-    new, gone = np.count_nonzero(guess == 0), np.count_nonzero(known) - np.count_nonzero(guess)
-    moved = np.count_nonzero(np.where(second, guess < 0, guess > 0))
-    large = len(members) > _MANY_STARTS_SIZE
-    return large and max(new, gone, moved) <= few and bool(second.any() and not second.all())
-
-
-def _searched(affinity: Floats32, members: Ints, guess: Sides) -> Bools:
-    """2-means of some members from several starts."""
+def _searched(
+    affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
+) -> tuple[Bools, Floats]:
+    """As :func:`_confirmed`, by 2-means from several starts."""
     part = affinity if len(members) == len(affinity) else affinity.take(members, 0).take(members, 1)
-    return halve(part, part.sum(1, dtype=np.float64), guess)
+    second = halve(part, sums, guess)
+    return second, _sums_to(affinity, members, sums, second)
 
 
-def halve(affinity: Floats32, sums: Floats, guess: Sides) -> Bools:
+def halve(affinity: Floats32, sums: Floats, guess: NDArray[np.int8]) -> Bools:
     """2-means (3.6) on the rows of a matrix, not all equal; bool [n], neither half empty.
 
     Parameters

@@ -1,10 +1,12 @@
 """Compiled: what trajectories are at some instants, and one pass of that over the sums of all pairs.
 
 The twin in NumPy is :mod:`comotion.thesis.equations`: what is summed is (3.3) over the set (3.5), and what
-comes out is (3.4). 128 consecutive rows are a strip, and two strips make a block of
+comes out is the logarithm of (3.4). 128 consecutive rows are a strip, and two strips make a block of
 128 x 128 pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory
 once, however many instants it brings, and more trajectories append blocks.
 """
+
+import math
 
 import numpy as np
 
@@ -24,6 +26,7 @@ WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
 COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
+_LOG_INCOMPARABLE = math.log(INCOMPARABLE)
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
 _LEAST_LOG = -40.0
 
@@ -79,9 +82,15 @@ def fill_samples(
 
 @compiled(parallel=True)
 def update_blocks(
-    sums: Floats, samples: Floats, signs: Floats, present: Bools, rate: float, place: Slots, out: Floats32
+    sums: Floats,
+    samples: Floats,
+    signs: Floats,
+    present: Bools,
+    rate: float,
+    place: Slots,
+    out: Floats32,
 ) -> None:
-    """Take samples into the sums of all blocks, and write the affinities that follow.
+    """Take samples into the sums of all blocks, and write the logarithms of the affinities that follow.
 
     Parameters
     ----------
@@ -96,25 +105,42 @@ def update_blocks(
     rate
         -γ of (3.4).
     place, out
-        intp [rows], row and column of `out` for each row, -1 for none; float32 [n, n], symmetric: 0.5 for
-        pairs with fewer than two samples. Empty for no affinities.
+        intp [rows], row and column of `out` for each row, -1 for none; float32 [n, n], symmetric: log(0.5)
+        for pairs with fewer than two samples. Empty for no affinities.
     """
     for n in numba_range(len(samples) * (len(samples) + 1) // 2):
-        row = int((np.sqrt(8.0 * n + 1.0) - 1.0) / 2.0)
-        column = n - row * (row + 1) // 2
-        affinities = np.empty((STRIP, STRIP), np.float32)
-        for i in range(STRIP):
-            for t in range(len(signs)):
-                plane = _counting(samples[row, t], i)
-                if samples[row, t, HELD, i] != 0.0 and present[column, t, plane]:
-                    _add_sample(sums[n], i, samples[row, t], samples[column, t], plane, signs[t])
-            if len(out):
-                _compare(sums[n], i, rate, affinities[i])
+        _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
+
+
+@compiled()
+def _update_block(
+    block: Floats,
+    number: np.int64,
+    samples: Floats,
+    signs: Floats,
+    present: Bools,
+    rate: float,
+    place: Slots,
+    out: Floats32,
+) -> None:
+    """One block, by its number; the other parameters are those of :func:`update_blocks`."""
+    row = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)
+    column = number - row * (row + 1) // 2
+    mine, theirs = samples[row], samples[column]
+    logs, chosen = np.empty((STRIP, STRIP), np.float32), np.empty(len(signs), np.intp)
+    for i in range(STRIP):
+        found = 0
+        for t in range(len(signs)):
+            if mine[t, HELD, i] != 0.0 and present[column, t, _counting(mine[t], i)]:
+                chosen[found] = t
+                found += 1
+        _add_samples(block, i, mine, theirs, signs, chosen[:found])
         if len(out):
-            mine = place[row * STRIP : (row + 1) * STRIP]
-            theirs = place[column * STRIP : (column + 1) * STRIP]
-            _write(affinities, mine, theirs, out)
-            _write(affinities.T, theirs, mine, out)
+            _compare(block, i, rate, logs[i])
+    if len(out):
+        strips = place.reshape(-1, STRIP)
+        _write(logs, strips[row], strips[column], out)
+        _write(logs.T, strips[column], strips[row], out)
 
 
 @compiled()
@@ -131,60 +157,60 @@ def _counting(mine: Floats, i: int) -> int:
 
 
 @compiled(fastmath={"contract"})
-def _add_sample(block: Floats, i: int, mine: Floats, theirs: Floats, counting: int, sign: float) -> None:
-    """Add the samples of row i at an instant to its sums."""
-    x, y, z, weight, counts = mine[X, i], mine[Y, i], mine[Z, i], mine[WEIGHT, i], theirs[counting]
+def _add_samples(block: Floats, i: int, mine: Floats, theirs: Floats, signs: Floats, chosen: Slots) -> None:
+    """Add the samples at some instants of row i to its sums."""
     weights, first, second, samples = block[WEIGHTS, i], block[FIRST, i], block[SECOND, i], block[SAMPLES, i]
-    for j in range(STRIP):
-        dx, dy, dz = x - theirs[X, j], y - theirs[Y, j], z - theirs[Z, j]
-        d = np.sqrt(dx * dx + dy * dy + dz * dz)
-        # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-        w = sign * counts[j] * max(weight, theirs[WEIGHT, j])
-        weights[j] += w
-        first[j] += w * d
-        second[j] += w * d * d
-        samples[j] += sign * counts[j]
+    for t in chosen:
+        x, y, z, weight = mine[t, X, i], mine[t, Y, i], mine[t, Z, i], mine[t, WEIGHT, i]
+        other, counts, sign = theirs[t], theirs[t, _counting(mine[t], i)], signs[t]
+        for j in range(STRIP):
+            dx, dy, dz = x - other[X, j], y - other[Y, j], z - other[Z, j]
+            d = np.sqrt(dx * dx + dy * dy + dz * dz)
+            # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
+            w = sign * counts[j] * max(weight, other[WEIGHT, j])
+            weights[j] += w
+            first[j] += w * d
+            second[j] += w * d * d
+            samples[j] += sign * counts[j]
 
 
 @compiled(fastmath={"contract"})
-def _compare(block: Floats, i: int, rate: float, affinities: Floats32) -> None:
-    """(3.4), exp(−γσ²) with σ² of (3.3), of the pairs of row i."""
+def _compare(block: Floats, i: int, rate: float, logs: Floats32) -> None:
+    """Logarithms of (3.4), −γσ² with σ² of (3.3), of the pairs of row i."""
     for j in range(STRIP):
         eta = 1.0 / block[WEIGHTS, i, j]
         mean = eta * block[FIRST, i, j]
         variance = max(eta * block[SECOND, i, j] - mean * mean, 0.0)
-        # exp(x) = exp(x / 64)^64, with six terms of the series: to 1e-7 where the affinity is above 1e-4.
-        x = max(rate * variance, _LEAST_LOG) / 64
-        y = 1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6)))))
-        y = y * y
-        y = y * y
-        y = y * y
-        y = y * y
-        y = y * y
-        y = y * y
-        affinities[j] = y if block[SAMPLES, i, j] >= COMPARABLE_SAMPLES else INCOMPARABLE
+        comparable = block[SAMPLES, i, j] >= COMPARABLE_SAMPLES
+        logs[j] = max(rate * variance, _LEAST_LOG) if comparable else _LOG_INCOMPARABLE
 
 
 @compiled()
-def _write(affinities: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
-    """Write the affinities of two strips where they belong."""
+def _write(logs: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
+    """Write what the pairs of two strips have where it belongs."""
     for i in range(STRIP):
         for j in range(STRIP if mine[i] >= 0 else 0):
             if theirs[j] >= 0:
-                out[mine[i], theirs[j]] = affinities[i, j]
+                out[mine[i], theirs[j]] = logs[i, j]
 
 
-@compiled()
-def sum_inside(affinity: Floats32, members: Slots, stop: float, sums: Floats) -> bool:
-    """Whether all affinities [n, n] of some members, intp [m], are above `stop`.
+@compiled(fastmath={"contract"})
+def combine_rows(matrix: Floats32, rows: Slots, factors: Floats, out: Floats) -> None:
+    """Add some rows of a matrix, each times its factor, to a row.
 
-    If so, the sums of their affinities to each other stand in their places of sums, float64 [n].
+    Parameters
+    ----------
+    matrix, rows, factors
+        float32 [n, n]; intp [m] and float64 [m].
+    out
+        float64 [n].
     """
-    for i in members:
-        total = 0.0
-        for j in members:
-            if affinity[i, j] <= stop:
-                return False
-            total += affinity[i, j]
-        sums[i] = total
-    return True
+    # Two rows a turn load and store the sums half as often.
+    for k in range(0, len(rows) - 1, 2):
+        first, second = matrix[rows[k]], matrix[rows[k + 1]]
+        for j in range(len(out)):
+            out[j] += factors[k] * first[j] + factors[k + 1] * second[j]
+    if len(rows) % 2:
+        last = matrix[rows[-1]]
+        for j in range(len(out)):
+            out[j] += factors[-1] * last[j]

@@ -126,6 +126,7 @@ class PairSums:
         place = np.full(len(self._samples) * STRIP, -1)
         place[rows[part]] = np.flatnonzero(part)
         self._pass(place, affinity)
+        np.exp(affinity, out=affinity)
         affinity[~part], affinity[:, ~part] = INCOMPARABLE, INCOMPARABLE
         np.fill_diagonal(affinity, 1.0)
         return affinity
@@ -221,7 +222,7 @@ class PairSums:
             first += len(stamps)
 
     def _pass(self, place: Slots = _NOWHERE, out: Floats32 = _NO_AFFINITIES) -> None:
-        """Take what waits into the sums; write affinities where they are wanted."""
+        """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
         present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
         signs = self._signs[: self._waiting]
