@@ -28,7 +28,7 @@ COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
 _LOG_INCOMPARABLE = math.log(INCOMPARABLE)
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
-_LEAST_LOG = -40.0
+_MIN_LOG = -40.0
 
 
 @compiled()
@@ -182,7 +182,7 @@ def _compare(block: Floats, i: int, rate: float, logs: Floats32) -> None:
         mean = eta * block[FIRST, i, j]
         variance = max(eta * block[SECOND, i, j] - mean * mean, 0.0)
         comparable = block[SAMPLES, i, j] >= COMPARABLE_SAMPLES
-        logs[j] = max(rate * variance, _LEAST_LOG) if comparable else _LOG_INCOMPARABLE
+        logs[j] = max(rate * variance, _MIN_LOG) if comparable else _LOG_INCOMPARABLE
 
 
 @compiled()

@@ -23,7 +23,7 @@ from .rows import Rows
 _NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _MIN_OBSERVATIONS = 2
 # Instants that wait for a pass at most: bounds the memory that their samples take.
-_MOST_INSTANTS = 64
+_MAX_INSTANTS = 64
 # What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
 # sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
 _FAR = 1e6
@@ -62,8 +62,8 @@ class PairSums:
         # How many observations of each slot have been taken in.
         self._held: Slots = np.zeros(0, np.intp)
         # Samples at the instants that wait, of which there are so many, and whether they come or go.
-        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
-        self._signs: Floats = np.zeros(_MOST_INSTANTS)
+        self._samples: Floats = np.zeros((0, _MAX_INSTANTS, SAMPLE_PLANES, STRIP))
+        self._signs: Floats = np.zeros(_MAX_INSTANTS)
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
 
@@ -209,9 +209,9 @@ class PairSums:
         columns = window.times, window.positions, window.speed, window.start, window.stop, window.gap_ns
         first, last = (bisect_right(window.instants, time) for time in span)
         while first < last:
-            if self._waiting == _MOST_INSTANTS:
+            if self._waiting == _MAX_INSTANTS:
                 self._pass()
-            stamps = np.array(window.instants[first : min(last, first + _MOST_INSTANTS - self._waiting)])
+            stamps = np.array(window.instants[first : min(last, first + _MAX_INSTANTS - self._waiting)])
             wait = slice(self._waiting, self._waiting + len(stamps))
             samples = self._samples[:, wait]
             samples[:] = 0.0

@@ -288,7 +288,8 @@ class Window:
             column = getattr(self, name)
             if column is not None:
                 grown = untouched_zeros((slots, rows, *column.shape[2:]), column.dtype)
-                transfer(used, *map(np.atleast_3d, (column, grown)), self.start, self.stop, self.start)
+                begin = self.start
+                transfer(used, np.atleast_3d(column), np.atleast_3d(grown), begin, self.stop, begin)
                 setattr(self, name, grown)
 
     def state(self) -> dict[str, Any]:
