@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find, ranks
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
 from .trajectories.interpolation import recent_steps
-from .trajectories.window import Window
-
-Ids = NDArray[np.uint64]
+from .trajectories.window import Ids, Window
 
 # Spaces up to so many trajectories are grouped as a whole.
 _MIN_GROUPED = 200
@@ -55,10 +52,10 @@ class LastGrouping:
     ids: Ids
 
     @classmethod
-    def of(cls, window: Window, partition: Partition, current: Slots, ids: Ids) -> Self:
+    def of(cls, window: Window, partition: Partition, current: Slots) -> Self:
         """Take down a partition of the trajectories of now."""
         keys = window.key[partition.slots], window.key[current]
-        return cls(partition, current, *keys, window.source[current], ids)
+        return cls(partition, current, *keys, window.source[current], window.id[current])
 
     def extended(self, window: Window, current: Slots, before: Labels) -> Partition:
         """The same groups for all that are current now.

@@ -9,7 +9,7 @@ from comotion_schemas import Event, Hypothesis, Pose
 
 from .arrays import Bools, Floats, Labels, Slots
 from .linking.linker import SpaceView
-from .trajectories.track_index import Ids
+from .trajectories.window import Ids
 
 _COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
 # Of what is in doubt.

@@ -65,8 +65,6 @@ class Registry:
         self._space = space
         self._config = config
         self._lifecycle = Lifecycle(config)
-        # Recalled by their place, and not yet confirmed to have returned.
-        self._recalled: list[int] = []
         self.labels = LabelMemory(ids, established)
 
     def update(
@@ -146,50 +144,30 @@ class Registry:
         return self._config.members if len(found.keys) >= _BODIES * self._config.members else 2
 
     def _recall(self, stamp_ns: int, window: Window, partition: Partition, found: Current) -> bool:
-        """Rename the new groups that are remembered hypotheses; returns whether there is any.
-
-        Groups come one by one. One that was recalled by its place takes part until its return is confirmed,
-        as a group that comes later may be the one that it was taken for.
-        """
+        """Rename the new groups that are remembered hypotheses; returns whether there is any."""
         members, least, traces = found.members, self._least(found), self._traces()
         missing = [one for one in traces if one not in members]
-        self._recalled = [
-            one for one in self._recalled if one in members and self._lifecycle.stage(one) == "absent"
-        ]
-        unconfirmed = [
+        groups = [
             one
             for one, rows in members.items()
-            if (missing or self._recalled) and len(rows) >= least and not self._lifecycle.confirmed(one)
+            if missing and len(rows) >= least and not self._lifecycle.confirmed(one)
         ]
-        if not unconfirmed and not self._recalled:
+        if not groups:
             return False
-        static, groups = self._static(partition), [*unconfirmed, *self._recalled]
+        static = self._static(partition)
         heirs = {one: traces[one].heir(found.keys, found.labels) for one in missing}
-        names = {heir: one for one, heir in heirs.items() if heir in unconfirmed and heir != static}
-        lost = [one for one in missing if heirs[one] is None] + self._recalled
+        names = {heir: one for one, heir in heirs.items() if heir in groups and heir != static}
+        lost = [one for one in missing if heirs[one] is None]
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
         first = {
             one: None if one == static else appearance(window, found.slots[members[one]]) for one in groups
         }
-        for some, margin in ((unconfirmed, _CLEAR), (due, _LIKELY)):
+        for some, margin in ((groups, _CLEAR), (due, _LIKELY)):
             left = {new: seen for new, seen in first.items() if new not in names}
             free = {one: traces[one] for one in lost if one not in names.values()}
-            wanted = recognised(free, left, margin)
-            wanted = {new: old for new, old in wanted.items() if new in some or new in self._recalled}
-            names |= self._free(wanted, names)
-        names = {new: old for new, old in names.items() if new != old}
+            names |= {new: old for new, old in recognised(free, left, margin).items() if new in some}
         self._rename(stamp_ns, window, names, {new: found.centroid(new) for new in names if new != static})
-        self._recalled += [old for old in names.values() if old in lost and old not in self._recalled]
         return bool(names)
-
-    def _free(self, wanted: dict[int, int], names: dict[int, int]) -> dict[int, int]:
-        """Those renamings whose ids no other group keeps."""
-        while True:
-            kept = [one for one in self._recalled if one not in wanted and one not in names]
-            taken = {new: old for new, old in wanted.items() if old not in kept}
-            if len(taken) == len(wanted):
-                return taken
-            wanted = taken
 
     def _rename(
         self, stamp_ns: int, window: Window, names: dict[int, int], centroids: dict[int, Floats]

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from ..arrays import Bools, Floats, Labels, Slots, Stamps, untouched_zeros
 from .kernels import append, count_older, due_for_compaction, transfer
 
+Ids = NDArray[np.uint64]
+
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
-_KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "label", "established")
+_KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "id", "label", "established")
 _PER_SLOT = ("start", "stop", "used", "live", "label_ns", *_KEPT)
 # Of a slot without a trajectory that has been observed; else 0.
 _FRESH = {
@@ -52,6 +54,8 @@ class Window:
         Times at which anything in the window was observed, ns, ascending and distinct.
     live
         bool [capacity], slots of the trajectories that are current, as far as the caller says; new ones are.
+    id
+        uint64 [capacity], what the source calls the feature in each slot.
     label, label_ns, established
         int64 [capacity] each, what :mod:`comotion.hypotheses` knows of the trajectories: the hypothesis of
         each, since when, and the one in which it became an established member; negative for none.
@@ -85,6 +89,7 @@ class Window:
         self.covariance: Floats = np.zeros((0, 6))
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
+        self.id: Ids = np.zeros(0, np.uint64)
         self.label: Labels = np.zeros(0, np.int64)
         self.label_ns: Stamps = np.zeros(0, np.int64)
         self.established: Labels = np.zeros(0, np.int64)
