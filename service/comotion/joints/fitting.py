@@ -101,7 +101,7 @@ def _stepped(states: States, model: Model, prior: Floats, steps: int) -> Fit:
     q = model.positions(states)
     for _ in range(steps):
         equations = _equations(states, model, q, prior)
-        step: Floats = np.linalg.solve(equations.left, equations.right)
+        step = np.asarray(np.linalg.solve(equations.left, equations.right), np.float64)
         q = q + equations.slope[:, -1] - equations.slope[:, :-1] @ step
         model = _moved(model, step)
         # Where the joint does not fit, a standard deviation is more than the states say.
