@@ -24,8 +24,6 @@ _MARK = b"@compiled"
 _USED_BY_KERNELS = {"compiled.py", "partition.py"}
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
-# Some ten microseconds; a second thread is at work after three.
-_WORTH_WAKING = 30_000
 # Of what a kernel does, only the loops that ask for it are shared out.
 _OWN_LOOPS = {
     "comprehension": False,
@@ -65,11 +63,6 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
         return cast("Kernel", kernel)
 
     return compile_
-
-
-def worth_waking(operations: int) -> bool:
-    """Whether so many operations take longer than waking the other threads."""
-    return operations > _WORTH_WAKING
 
 
 def kernel_sources() -> Iterator[Path]:

@@ -21,9 +21,9 @@ _LOOK_EVERY = 8
 # What counts as most of what a source sees.
 _MOST_OF_IT = 0.9
 # Sources whose views count, the first to come.
-_MOST_VIEWS = 16
+_MAX_VIEWS = 16
 # Scenes smaller than this, in the unit of the space, count as so large.
-_LEAST = {"m": 1.0, "px": 1000.0}
+_MIN_EXTENT = {"m": 1.0, "px": 1000.0}
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ class ExtentCheck:
 
     def _seen_by_others(self, session: int) -> tuple[Floats, float]:
         """Where the scene is and how far it reaches, as others than a session see it, if there are any."""
-        numbers = [number for number in self._views if number != session][:_MOST_VIEWS]
+        numbers = [number for number in self._views if number != session][:_MAX_VIEWS]
         others = {number: self._views[number] for number in numbers}
         mine = self._views.get(session)
         if mine is not None and (not others or (len(others) == 1 and session < min(others))):
             others = {session: mine}
         centre = np.asarray(np.median([view.centre for view in others.values()], axis=0), np.float64)
         reach = float(np.median([view.reach(centre) for view in others.values()]))
-        return centre, max(reach, _LEAST[self.unit])
+        return centre, max(reach, _MIN_EXTENT[self.unit])

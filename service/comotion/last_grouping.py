@@ -8,21 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find, ranks
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
 from .trajectories.interpolation import recent_steps
-from .trajectories.window import Window
-
-Ids = NDArray[np.uint64]
+from .trajectories.window import Ids, Window
 
 # Spaces up to so many trajectories are grouped as a whole.
-_LEAST_GROUPED = 200
+_MIN_GROUPED = 200
 # A trajectory with fewer observations does not show how it moves; it moves as in the last ns.
-_LEAST_OBSERVATIONS, _RECENT_NS = 3, 300_000_000
+_MIN_OBSERVATIONS, _RECENT_NS = 3, 300_000_000
 # Members that a newcomer is compared with, at most.
 _COMPARED = 512
 # What has joined is less sure than what was grouped, and counts for no box.
@@ -55,10 +52,10 @@ class LastGrouping:
     ids: Ids
 
     @classmethod
-    def of(cls, window: Window, partition: Partition, current: Slots, ids: Ids) -> Self:
+    def of(cls, window: Window, partition: Partition, current: Slots) -> Self:
         """Take down a partition of the trajectories of now."""
         keys = window.key[partition.slots], window.key[current]
-        return cls(partition, current, *keys, window.source[current], ids)
+        return cls(partition, current, *keys, window.source[current], window.id[current])
 
     def extended(self, window: Window, current: Slots, before: Labels) -> Partition:
         """The same groups for all that are current now.
@@ -98,7 +95,7 @@ def representatives(window: Window, current: Slots, labels: Labels, share: float
     `labels` int64 [capacity] are the hypotheses of all slots. Small spaces are taken whole; the same ones are
     taken again.
     """
-    count = max(round(share * len(current)), _LEAST_GROUPED)
+    count = max(round(share * len(current)), _MIN_GROUPED)
     if count >= len(current):
         return current
     spread = window.key[current] * _SPREAD % 2**32
@@ -117,8 +114,8 @@ def _by_hypothesis(wanted: Labels, before: Labels, groups: Ints) -> Ints:
 def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:
     """Group of the nearest member that moves alike, intp [n]; NO_HYPOTHESIS where motion does not show."""
     found = np.full(len(new), NO_HYPOTHESIS)
-    telling = window.counts(new) >= _LEAST_OBSERVATIONS
-    members = np.flatnonzero((groups != NO_HYPOTHESIS) & (window.counts(current) >= _LEAST_OBSERVATIONS))
+    telling = window.counts(new) >= _MIN_OBSERVATIONS
+    members = np.flatnonzero((groups != NO_HYPOTHESIS) & (window.counts(current) >= _MIN_OBSERVATIONS))
     members = members[:: -(-len(members) // _COMPARED) or 1]
     groups = groups[members]
     if not telling.any() or len(members) < 2:

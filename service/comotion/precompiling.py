@@ -26,7 +26,7 @@ from .compiled import folder
 
 LIST = Path(__file__).with_name("kernel_list.json")
 # More compile the library code of Numba once more each, and take memory.
-_MOST_PROCESSES = 4
+_MAX_PROCESSES = 4
 # Fewer are compiled here sooner than another process starts.
 _WORTH_PROCESSES = 8
 # File of what has been compiled, beside it.
@@ -190,7 +190,7 @@ def _share_out(tasks: list[Task]) -> Iterator[Task]:
     processes: list[subprocess.Popen[bytes]] = []
     try:
         with suppress(OSError):  # where no process can be started, this one compiles
-            while len(processes) < min(_MOST_PROCESSES, len(os.sched_getaffinity(0))):
+            while len(processes) < min(_MAX_PROCESSES, len(os.sched_getaffinity(0))):
                 processes.append(_worker())
         with selectors.DefaultSelector() as selector:
             for process in processes:

@@ -24,8 +24,8 @@ from .saving import plain
 from .shedding import FULL, Effort
 from .source_checks import Stored
 from .space_update import SpaceUpdate
-from .trajectories.track_index import Ids, TrackIndex
-from .trajectories.window import Window
+from .trajectories.track_index import TrackIndex
+from .trajectories.window import Ids, Window
 
 # Motion shows between two observations: an outdated trajectory with fewer in the window is forgotten.
 _MIN_OBSERVATIONS = 2
@@ -236,7 +236,7 @@ class Space:
             window.key[current],
             SpaceUpdate(
                 sessions=owners,
-                ids=self.index.ids[current],
+                ids=window.id[current],
                 positions=newest,
                 labels=labels,
                 confidence=partition.confidence * explained(labels, present, newest, owners),
@@ -271,7 +271,7 @@ class Space:
             few = len(some) < np.count_nonzero(steady[current])
             part = window.of(some if few else np.flatnonzero(steady))
         found = self._method.partition(part, some, stamp_ns, previous)
-        self._last = LastGrouping.of(window, found, some, self.index.ids[some])
+        self._last = LastGrouping.of(window, found, some)
         if len(some) == len(current):
             return found
         return self._last.extended(window, current, previous.labels)
@@ -303,12 +303,11 @@ class Space:
         """Forget trajectories, by age."""
         window = self._window
         self._method.forgetting(window, gone)
-        self._hypotheses.labels.forget(window, gone)
         self.index.close(gone)
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""
-        return self._hypotheses.forget(hypothesis)
+        return self._hypotheses.forget(self._window, hypothesis)
 
     def affinity(self) -> tuple[Slots, Ids, NDArray[np.float32]]:
         """Session numbers intp [n], ids uint64 [n] and affinities float32 [n, n] of the last grouping."""
@@ -327,10 +326,9 @@ class Space:
             "name": self.spec.name,
             "unit": self.spec.unit,
             "dim": self.spec.dim,
-            "ids": self.index.ids[self._window.slots()],
             "window": self._window.state(),
             "method": self._method.state(),
-            "hypotheses": self._hypotheses.state(self._window),
+            "hypotheses": self._hypotheses.state(),
             "frame": plain(self.carrying.frame),
             "ended": [[number, ids] for number, ids in self.index.ended()],
         }
@@ -338,7 +336,7 @@ class Space:
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
         """Take up :meth:`state`; without `keep_method` the trajectories alone."""
         slots = self._window.load(state["window"])
-        self.index.load(state["ids"], slots, state["ended"])
+        self.index.load(slots, state["ended"])
         self._method.load(state["method"] if keep_method else {}, self._window)
         self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
         if state["frame"] is not None:

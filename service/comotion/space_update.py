@@ -9,11 +9,11 @@ from comotion_schemas import Event, Hypothesis, Pose
 
 from .arrays import Bools, Floats, Labels, Slots
 from .linking.linker import SpaceView
-from .trajectories.track_index import Ids
+from .trajectories.window import Ids
 
 _COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
 # Of what is in doubt.
-_MOST_CONFIDENCE = 0.5
+_MAX_CONFIDENCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -60,5 +60,5 @@ class SpaceUpdate:
         """The same with half the confidence at most in what some sessions say, by number."""
         if not sessions:
             return self
-        most = np.where(np.isin(self.sessions, sessions), _MOST_CONFIDENCE, 1.0)
+        most = np.where(np.isin(self.sessions, sessions), _MAX_CONFIDENCE, 1.0)
         return replace(self, confidence=np.minimum(self.confidence, most))

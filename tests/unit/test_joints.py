@@ -99,7 +99,7 @@ def test_bodies_that_move_as_one_are_fixed():
 
 def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
     found = Pair(1, 2, np.zeros(3))
-    monkeypatch.setattr("comotion.joints.memory._MOST_STATES", 10)
+    monkeypatch.setattr("comotion.joints.memory._MAX_STATES", 10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
         found.judge(world(150, first), child("revolute", q, seed=first, start=first))

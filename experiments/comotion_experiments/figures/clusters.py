@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from comotion.thesis.alternatives import (
     COVARIANCES,
-    MOST_EIGENVALUES,
+    MAX_EIGENVALUES,
     Mixture,
     count_clusters,
     mixtures,
@@ -126,11 +126,11 @@ def _eigen_panel(axes: Any, take: SceneRuns, t: float, *, normalized: bool) -> l
     """Eigenvalues of every seed; answers with the clusters that their gaps suggest."""
     values = np.array(
         [
-            spectrum(_affinity(take, t, seed), normalized=normalized)[0][:MOST_EIGENVALUES]
+            spectrum(_affinity(take, t, seed), normalized=normalized)[0][:MAX_EIGENVALUES]
             for seed in range(len(take.seeds))
         ]
     )
-    index = np.arange(1, MOST_EIGENVALUES + 1)
+    index = np.arange(1, MAX_EIGENVALUES + 1)
     axes.fill_between(index, values.min(axis=0), values.max(axis=0), color="#0072b2", alpha=0.2, linewidth=0)
     axes.plot(index, values.mean(axis=0), "o-", color="#0072b2", markersize=4, linewidth=1)
     expected = _expected(t)

@@ -27,7 +27,7 @@ _EVERY_NS, _LASTS_NS = 500_000_000, 2_000_000_000
 # Looks in a row that find it.
 _LOOKS = 2
 # Bodies that two sources share, and features of the one that are compared on each, at least and at most.
-_LEAST_BODIES, _LEAST_FEATURES, _MOST_FEATURES = 2, 2, 16
+_MIN_BODIES, _MIN_FEATURES, _MAX_FEATURES = 2, 2, 16
 # Prior standard deviations of an offset, as in registration: rad, share of the extent, s; and how many times
 # as much it may change.
 _ROTATION, _SHIFT, _DELAY = 0.035, 0.03, 0.02
@@ -124,7 +124,7 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
     # What one source sees of one body; the first of these features.
     views = label * (window.source.max(initial=0) + 1) + window.source[slots]
-    few = ranks(views, window.key[slots]) < _MOST_FEATURES
+    few = ranks(views, window.key[slots]) < _MAX_FEATURES
     slots, label = slots[few], label[few]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
@@ -186,10 +186,10 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
 
     NaN where they share too little, or where no change explains the difference.
     """
-    shared = [one for one in motions if np.count_nonzero(other.label == one) >= _LEAST_FEATURES]
+    shared = [one for one in motions if np.count_nonzero(other.label == one) >= _MIN_FEATURES]
     if shared:
         shared = _agreed({one: motions[one] for one in shared}, other.before)
-    if len(shared) < _LEAST_BODIES:
+    if len(shared) < _MIN_BODIES:
         return np.nan
     other = other.where(np.isin(other.label, shared))
     centre = other.before.mean(0)
@@ -251,4 +251,4 @@ def _calmest(seen: _Seen) -> float:
     squared = ((seen.after - seen.before) ** 2).sum(1)
     labels, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
     means = np.bincount(row, squared, len(labels)) / counts
-    return float(means[counts >= _LEAST_FEATURES].min(initial=np.inf))
+    return float(means[counts >= _MIN_FEATURES].min(initial=np.inf))

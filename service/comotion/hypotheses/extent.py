@@ -21,7 +21,7 @@ from .records import Current, Extent
 # s; a feature that was a member for less, or that another hypothesis has now, says nothing about the body.
 _LASTING = 0.5
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
-_MOST_POINTS = 256
+_MAX_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
 _SMALLER = 0.9
 # ns; the axes of a box are sought so often, as the search costs more than the rest of this module.
@@ -32,7 +32,7 @@ _STEP = np.pi / 60
 # others a member counts, in their extent.
 _FAR_SHARE, _BEYOND = 0.1, 2.0
 # Fewer members have no far ones.
-_LEAST_TOGETHER = 5
+_MIN_TOGETHER = 5
 
 
 def measured(
@@ -95,7 +95,7 @@ def measured(
 
 def _together(points: Floats) -> Bools:
     """Which points [m, dim] are not far from the others along any axis, bool [m]."""
-    if len(points) < _LEAST_TOGETHER:
+    if len(points) < _MIN_TOGETHER:
         return np.ones(len(points), np.bool_)
     far = max(round(_FAR_SHARE * len(points)), 1)
     ranked = np.sort(points, axis=0)
@@ -108,7 +108,7 @@ def _lost(stamp_ns: int, extent: Extent, current: Stamps) -> Stamps:
     """Rows of features that are not seen any more and were members for long enough, bounded in number."""
     gone = find(extent.keys, current) < 0
     lost = np.flatnonzero(gone & (extent.since <= stamp_ns - int(_LASTING * 1e9)))
-    if len(lost) > _MOST_POINTS:
+    if len(lost) > _MAX_POINTS:
         lost = lost[_farthest(extent.points[lost])]
     return lost
 
@@ -140,7 +140,7 @@ def best_axes(points: Floats, before: Floats) -> Floats:
     before
         float64 [dim, dim], the last axes.
     """
-    if len(points) > 2 * _MOST_POINTS:
+    if len(points) > 2 * _MAX_POINTS:
         points = points[_farthest(points)]
     centred = points - points.mean(0)
     principal = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]

@@ -29,7 +29,7 @@ _GATE = 16.0
 # nat; price of a jump.
 _JUMP = 5.0
 # Trajectories by which a group is known where it appears, evenly drawn: a centroid needs no more.
-_MOST_SEEN = 64
+_MAX_SEEN = 64
 # s; its velocity then is that of the first so many seconds.
 _FIRST = 0.4
 
@@ -55,7 +55,7 @@ class Appearance:
 
 def appearance(window: Window, slots: Slots) -> Appearance:
     """When and where the trajectories in `slots` intp [n] > 0 appeared, as far as the window tells."""
-    some = thinned(slots, _MOST_SEEN)
+    some = thinned(slots, _MAX_SEEN)
     first = window.times[some, window.start[some]]
     stamp_ns = int(np.sort(first)[(len(first) - 1) // 2])
     seen = some[first <= stamp_ns]

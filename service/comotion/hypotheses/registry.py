@@ -25,7 +25,7 @@ from ..saving import plain, refill
 from ..trajectories.window import Window
 from .events import Count, Lifecycle
 from .extent import measured
-from .identity import IdAllocator, LabelMemory
+from .identity import IdAllocator, LabelMemory, retire, supported
 from .memory import appearance, recognised, seen
 from .records import Current, Trace
 
@@ -56,7 +56,7 @@ class Registry:
     Attributes
     ----------
     labels
-        Hypotheses by slot and by group.
+        Hypotheses by group, and their births.
     """
 
     def __init__(
@@ -65,9 +65,7 @@ class Registry:
         self._space = space
         self._config = config
         self._lifecycle = Lifecycle(config)
-        # Recalled by their place, and not yet confirmed to have returned.
-        self._recalled: list[int] = []
-        self.labels = LabelMemory(ids, established=established)
+        self.labels = LabelMemory(ids, established)
 
     def update(
         self,
@@ -100,39 +98,41 @@ class Registry:
             Hypotheses of the current trajectories, int64 [n], negative for none; all hypotheses, by id;
             the events of this update.
         """
-        before = self.labels.labels[current]
+        before = window.label[current]
         labels = self.labels.name(window, partition, current, matching, stamp_ns)  # 1
         found = Current(
             window.key[current], current, labels, partition.position, partition.confidence >= _SURE
         )
         self.labels.refer(window, stamp_ns)
         if self._recall(stamp_ns, window, partition, found):  # 2
-            found = replace(found, labels=self.labels.labels[current])
+            found = replace(found, labels=window.label[current])
             self.labels.refer(window, stamp_ns)
-        events = self._lifecycle.advance(stamp_ns, self._count(before, found))  # 3
-        self.labels.retire(self._lifecycle.records)
+        events = self._lifecycle.advance(stamp_ns, self._count(window, before, found))  # 3
+        retire(window, self._lifecycle.records)
         listed = self._described(stamp_ns, partition, found, boxes)  # 4
         self._remember(stamp_ns, partition, found, listed)  # 5
         return found.labels, self._with_absent(listed, found), events
 
-    def forget(self, hypothesis: int | None) -> list[int]:
+    def forget(self, window: Window, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all: its members are grouped as new ones. Returns those forgotten."""
         known = sorted(self._lifecycle.records)
         gone = known if hypothesis is None else [one for one in known if one == hypothesis]
         for one in gone:
             self._lifecycle.forget(one)
-            self.labels.drop(one)
+            self.labels.drop(window, one)
         return gone
 
-    def state(self, window: Window) -> dict[str, Any]:
-        """As plain values and arrays."""
-        return {"labels": self.labels.state(window), "lives": plain(self._lifecycle)}
+    def state(self) -> dict[str, Any]:
+        """As plain values and arrays, beside the columns of the window."""
+        return {"labels": plain(self.labels), "lives": plain(self._lifecycle)}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
-        """Take up :meth:`state`; an empty one says nothing."""
-        self.labels.load(state.get("labels", {}), window)
+        """Take up :meth:`state`; an empty one: start afresh on the trajectories of the window."""
         if state:
+            refill(self.labels, state["labels"])
             refill(self._lifecycle, state["lives"])
+        else:
+            window.label[:] = window.established[:] = NO_HYPOTHESIS
 
     def _traces(self) -> dict[int, Trace]:
         """What is remembered of where hypotheses were, by id."""
@@ -144,55 +144,37 @@ class Registry:
         return self._config.members if len(found.keys) >= _BODIES * self._config.members else 2
 
     def _recall(self, stamp_ns: int, window: Window, partition: Partition, found: Current) -> bool:
-        """Rename the new groups that are remembered hypotheses; returns whether there is any.
-
-        Groups come one by one. One that was recalled by its place takes part until its return is confirmed,
-        as a group that comes later may be the one that it was taken for.
-        """
+        """Rename the new groups that are remembered hypotheses; returns whether there is any."""
         members, least, traces = found.members, self._least(found), self._traces()
         missing = [one for one in traces if one not in members]
-        self._recalled = [
-            one for one in self._recalled if one in members and self._lifecycle.stage(one) == "absent"
-        ]
-        unconfirmed = [
+        groups = [
             one
             for one, rows in members.items()
-            if (missing or self._recalled) and len(rows) >= least and not self._lifecycle.confirmed(one)
+            if missing and len(rows) >= least and not self._lifecycle.confirmed(one)
         ]
-        if not unconfirmed and not self._recalled:
+        if not groups:
             return False
-        static, groups = self._static(partition), [*unconfirmed, *self._recalled]
+        static = self._static(partition)
         heirs = {one: traces[one].heir(found.keys, found.labels) for one in missing}
-        names = {heir: one for one, heir in heirs.items() if heir in unconfirmed and heir != static}
-        lost = [one for one in missing if heirs[one] is None] + self._recalled
+        names = {heir: one for one, heir in heirs.items() if heir in groups and heir != static}
+        lost = [one for one in missing if heirs[one] is None]
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
         first = {
             one: None if one == static else appearance(window, found.slots[members[one]]) for one in groups
         }
-        for some, margin in ((unconfirmed, _CLEAR), (due, _LIKELY)):
+        for some, margin in ((groups, _CLEAR), (due, _LIKELY)):
             left = {new: seen for new, seen in first.items() if new not in names}
             free = {one: traces[one] for one in lost if one not in names.values()}
-            wanted = recognised(free, left, margin)
-            wanted = {new: old for new, old in wanted.items() if new in some or new in self._recalled}
-            names |= self._free(wanted, names)
-        names = {new: old for new, old in names.items() if new != old}
-        self._rename(stamp_ns, names, {new: found.centroid(new) for new in names if new != static})
-        self._recalled += [old for old in names.values() if old in lost and old not in self._recalled]
+            names |= {new: old for new, old in recognised(free, left, margin).items() if new in some}
+        self._rename(stamp_ns, window, names, {new: found.centroid(new) for new in names if new != static})
         return bool(names)
 
-    def _free(self, wanted: dict[int, int], names: dict[int, int]) -> dict[int, int]:
-        """Those renamings whose ids no other group keeps."""
-        while True:
-            kept = [one for one in self._recalled if one not in wanted and one not in names]
-            taken = {new: old for new, old in wanted.items() if old not in kept}
-            if len(taken) == len(wanted):
-                return taken
-            wanted = taken
-
-    def _rename(self, stamp_ns: int, names: dict[int, int], centroids: dict[int, Floats]) -> None:
+    def _rename(
+        self, stamp_ns: int, window: Window, names: dict[int, int], centroids: dict[int, Floats]
+    ) -> None:
         """Give groups the ids that they continue, {present: other}; with the centroids of those that move."""
         traces = self._traces()
-        self.labels.rename(names)
+        self.labels.rename(window, names)
         for new, old in names.items():
             self.labels.references[old] = _carried(traces[old], centroids.get(new), stamp_ns)
             if new in centroids:
@@ -203,13 +185,13 @@ class Registry:
         groups = zip(self.labels.ids.tolist(), partition.described, strict=False)
         return next((one for one, group in groups if group.static), None)
 
-    def _count(self, before: Labels, found: Current) -> Count:
+    def _count(self, window: Window, before: Labels, found: Current) -> Count:
         sizes, known = {one: len(rows) for one, rows in found.members.items()}, self._lifecycle.records
         origins = {one: _origin(before[rows]) for one, rows in found.members.items() if one not in known}
         heirs: dict[int, int] = {}
-        supported = self.labels.supported(found.slots)
+        wanted = supported(window, found.slots)
         for one, trace in self._traces().items():
-            if one not in sizes and (heir := trace.heir(found.keys, supported)) is not None:
+            if one not in sizes and (heir := trace.heir(found.keys, wanted)) is not None:
                 heirs[one] = heir
         return Count(sizes, self._least(found), origins, heirs)
 

@@ -14,8 +14,8 @@ import numpy as np
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats
-from .kernels import HEAVY
-from .models import FREE_PARAMETERS, Fit, FixedKind, Model, fit
+from .fitting import HEAVY, Fit, fit
+from .models import FREE_PARAMETERS, FixedKind, Model
 from .states import States, quantiles, turns_between
 
 KINDS: tuple[FixedKind, ...] = ("fixed", "prismatic", "revolute")

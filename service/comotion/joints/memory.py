@@ -11,9 +11,9 @@ from .states import States, turned, turns_between
 _CELL_TURN = 0.04
 _CELL_SHIFT = 0.1
 # Key states of a pair.
-_MOST_STATES = 40
+_MAX_STATES = 40
 # A key state is worth so many of its frames at most: errors that last do not average out.
-_MOST_WEIGHT = 20.0
+_MAX_WEIGHT = 20.0
 
 
 @dataclass
@@ -28,7 +28,7 @@ class KeyStates:
         cell = max(_CELL_SHIFT * radius, 1e-9)
         for k in range(len(new)):
             self._add(new.of(slice(k, k + 1)), cell)
-            if len(self.weight) > _MOST_STATES:
+            if len(self.weight) > _MAX_STATES:
                 self._thin(cell)
 
     def _add(self, one: States, cell: float) -> None:
@@ -42,10 +42,10 @@ class KeyStates:
     def _fuse(self, k: int, one: States) -> None:
         """Average a state into a key state."""
         states, count = self.states, float(self.weight[k])
-        share = 1 / (min(count, _MOST_WEIGHT) + 1)
+        share = 1 / (min(count, _MAX_WEIGHT) + 1)
         states.R[k] = turned(states.R[k], share * turns_between(one.R, states.R[k])[0])
         states.p[k] += share * (one.p[0] - states.p[k])
-        if count < _MOST_WEIGHT:
+        if count < _MAX_WEIGHT:
             states.information[k] += one.information[0]
         self.weight[k] = count + 1
 

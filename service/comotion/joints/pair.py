@@ -10,8 +10,9 @@ from comotion_schemas.hypotheses import JointKind
 from ..arrays import Floats, Stamps
 from ..partition import BodyMotion
 from .evidence import DEGREES, KINDS, Verdict, excess, judge
+from .fitting import Fit, joint_position
 from .memory import KeyStates
-from .models import Fit, FixedKind, Model, joint_position
+from .models import FixedKind, Model
 from .states import States, averaged, quantiles, relative_states
 
 JOINTS: tuple[JointKind, ...] = KINDS
@@ -22,25 +23,25 @@ _RECENT = 1.0
 _BROKEN = 2.0
 _WORSE = 4.0
 # Probability from which on a kind of joint is published.
-_LEAST_CONFIDENCE = 0.95
+_MIN_CONFIDENCE = 0.95
 # rad and m; a pair that has turned and moved less is undetermined.
-_LEAST_TURN, _LEAST_SHIFT = 0.2, 0.03
+_MIN_TURN, _MIN_SHIFT = 0.2, 0.03
 # rad; a pair whose axis is less well known is undetermined. Chosen on `tennis_serve`, see
 # docs/research/joints.md.
-_MOST_AXIS_SIGMA = 0.15
+_MAX_AXIS_SIGMA = 0.15
 # A free body may move for a while as if it had a joint. After that it must do so for longer.
-_PATIENCE_NS, _MOST_PATIENCE_NS = 3_000_000_000, 8_000_000_000
+_PATIENCE_NS, _MAX_PATIENCE_NS = 3_000_000_000, 8_000_000_000
 # A joint is kept until its axis is so many times less well known than a new one's.
 _KEPT = 1.5
 # A hinge is within so many radii of the child's features; unit of the space, least radius.
-_REACH, _LEAST_RADIUS = 4.0, 1e-3
+_REACH, _MIN_RADIUS = 4.0, 1e-3
 # Of the local cubic that poses are published from (rigid.kinematics): its error at the newest frame, and that
 # of its slope per s, are 0.82 and 4.4 times the error of a frame, and the lasting error is as large as that.
 # Both in errors of a state: two frames with the lasting error of 15.
 _NOW, _SLOPE = 0.46, 1.6
 # s; lasting errors go with the place of a body more than with time, so a longer look adds little. Axes on
 # even seeds of the workcell are then within 2.45 sigma in 88 % of the judgements.
-_MOST_SECONDS = 2.0
+_MAX_SECONDS = 2.0
 
 
 class Sigmas(NamedTuple):
@@ -128,7 +129,7 @@ class Pair:
             return
         self._together |= _has_moved(child) and _has_moved(parent)
         self.typical_information = window.information[-1]
-        reach = _REACH * max(child.radius or parent.radius, _LEAST_RADIUS)
+        reach = _REACH * max(child.radius or parent.radius, _MIN_RADIUS)
         verdict = judge(states, self.models, self.chances, reach)
         if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
             self._begin_again(stamp_ns)
@@ -159,17 +160,17 @@ class Pair:
 
     def _decide(self, verdict: Verdict, seconds: float) -> None:
         kind, chance = verdict.best, verdict.probability[verdict.best]
-        apart = verdict.turn >= _LEAST_TURN or verdict.shift >= _LEAST_SHIFT
+        apart = verdict.turn >= _MIN_TURN or verdict.shift >= _MIN_SHIFT
         decided = self._together if kind == "fixed" else apart
         decided &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
         sigmas = _sigmas(verdict, kind, seconds)
-        most = _MOST_AXIS_SIGMA * (_KEPT if kind == self.known.kind else 1)
+        most = _MAX_AXIS_SIGMA * (_KEPT if kind == self.known.kind else 1)
         decided &= sigmas is None or sigmas.axis <= most
         own = verdict.probability.get(self.known.kind, 0.0)
-        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - _LEAST_CONFIDENCE:
+        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - _MIN_CONFIDENCE:
             # What speaks against the joint is no better than doubt.
             self.known = replace(self.known, confidence=own)
-        elif decided and chance >= _LEAST_CONFIDENCE:
+        elif decided and chance >= _MIN_CONFIDENCE:
             # A free body may for a moment move as if it had a joint.
             again = kind in (self._candidate, self.known.kind, "free")
             if kind not in JOINTS:
@@ -183,7 +184,7 @@ class Pair:
     def _lose(self) -> None:
         """A pair that has lost a joint must show the next one for longer."""
         if self.known.kind in JOINTS:
-            self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MOST_PATIENCE_NS)
+            self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MAX_PATIENCE_NS)
 
     def _see(self, fit: Fit) -> None:
         """Widen the range of the joint."""
@@ -221,7 +222,7 @@ def _sigmas(verdict: Verdict, kind: JointKind, seconds: float) -> Sigmas | None:
     if movable is None or movable == "fixed":
         return None
     fit = verdict.fits[movable]
-    variance = np.diag(fit.covariance) * excess(fit) * max(seconds / _MOST_SECONDS, 1.0)
+    variance = np.diag(fit.covariance) * excess(fit) * max(seconds / _MAX_SECONDS, 1.0)
     point = variance[6:8] if kind == "revolute" else variance[3:6]
     (frame,) = quantiles(fit.q_sigma, (0.5,))
     return Sigmas(
@@ -236,4 +237,4 @@ def _has_moved(body: BodyMotion) -> bool:
     R, place = body.R[body.posed], body.R[body.posed] @ body.centre + body.t[body.posed]
     chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", R, R[-1]), 0)).max()
     shift = float(np.linalg.norm(place - place[-1], axis=1).max())
-    return bool(chord >= _LEAST_TURN or shift >= _LEAST_SHIFT)
+    return bool(chord >= _MIN_TURN or shift >= _MIN_SHIFT)

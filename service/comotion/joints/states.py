@@ -4,11 +4,11 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Stamps, inverses
 from ..partition import BodyMotion
-from ..rigid.kernels.rotation import rotation_vectors
-from .kernels import rotation_matrices
+from ..rigid.kernels.rotation import rotation_matrix, rotation_vectors
 
 # Errors of poses that last: patches drift, features come and go, bodies bend. A second of frames has one such
 # error. Its variance is that of a frame, so many times: on links of the workcell's arm it was measured to be
@@ -138,8 +138,8 @@ def skew(v: Floats) -> Floats:
 
 def turned(R: Floats, by: Floats) -> Floats:
     """Rotations [n, 3, 3] turned by rotation vectors [n, 3] or [3] of the outer axes."""
-    found = rotation_matrices(np.ascontiguousarray(np.atleast_2d(by)))
-    return np.asarray((found if by.ndim == 2 else found[0]) @ R)
+    found = rotation_matrix(by) if by.ndim == 1 else Rotation.from_rotvec(by).as_matrix()
+    return np.asarray(found @ R)
 
 
 def turns_between(R: Floats, reference: Floats) -> Floats:

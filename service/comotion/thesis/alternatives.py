@@ -14,11 +14,11 @@ from sklearn.mixture import GaussianMixture
 from ..arrays import Floats
 
 # The thesis looks at the first ten eigenvalues.
-MOST_EIGENVALUES = 10
+MAX_EIGENVALUES = 10
 _ZERO = 1e-9
 COVARIANCES = ("full", "diag", "spherical")
 # As many; more components of 50 to 100 trajectories have too few rows each.
-_MOST_COMPONENTS = 10
+_MAX_COMPONENTS = 10
 # Floor of a variance, as scikit-learn had it when the thesis was written. With the 1e-6 of today a
 # component of a single row is as good as certain, and the largest number of components wins.
 _VARIANCE_FLOOR = 1e-3
@@ -66,7 +66,7 @@ def spectrum(affinity: Floats, *, normalized: bool) -> tuple[Floats, Floats]:
 def count_clusters(eigenvalues: Floats) -> int:
     """Count clusters by the largest gap among the first ten of increasing eigenvalues [N]."""
     components = int((eigenvalues < _ZERO * max(eigenvalues[-1], 1.0)).sum())
-    gaps = np.diff(eigenvalues[:MOST_EIGENVALUES])
+    gaps = np.diff(eigenvalues[:MAX_EIGENVALUES])
     return max(components, int(gaps.argmax()) + 1)
 
 
@@ -106,7 +106,7 @@ def mixtures(affinity: Floats) -> Iterator[Mixture]:
     affinity
         float64 [N, N], N of 2 or more.
     """
-    for components in range(1, min(len(affinity), _MOST_COMPONENTS) + 1):
+    for components in range(1, min(len(affinity), _MAX_COMPONENTS) + 1):
         for covariance in COVARIANCES:
             yield _fit(affinity, components, covariance)
 

@@ -14,7 +14,7 @@ from ..arrays import Bools, Floats, Floats32, Ints, Slots
 from .kernels import combine_rows
 
 # 2-means always ends, since no step makes the scatter larger; this bounds what one update may cost.
-_MOST_STEPS = 100
+_MAX_STEPS = 100
 # A split of n members has settled when fewer than n / 64 change sides: the means would hardly move.
 _SETTLED_SHARE = 64
 # Starts of 2-means up to so many members; of more members fewer starts take as long. On recordings, one split
@@ -188,7 +188,7 @@ def _two_means(rows: Floats | Floats32, sums: Floats, second: Bools) -> Bools:
     """
     n = len(rows)
     settled = 0 if n <= _MANY_STARTS_SIZE else n // _SETTLED_SHARE
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         second = _distinct(second)
         half, count = _product(rows, second), second.sum(0)
         mean, other = (sums[:, None] - half) / (n - count), half / count

@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps
 from ..compiled import compiled, numba_range
 from ..trajectories.kernels import newest_at, newest_from, segment_at
+from .equations import INCOMPARABLE
 
 STRIP = 128
 """Rows that are worked on together: the sums of 128 x 128 pairs are 524 kB, which the L2 cache holds."""
@@ -25,10 +26,9 @@ WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
 COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
-# Of the affinity of a pair that cannot be compared: neither high nor low.
-_LOG_HALF = math.log(0.5)
+_LOG_INCOMPARABLE = math.log(INCOMPARABLE)
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
-_LEAST_LOG = -40.0
+_MIN_LOG = -40.0
 
 
 @compiled()
@@ -89,7 +89,6 @@ def update_blocks(
     rate: float,
     place: Slots,
     out: Floats32,
-    shared: bool,
 ) -> None:
     """Take samples into the sums of all blocks, and write the logarithms of the affinities that follow.
 
@@ -108,16 +107,9 @@ def update_blocks(
     place, out
         intp [rows], row and column of `out` for each row, -1 for none; float32 [n, n], symmetric: log(0.5)
         for pairs with fewer than two samples. Empty for no affinities.
-    shared
-        Whether all threads share the work.
     """
-    blocks = len(samples) * (len(samples) + 1) // 2
-    if shared:
-        for n in numba_range(blocks):
-            _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
-    else:
-        for n in range(blocks):
-            _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
+    for n in numba_range(len(samples) * (len(samples) + 1) // 2):
+        _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
 
 
 @compiled()
@@ -146,9 +138,9 @@ def _update_block(
         if len(out):
             _compare(block, i, rate, logs[i])
     if len(out):
-        _write(
-            logs, place[row * STRIP : (row + 1) * STRIP], place[column * STRIP : (column + 1) * STRIP], out
-        )
+        strips = place.reshape(-1, STRIP)
+        _write(logs, strips[row], strips[column], out)
+        _write(logs.T, strips[column], strips[row], out)
 
 
 @compiled()
@@ -190,20 +182,16 @@ def _compare(block: Floats, i: int, rate: float, logs: Floats32) -> None:
         mean = eta * block[FIRST, i, j]
         variance = max(eta * block[SECOND, i, j] - mean * mean, 0.0)
         comparable = block[SAMPLES, i, j] >= COMPARABLE_SAMPLES
-        logs[j] = max(rate * variance, _LEAST_LOG) if comparable else _LOG_HALF
+        logs[j] = max(rate * variance, _MIN_LOG) if comparable else _LOG_INCOMPARABLE
 
 
 @compiled()
 def _write(logs: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
-    """Write a block on both sides of the diagonal."""
+    """Write what the pairs of two strips have where it belongs."""
     for i in range(STRIP):
-        for j in range(STRIP):
-            if mine[i] >= 0 and theirs[j] >= 0:
+        for j in range(STRIP if mine[i] >= 0 else 0):
+            if theirs[j] >= 0:
                 out[mine[i], theirs[j]] = logs[i, j]
-    for j in range(STRIP):
-        for i in range(STRIP):
-            if mine[i] >= 0 and theirs[j] >= 0:
-                out[theirs[j], mine[i]] = logs[i, j]
 
 
 @compiled(fastmath={"contract"})

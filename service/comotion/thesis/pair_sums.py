@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
-from ..compiled import worth_waking
-from ..trajectories.kernels import locate_newest
 from ..trajectories.window import Window
 from .equations import AFFINITY_AT_SWITCH, INCOMPARABLE, weight
 from .kernels import PLANES, SAMPLE_PLANES, STRIP, WEIGHT, fill_samples, update_blocks
@@ -25,7 +23,7 @@ from .rows import Rows
 _NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _MIN_OBSERVATIONS = 2
 # Instants that wait for a pass at most: bounds the memory that their samples take.
-_MOST_INSTANTS = 64
+_MAX_INSTANTS = 64
 # What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
 # sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
 _FAR = 1e6
@@ -64,8 +62,8 @@ class PairSums:
         # How many observations of each slot have been taken in.
         self._held: Slots = np.zeros(0, np.intp)
         # Samples at the instants that wait, of which there are so many, and whether they come or go.
-        self._samples: Floats = np.zeros((0, _MOST_INSTANTS, SAMPLE_PLANES, STRIP))
-        self._signs: Floats = np.zeros(_MOST_INSTANTS)
+        self._samples: Floats = np.zeros((0, _MAX_INSTANTS, SAMPLE_PLANES, STRIP))
+        self._signs: Floats = np.zeros(_MAX_INSTANTS)
         self._waiting = 0
         self._room: Floats32 = np.zeros(0, np.float32)
 
@@ -81,14 +79,14 @@ class PairSums:
         stay = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
         if stay.any():
             self._shorten(window, slots[stay], counts[stay])
-        self._held[slots] -= counts
         self.forget(slots[~stay])
+        self._held[slots[stay]] -= counts[stay]
 
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories; those that the window still holds come in again."""
         slots = slots[slots < len(self._known)]
         slots = slots[self.rows.of[slots] >= 0]
-        self._known[slots] = _NEVER
+        self._known[slots], self._held[slots] = _NEVER, 0
         for row in self.rows.of[slots].tolist():
             strip, inside = divmod(row, STRIP)
             self._samples[strip, :, :, inside] = 0.0
@@ -164,11 +162,11 @@ class PairSums:
         self._fit(window)
         self.forget(np.flatnonzero(window.ended))
         slots = self._taking_part(window)
-        first, begin = self._first_new(window, slots), window.start[slots]
+        first = window.start[slots] + self._held[slots]
         # A late observation changes the segment that it divides, so all of its trajectory comes in again.
-        late = (self._known[slots] != _NEVER) & (first - begin != self._held[slots])
+        late = (self._held[slots] > 0) & (window.times[slots, first - 1] != self._known[slots])
         self.forget(slots[late])
-        first[late] = begin[late]
+        first[late] = window.start[slots[late]]
         fresh = first < window.stop[slots]
         if not fresh.any():
             return
@@ -179,12 +177,6 @@ class PairSums:
         after[fresh] = since
         self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
         self._known[slots], self._held[slots] = newest, window.counts(slots)
-
-    def _first_new(self, window: Window, slots: Slots) -> Slots:
-        """Which observation of each slot is the first that has not been taken in."""
-        newest = np.empty(len(slots), np.intp)
-        locate_newest(window.times, window.start, window.stop, slots, self._known[slots], newest)
-        return newest + 1
 
     def _summed_until(self, window: Window, slots: Slots, first: Slots) -> Stamps:
         """States later than this are not in the sums yet, ns [n]; `first` is the first new observation."""
@@ -217,9 +209,9 @@ class PairSums:
         columns = window.times, window.positions, window.speed, window.start, window.stop, window.gap_ns
         first, last = (bisect_right(window.instants, time) for time in span)
         while first < last:
-            if self._waiting == _MOST_INSTANTS:
+            if self._waiting == _MAX_INSTANTS:
                 self._pass()
-            stamps = np.array(window.instants[first : min(last, first + _MOST_INSTANTS - self._waiting)])
+            stamps = np.array(window.instants[first : min(last, first + _MAX_INSTANTS - self._waiting)])
             wait = slice(self._waiting, self._waiting + len(stamps))
             samples = self._samples[:, wait]
             samples[:] = 0.0
@@ -233,9 +225,8 @@ class PairSums:
         """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
         present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
-        shared = worth_waking(_blocks(len(self._samples)) * STRIP**2)
         signs = self._signs[: self._waiting]
-        update_blocks(self.sums, self._samples, signs, present, rate, place, out, shared)
+        update_blocks(self.sums, self._samples, signs, present, rate, place, out)
         self._waiting = 0
 
 

@@ -85,39 +85,23 @@ def due_for_compaction(slots: Slots, start: Slots, stop: Slots, rows: int, more:
 
 
 @compiled()
-def compact(
+def transfer(
     slots: Slots,
-    times: Stamps,
-    positions: Floats,
-    speed: Floats,
-    sigma: Floats,
+    column: Floats | Stamps,
+    target: Floats | Stamps,
     start: Slots,
     stop: Slots,
+    first: Slots,
 ) -> None:
-    """Move the observations of slots to the beginning of their rows, in place."""
+    """Copy the observations of slots from one column [S, M, d] to another, there from index `first` [S] on.
+
+    Within one column they may move towards the beginning.
+    """
     for n in range(len(slots)):
         s = slots[n]
-        first = start[s]
-        for k in range(stop[s] - first):
-            times[s, k], speed[s, k], sigma[s, k] = (
-                times[s, first + k],
-                speed[s, first + k],
-                sigma[s, first + k],
-            )
-            for c in range(positions.shape[2]):
-                positions[s, k, c] = positions[s, first + k, c]
-
-
-@compiled()
-def transfer(
-    slots: Slots, column: Floats | Stamps, grown: Floats | Stamps, start: Slots, stop: Slots
-) -> None:
-    """Copy the observations of slots from one column [S, M, d] to the same indices of another, larger one."""
-    for n in range(len(slots)):
-        s = slots[n]
-        for k in range(start[s], stop[s]):
+        for k in range(stop[s] - start[s]):
             for c in range(column.shape[2]):
-                grown[s, k, c] = column[s, k, c]
+                target[s, first[s] + k, c] = column[s, start[s] + k, c]
 
 
 @compiled()
@@ -206,15 +190,6 @@ def segment_at(
     if span > max_gap:
         return -1, -1, 0.0
     return left, right, (stamp - times[left]) / span
-
-
-@compiled()
-def locate_newest(
-    times: Stamps, start: Slots, stop: Slots, slots: Slots, stamps: Stamps, index: Slots
-) -> None:
-    """Fill index [n]: :func:`newest_at` of each slot at a time of its own, stamps [n]."""
-    for n in range(len(slots)):
-        index[n] = newest_at(times[slots[n]], start[slots[n]], stop[slots[n]], stamps[n])
 
 
 @compiled()

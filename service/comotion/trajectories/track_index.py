@@ -4,12 +4,9 @@ from collections.abc import Iterable
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Bools, Slots, find
-from .window import Window
-
-Ids = NDArray[np.uint64]
+from .window import Ids, Window
 
 # Ids that a session has declared lost and that are remembered, the newest: those of some generations.
 MAX_ENDED = 10_000
@@ -22,11 +19,6 @@ class TrackIndex:
     ----------
     window
         The window that holds the trajectories.
-
-    Attributes
-    ----------
-    ids
-        uint64 [capacity], id of the feature in each slot in use.
     """
 
     def __init__(self, window: Window) -> None:
@@ -35,15 +27,14 @@ class TrackIndex:
         self._sorted: dict[int, tuple[Ids, Slots] | None] = {}
         # Ids that each session has declared lost, oldest first.
         self._ended: dict[int, dict[int, None]] = {}
-        self.ids: Ids = np.zeros(0, np.uint64)
 
     def find(self, ids: Ids, session: int) -> Slots:
         """Slots of the ids of a session, intp [n]; -1 where there is none."""
         found = self._sorted.get(session)
         if found is None:
             mine = np.flatnonzero(self._window.used & (self._window.source == session))
-            mine = mine[np.argsort(self.ids[mine])]
-            found = self._sorted[session] = self.ids[mine], mine
+            mine = mine[np.argsort(self._window.id[mine])]
+            found = self._sorted[session] = self._window.id[mine], mine
         known, slots = found
         return np.append(slots, -1)[find(ids, known)]
 
@@ -59,10 +50,7 @@ class TrackIndex:
     def open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""
         slots = self._window.open(len(ids), session)
-        extra = self._window.capacity - len(self.ids)
-        if extra:
-            self.ids = np.concatenate([self.ids, np.zeros(extra, np.uint64)])
-        self.ids[slots] = ids
+        self._window.id[slots] = ids
         self._sorted[session] = None
         return slots
 
@@ -93,9 +81,7 @@ class TrackIndex:
         """Ids that each session has declared lost."""
         return [(session, np.array(list(ids), np.uint64)) for session, ids in self._ended.items()]
 
-    def load(self, ids: Ids, slots: Slots, ended: Iterable[tuple[int, Ids]]) -> None:
-        """Take up the ids of the slots in use, of a window that has been filled again, and :meth:`ended`."""
+    def load(self, slots: Slots, ended: Iterable[tuple[int, Ids]]) -> None:
+        """Take up the slots in use of a window that has been filled again, and :meth:`ended`."""
         self._ended = {int(session): dict.fromkeys(lost.tolist()) for session, lost in ended}
-        self.ids = np.zeros(self._window.capacity, np.uint64)
-        self.ids[slots] = ids
         self._sorted = dict.fromkeys(np.unique(self._window.source[slots]).tolist())

@@ -12,12 +12,22 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Slots, Stamps, untouched_zeros
-from .kernels import append, compact, count_older, due_for_compaction, transfer
+from ..arrays import Bools, Floats, Labels, Slots, Stamps, untouched_zeros
+from .kernels import append, count_older, due_for_compaction, transfer
+
+Ids = NDArray[np.uint64]
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
-_KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete")
-_PER_SLOT = ("start", "stop", "used", "live", *_KEPT)
+_KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "id", "label", "established")
+_PER_SLOT = ("start", "stop", "used", "live", "label_ns", *_KEPT)
+# Of a slot without a trajectory that has been observed; else 0.
+_FRESH = {
+    "last_ns": np.iinfo(np.int64).min,
+    "covariance": np.nan,
+    "_complete": True,
+    "label": -1,
+    "established": -1,
+}
 _FIRST_SLOTS = 64
 # Doubled as need be. Rows whose length is a power of two would all want the same lines of the cache.
 _FIRST_ROWS = 60
@@ -44,6 +54,11 @@ class Window:
         Times at which anything in the window was observed, ns, ascending and distinct.
     live
         bool [capacity], slots of the trajectories that are current, as far as the caller says; new ones are.
+    id
+        uint64 [capacity], what the source calls the feature in each slot.
+    label, label_ns, established
+        int64 [capacity] each, what :mod:`comotion.hypotheses` knows of the trajectories: the hypothesis of
+        each, since when, and the one in which it became an established member; negative for none.
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
@@ -74,6 +89,10 @@ class Window:
         self.covariance: Floats = np.zeros((0, 6))
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
+        self.id: Ids = np.zeros(0, np.uint64)
+        self.label: Labels = np.zeros(0, np.int64)
+        self.label_ns: Stamps = np.zeros(0, np.int64)
+        self.established: Labels = np.zeros(0, np.int64)
 
     def held(self, column: NDArray[Any], slot: int) -> NDArray[Any]:
         """The observations in a slot, a view of a column such as `times`, [M, ...]."""
@@ -102,19 +121,15 @@ class Window:
         slots = np.array([self._free.pop() for _ in range(count)], np.intp)
         self.used[slots] = self.live[slots] = True
         self._written = max(self._written, self.capacity - len(self._free))
-        self.ended[slots] = False
         self.source[slots] = source
         self.key[slots] = np.arange(self._next_key, self._next_key + count)
         self._next_key += count
-        self.start[slots] = self.stop[slots] = 0
-        self.last_ns[slots] = np.iinfo(np.int64).min
-        self.covariance[slots] = np.nan
-        self._complete[slots] = True
         return slots
 
     def close(self, slots: Slots) -> None:
         """Free slots whose trajectories are forgotten."""
-        self.used[slots] = self.live[slots] = False
+        for name in _PER_SLOT:
+            getattr(self, name)[slots] = _FRESH.get(name, 0)
         self._free.extend(sorted((int(s) for s in slots), reverse=True))
         self._give_back()
 
@@ -252,12 +267,8 @@ class Window:
 
     def _compact(self, slots: Slots) -> None:
         """Move the observations of slots to the beginning of their rows."""
-        if self.quaternions is not None:
-            for slot in slots:
-                span, count = slice(self.start[slot], self.stop[slot]), self.stop[slot] - self.start[slot]
-                self.quaternions[slot, :count] = self.quaternions[slot, span].copy()
-        columns = self.times, self.positions, self.speed, self.sigma
-        compact(slots, *columns, self.start, self.stop)
+        for column in map(np.atleast_3d, self._columns()):
+            transfer(slots, column, column, self.start, self.stop, np.zeros_like(self.start))
         self.stop[slots] -= self.start[slots]
         self.start[slots] = 0
 
@@ -270,7 +281,8 @@ class Window:
         self._renew_columns(self.capacity + extra, self._rows)
         for name in _PER_SLOT:
             column = getattr(self, name)
-            setattr(self, name, np.concatenate([column, np.zeros((extra, *column.shape[1:]), column.dtype)]))
+            fresh = np.full((extra, *column.shape[1:]), _FRESH.get(name, 0), column.dtype)
+            setattr(self, name, np.concatenate([column, fresh]))
         self._free.extend(range(self.capacity + extra - 1, self.capacity - 1, -1))
         self.capacity += extra
 
@@ -281,7 +293,8 @@ class Window:
             column = getattr(self, name)
             if column is not None:
                 grown = untouched_zeros((slots, rows, *column.shape[2:]), column.dtype)
-                transfer(used, np.atleast_3d(column), np.atleast_3d(grown), self.start, self.stop)
+                begin = self.start
+                transfer(used, np.atleast_3d(column), np.atleast_3d(grown), begin, self.stop, begin)
                 setattr(self, name, grown)
 
     def state(self) -> dict[str, Any]:
