@@ -166,12 +166,15 @@ def _deformations(frames: Frames, bodies: list[Body], poses: Floats, config: Rig
     """
     soft = np.zeros(len(bodies))
     for k, body in enumerate(bodies):
-        if not body.static:
-            tried = config.looseness * frames.tolerance[body.rows].mean() * _DEFORMATIONS
-            tried = np.unique(tried[tried <= _MOST_DEFORMATION**2 * frames.moved[body.rows].mean()])
-            if len(tried) == 1:
-                continue
-            alike = np.repeat(poses[k : k + 1], len(tried), 0)
-            cost, _ = _residuals(frames, alike, body.rows, tried, config)
-            soft[k] = tried[np.argmin(frames.weight[body.rows] @ cost)]
+        if body.static:
+            continue
+        tried = config.looseness * frames.tolerance[body.rows].mean() * _DEFORMATIONS
+        least = np.inf
+        # From a rigid body on, as long as they become more likely.
+        for variance in np.unique(tried[tried <= _MOST_DEFORMATION**2 * frames.moved[body.rows].mean()]):
+            cost, _ = _residuals(frames, poses[k : k + 1], body.rows, np.array([variance]), config)
+            paid = float(frames.weight[body.rows] @ cost[:, 0])
+            if paid >= least:
+                break
+            least, soft[k] = paid, variance
     return soft

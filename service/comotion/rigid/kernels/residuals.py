@@ -64,9 +64,20 @@ def body_costs(
             _filter_gains(w[i], mixed, soft_gains)
             noise = inverse, metric[i], mixed[2]
             cost[n, k], squared[n, k] = _body_cost(y[i], w[i], poses[k], span, noise, terms, x, soft_gains)
-            for f in range(span[0], span[1]):
-                if w[i, f] * poses[k, f, 12] > 0:
-                    cost[n, k] += 0.5 * dim * np.log(gains[f, 1] / soft_gains[f, 1])
+            cost[n, k] += 0.5 * dim * _log_ratio(w[i], poses[k], span, gains, soft_gains)
+
+
+@compiled()
+def _log_ratio(w: Floats, poses: Floats, span: tuple[int, int], gains: Floats, soft_gains: Floats) -> float:
+    """Log of the product of the variances of innovations, with deformation over without, in posed frames."""
+    total, product = 0.0, 1.0
+    for f in range(span[0], span[1]):
+        if w[f] * poses[f, 12] > 0:
+            product *= gains[f, 1] / soft_gains[f, 1]
+            # Far from overflow; a logarithm takes far longer than a product.
+            if product > 1e100:
+                total, product = total + np.log(product), 1.0
+    return float(total + np.log(product))
 
 
 @compiled()
@@ -249,6 +260,9 @@ def _filter_gains(w: Floats, spectrum: Floats, gains: Floats) -> None:
     :class:`~.records.RowArrays`.
     """
     white, slow, persistence = spectrum[0], spectrum[1], spectrum[2]
+    if slow == 0.0:
+        gains[:, 0], gains[:, 1] = 0.0, 1.0 / white
+        return
     variance = slow
     for k in range(len(w)):
         a = w[k]
