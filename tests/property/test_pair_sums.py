@@ -8,17 +8,125 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comotion.thesis import equations
+from comotion.thesis.kernels import COMPARABLE_SAMPLES, FIRST, PLANES, SAMPLES, SECOND, STRIP, WEIGHTS
+from comotion.thesis.pair_sums import PairSums
+from comotion.trajectories.window import Window
 
-from ..reference import thesis as literal
-from ..reference.side_by_side import MS, T0, Point, SideBySide
+from ..builders import MS, T0
 
 _LAST_MS = 2200
+SPAN, GAP, SIGMA_SWITCH = 1000 * MS, 500 * MS, 0.02
+
+
+class SideBySide:
+    """A window with its sums, and all that was ever observed: {track: {time: position}}; checks compare."""
+
+    def __init__(self, dim, v_move):
+        self.v_move, self.oldest = v_move, -(2**63)
+        self.window, self.pairs = Window(dim, SPAN, GAP), PairSums(v_move, SIGMA_SWITCH)
+        self.slots, self.history = {}, {}
+
+    def times(self, track):
+        """Of what is in the window."""
+        return [t for t in sorted(self.history[track]) if t >= self.oldest]
+
+    def observe(self, stamp, points):
+        """One instant: {track: position}; new tracks are opened."""
+        points = {track: x for track, x in points.items() if self._can_take(track, stamp)}
+        if not points:
+            return
+        for track, x in points.items():
+            if track not in self.slots:
+                self.slots[track] = int(self.window.open(1, 0)[0])
+            self.history.setdefault(track, {}).setdefault(stamp, x)
+        slots, positions = self.slots_of(points), np.array(list(points.values()), float)
+        self.window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
+
+    def slots_of(self, tracks):
+        return np.array([self.slots[track] for track in tracks], np.intp)
+
+    def _can_take(self, track, stamp):
+        """Not older than the window, nor than what is left of a trajectory whose past has gone."""
+        if stamp < self.oldest or track not in self.history:
+            return stamp >= self.oldest
+        left = self.times(track)
+        return len(left) == len(self.history[track]) or stamp > left[0]
+
+    def evict(self, oldest):
+        """Drop what is older; forget what is left too short and is not observed any more."""
+        self.oldest = max(oldest, self.oldest)
+        slots, counts = self.window.evictable(self.oldest)
+        if len(slots):
+            self.pairs.evicting(self.window, slots, counts)
+            self.window.evict(slots, counts)
+        for track, known in list(self.history.items()):
+            if len(self.times(track)) < 2 and max(known) < self.oldest + SPAN - GAP:
+                del self.history[track]
+                slot = np.array([self.slots.pop(track)])
+                self.pairs.forget(slot)
+                self.window.close(slot)
+
+    def variance(self, tracks):
+        """(3.3) and the number of samples of each pair, read from the sums once they are up to date."""
+        slots = self.slots_of(tracks)
+        self.pairs.affinity(self.window, slots)
+        rows = self.pairs.rows.of[slots]
+        high, low = np.maximum.outer(rows, rows), np.minimum.outer(rows, rows)
+        a, b = np.nonzero(low >= 0)
+        (strip, row), (column, inside) = np.divmod(high[a, b], STRIP), np.divmod(low[a, b], STRIP)
+        sums = np.zeros((*low.shape, PLANES))
+        sums[a, b] = self.pairs.sums[strip * (strip + 1) // 2 + column, :, row, inside]
+        weight, first, second = (sums[..., k] for k in (WEIGHTS, FIRST, SECOND))
+        samples = sums[..., SAMPLES].astype(np.int64)
+        weight = np.where(samples >= COMPARABLE_SAMPLES, weight, np.inf)
+        return np.maximum(second - first**2 / weight, 0.0) / weight, samples
+
+    def expected(self, i, j):
+        """(3.3) and the number of samples of a pair by the equations; None where it cannot be compared."""
+        pair = []
+        for track in (i, j):
+            known = self.history[track]
+            times = np.array(sorted(known))
+            x, inside = np.array([known[t] for t in times.tolist()]), times >= self.oldest
+            speed = equations.backward_speed(times, x)
+            pair.append(equations.Observations(times[inside], x[inside], speed[inside]))
+        if min(len(one.times) for one in pair) < 2:
+            return None, 0
+        distance, speed = equations.distance_samples(*pair, GAP)
+        if len(distance) < 2:
+            return None, len(distance)
+        return equations.variance(distance, equations.weight(speed, self.v_move)), len(distance)
+
+    def all_pairs(self):
+        """(row, column, track, track) of each pair, and all tracks."""
+        tracks = sorted(self.slots)
+        return [(a, b, i, j) for a, i in enumerate(tracks) for b, j in enumerate(tracks[:a])], tracks
+
+    def check(self):
+        """Samples are the same ones in number, and variances equal to 1e-6."""
+        pairs, tracks = self.all_pairs()
+        variance, samples = self.variance(tracks)
+        np.testing.assert_array_equal(variance, variance.T)
+        for a, b, i, j in pairs:
+            expected, count = self.expected(i, j)
+            assert samples[a, b] == count, (i, j)
+            if expected is not None:
+                assert variance[a, b] == pytest.approx(expected, rel=1e-6, abs=1e-12), (i, j)
+
+    def check_affinities(self):
+        """Affinities are equal to 1e-5."""
+        pairs, tracks = self.all_pairs()
+        found = self.pairs.affinity(self.window, self.slots_of(tracks))
+        for a, b, i, j in pairs:
+            variance, _ = self.expected(i, j)
+            expected = 0.5 if variance is None else equations.affinity(np.array(variance), SIGMA_SWITCH)
+            assert found[a, b] == found[b, a] == pytest.approx(float(expected), abs=1e-5), (i, j)
 
 
 @st.composite
-def tracks(draw: st.DrawFn, dim: int) -> dict[int, dict[int, Point]]:
+def tracks(draw, dim):
     """Trajectories of different rates, phases, lifetimes, gaps and motions; times on a 10 ms grid."""
-    found: dict[int, dict[int, Point]] = {}
+    found = {}
     for track in range(draw(st.integers(2, 5))):
         period = draw(st.sampled_from([20, 30, 70, 100, 250, 600]))
         phase = draw(st.integers(0, 9)) * 10 % period
@@ -27,11 +135,8 @@ def tracks(draw: st.DrawFn, dim: int) -> dict[int, dict[int, Point]]:
         gap_end = gap + draw(st.sampled_from([0, 0, 200, 450, 600, 1300]))
         rng = np.random.default_rng(draw(st.integers(0, 2**16)))
         amplitude, pace, centre = rng.uniform(0, 0.5, dim), rng.uniform(0, 6, dim), rng.normal(0, 1, dim)
-        times = [
-            t
-            for t in range(birth - birth % period + phase, min(birth + life, _LAST_MS), period)
-            if t >= birth and not gap <= t < gap_end
-        ]
+        every = range(birth - birth % period + phase, min(birth + life, _LAST_MS), period)
+        times = [t for t in every if t >= birth and not gap <= t < gap_end]
         noise = rng.normal(0, draw(st.sampled_from([0.0, 0.003])), (len(times), dim))
         found[track] = {
             T0 + t * MS: tuple(centre + amplitude * np.sin(pace * t * 1e-3) + noise[n])
@@ -41,7 +146,7 @@ def tracks(draw: st.DrawFn, dim: int) -> dict[int, dict[int, Point]]:
 
 
 @st.composite
-def scripts(draw: st.DrawFn) -> tuple[int, list[tuple[int, int, dict[int, Point]]]]:
+def scripts(draw):
     """(dim, instants as (arrival, stamp, points)): some arrive late, some together with others."""
     dim = draw(st.sampled_from([2, 3]))
     scene = draw(tracks(dim))
@@ -49,7 +154,7 @@ def scripts(draw: st.DrawFn) -> tuple[int, list[tuple[int, int, dict[int, Point]
     late_share = draw(st.sampled_from([0.1, 0.5]))
     one_by_one = draw(st.booleans())
     rng = np.random.default_rng(draw(st.integers(0, 2**16)))
-    instants: list[tuple[int, int, dict[int, Point]]] = []
+    instants = []
     for stamp in sorted({t for times in scene.values() for t in times}):
         points = {track: times[stamp] for track, times in scene.items() if stamp in times}
         for group in [{k: x} for k, x in points.items()] if one_by_one else [points]:
@@ -60,7 +165,7 @@ def scripts(draw: st.DrawFn) -> tuple[int, list[tuple[int, int, dict[int, Point]
 
 @settings(max_examples=100)
 @given(script=scripts(), v_move=st.sampled_from([None, 0.1, 1.0]), every=st.integers(1, 400))
-def test_sums_equal_the_definitions(script, v_move, every):
+def test_sums_equal_the_equations(script, v_move, every):
     dim, instants = script
     both = SideBySide(dim, v_move)
     checked = evicted = T0
@@ -68,57 +173,34 @@ def test_sums_equal_the_definitions(script, v_move, every):
         both.observe(stamp, points)
         if arrival - evicted >= every * MS:
             evicted = arrival
-            both.evict(arrival - both.span)
+            both.evict(arrival - SPAN)
         if arrival - checked >= 500 * MS:
             checked = arrival
             both.check()
     both.check()
     both.check_affinities()
-
-
-@settings(max_examples=20)
-@given(script=scripts(), v_move=st.sampled_from([None, 0.1]))
-def test_sums_computed_anew_are_those_carried_along(script, v_move):
-    dim, instants = script
-    both = SideBySide(dim, v_move)
-    for arrival, stamp, points in instants:
-        both.observe(stamp, points)
-        both.evict(arrival - both.span)
+    # Computed anew, they are those carried along.
     both.pairs.forget(both.window.slots())
     both.check()
 
 
-@settings(max_examples=50)
-@given(scene=st.sampled_from([2, 3]).flatmap(tracks), v_move=st.sampled_from([None, 0.1, 1.0]))
-def test_the_equations_equal_the_definitions(scene, v_move):
-    gap = 500 * MS
-    plain = [literal.Trajectory(dict(points)) for points in scene.values() if points]
-    whole = []
-    for points in scene.values():
-        if points:
-            times, x = np.array(sorted(points)), np.array([points[t] for t in sorted(points)])
-            whole.append(equations.Observations(times, x, equations.backward_speed(times, x)))
-    for i, one in enumerate(plain):
-        for j, other in enumerate(plain[:i]):
-            pairs = literal.samples(one, other, gap)
-            distance, speed = equations.distance_samples(whole[i], whole[j], gap)
-            np.testing.assert_allclose(distance, [d for d, _ in pairs], rtol=1e-9)
-            np.testing.assert_allclose(speed**2, [v for _, v in pairs], rtol=1e-9)
-            if len(pairs) >= 2:
-                found = equations.variance(distance, equations.weight(speed, v_move))
-                expected = literal.variance(one, other, gap, v_move)
-                np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
-                want = literal.affinity(one, other, gap, v_move, 0.02)
-                np.testing.assert_allclose(equations.affinity(np.array(found), 0.02), want, rtol=1e-6)
-
-
-def test_weight_is_0_9_at_the_target_velocity_and_small_but_not_zero_at_rest():
-    w = equations.weight(np.array([0.0, 0.1, 1.0]), 0.1)
-    assert w == pytest.approx([0.0023, 0.9, 1.0], rel=0.01)
-
-
-def at(ms: float) -> int:
-    return T0 + round(ms * MS)
+def test_the_equations_of_a_pair_are_those_of_the_thesis_by_hand():
+    """One is seen every 100 ms, the other between; only the other moves, at 1 m/s, from 3 m to 3.3 m."""
+    ms = np.arange(0, 400, 100) * MS
+    one = equations.Observations(ms, np.zeros((4, 1)), np.zeros(4))
+    x = 3.0 + np.arange(4)[:, None] / 10
+    other = equations.Observations(ms + 50 * MS, x, equations.backward_speed(ms, x))
+    distance, speed = equations.distance_samples(one, other, GAP)
+    # From 50 to 300 ms: at the instants of either.
+    assert distance == pytest.approx([3.0, 3.05, 3.1, 3.15, 3.2, 3.25])
+    assert speed == pytest.approx([1.0] * 6)
+    assert len(equations.distance_samples(one, other, 99 * MS)[0]) == 0
+    found = equations.variance(distance, equations.weight(speed, 0.1))
+    assert found == pytest.approx(np.var(distance))
+    assert equations.affinity(np.array([0.0, 1.0, 4.0]), 1.0) == pytest.approx([1, 0.5, 0.5**4])
+    weights = equations.weight(np.array([0.0, 0.1, 1.0]), 0.1)
+    assert weights == pytest.approx([0.0023, 0.9, 1.0], rel=0.01)
+    assert equations.variance(np.array([1.0, 2.0]), np.array([3.0, 1.0])) == pytest.approx(3 / 16)
 
 
 @pytest.mark.parametrize("wild", [(0, 1000), (1000,)])
@@ -129,8 +211,8 @@ def test_a_wild_observation_leaves_no_trace_after_it_has_gone(wild):
         points = {k: np.array([k, 0.0]) + rng.normal(0, 1e-3, 2) for k in range(4)}
         if ms in wild:
             points[2] = np.array([1e9, -1e9])
-        both.observe(at(ms), {k: tuple(x) for k, x in points.items()})
-        both.evict(at(ms) - both.span)
+        both.observe(T0 + ms * MS, {k: tuple(x) for k, x in points.items()})
+        both.evict(T0 + ms * MS - SPAN)
         if ms in (1950, 2000, 2050, 2500):
             both.check()
     assert len(both.slots) == 4
@@ -140,6 +222,6 @@ def test_a_wild_observation_leaves_no_trace_after_it_has_gone(wild):
 def test_small_motion_far_apart_keeps_its_digits(step):
     both = SideBySide(2, 0.1)
     for ms in range(0, 1000, 100):
-        both.observe(at(ms), {0: (0.0, 0.0)})
-        both.observe(at(ms + step), {1: (1e3 + 1e-3 * math.sin(ms), 0.0)})
+        both.observe(T0 + ms * MS, {0: (0.0, 0.0)})
+        both.observe(T0 + (ms + step) * MS, {1: (1e3 + 1e-3 * math.sin(ms), 0.0)})
     both.check_affinities()
