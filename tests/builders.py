@@ -1,6 +1,7 @@
 """Messages for tests: a test names what matters to it, the rest has a plain value."""
 
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,8 @@ SESSION = "a" * 16
 MS = 1_000_000
 S = 1_000 * MS
 T0 = 1_700_000_000 * S
+TWO_BODIES = Path(__file__).with_name("two_bodies.toml")
+"""A scene of the simulator for 2 s: one body rests, the other moves."""
 Source = Callable[[int, int], ObservationBatch | None]
 """What a source sends at a frame and its time in ns, if anything."""
 

@@ -15,6 +15,9 @@ from comotion_sources.cameras.live import CaptureDevice, LiveCamera
 from comotion_sources.cameras.tum import TumWriter
 from comotion_sources.klt.pacing import Pacer, Pacing
 
+from ..builders import MS
+from ..pictures import write_video
+
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
 
@@ -72,20 +75,9 @@ def test_an_image_that_cannot_be_read_is_counted_and_told(tmp_path: Path, caplog
     assert "b.png: not a readable image; skipped" in caplog.text
 
 
-@pytest.fixture
-def video(tmp_path: Path) -> Path:
-    path = tmp_path / "video.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
-    for k in range(10):
-        writer.write(image(20 * k))
-    writer.release()
-    return path
-
-
-def test_a_video_has_its_own_time(video: Path) -> None:
-    camera = open_frames(str(video))
-    assert camera.rate == 25.0
-    assert not camera.live
+def test_a_video_has_its_own_time(tmp_path):
+    camera = open_frames(str(write_video(tmp_path / "video.avi", (image(20 * k) for k in range(10)), 25.0)))
+    assert (camera.rate, camera.live) == (25.0, False)
     assert [frame.stamp_ns for frame in camera] == [k * 40_000_000 for k in range(10)]
     assert len(list(camera)) == 10
 
@@ -295,9 +287,6 @@ class Clock:
 def pacer(live: bool = False, **pacing: Any) -> tuple[Pacer, Clock]:
     clock = Clock()
     return Pacer(Pacing(**pacing), live, clock.wait, wall=lambda: clock.now + 7, monotonic=clock), clock
-
-
-MS = 1_000_000
 
 
 def test_a_recording_is_played_at_its_pace_with_stamps_of_now() -> None:

@@ -19,40 +19,18 @@ from comotion_schemas.codec import encode
 from comotion_schemas.colours import Palette
 from comotion_sources import simulator
 
+from ..builders import TWO_BODIES
+
 CONFIG = FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None})
-SCENE = """
-title = "two bodies, one moves"
-dim = 2
-duration = 2.0
-[[bodies]]
-name = "ground"
-features = 5
-size = [1.0, 1.0]
-sigma = 0.001
-motion = { kind = "rest", at = [0.5, 0.5] }
-[[bodies]]
-name = "box"
-features = 4
-size = [0.2, 0.2]
-sigma = 0.001
-motion = { kind = "key-states", states = [[0, 0.2, 0.5, 0], [2, 0.8, 0.5, 0]] }
-"""
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "two.toml"
-    path.write_text(SCENE)
-    return path
+def messages(rates=None):
+    return list(simulator.batches(simulator.simulate(simulator.load_scene(TWO_BODIES), seed=3, rates=rates)))
 
 
-def messages(scene: Path, rates: list[float] | None = None) -> list:
-    return list(simulator.batches(simulator.simulate(simulator.load_scene(scene), seed=3, rates=rates)))
-
-
-def test_every_update_sees_what_was_stamped_until_then(scene: Path) -> None:
+def test_every_update_sees_what_was_stamped_until_then():
     """The same as a plain loop over the clock, bit for bit."""
-    sent = messages(scene, [15.0, 40.0])
+    sent = messages([15.0, 40.0])
     found: list[bytes] = []
     run_offline(sent, CONFIG, period=0.25, on_update=lambda u, _: found.append(encode(u)))
 
@@ -68,13 +46,13 @@ def test_every_update_sees_what_was_stamped_until_then(scene: Path) -> None:
     assert found == expected
 
 
-def test_what_cannot_run_is_refused(scene: Path) -> None:
+def test_what_cannot_run_is_refused():
     with pytest.raises(ValueError, match="no observation"):
         run_offline([], CONFIG)
     with pytest.raises(ValueError, match="not above 0"):
-        run_offline(messages(scene), CONFIG, period=0.0)
+        run_offline(messages(), CONFIG, period=0.0)
     with pytest.raises(ValueError, match="too short"):
-        run_offline(messages(scene), CONFIG, duration=0.05)
+        run_offline(messages(), CONFIG, duration=0.05)
 
 
 @pytest.fixture
@@ -89,12 +67,12 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> None:
-    inputs = find_inputs([f"sim:{scene}", str(recording)], seeds=[0, 1])
+def test_recordings_and_scenes_are_evaluated(recording):
+    inputs = find_inputs([f"sim:{TWO_BODIES}", str(recording)], seeds=[0, 1])
     results = evaluate_inputs(inputs, CONFIG, period=0.25)
     assert [(r.name, r.seed) for r in results] == [
-        (f"sim:{scene}", 0),
-        (f"sim:{scene}", 1),
+        (f"sim:{TWO_BODIES}", 0),
+        (f"sim:{TWO_BODIES}", 1),
         (str(recording), None),
     ]
     assert all(r.summary.final_nmi == 1.0 for r in results)
