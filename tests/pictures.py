@@ -17,15 +17,12 @@ def _textures(shape):
 def moving_board(k, shape=(240, 320), speed=3):
     """Frame k of a board that moves to the right before a wall, BGR; and where it is, int32: 1, else 0.
 
-    It has a third of the height and of the width, and begins at an eighth; speed in px per frame.
+    It has half of the height, 3/8 of the width, and begins at an eighth of it; speed in px per frame.
     """
     (wall, board), (height, width) = _textures(shape), shape
-    place = (
-        slice(height // 3, 2 * height // 3),
-        slice(width // 8 + speed * k, width // 8 + speed * k + width // 3),
-    )
+    rows, left, size = slice(height // 4, 3 * height // 4), width // 8 + speed * k, 3 * width // 8
     image, where = wall.copy(), np.zeros(shape, np.int32)
-    image[place], where[place] = board[: height // 3, : width // 3], 1
+    image[rows, left : left + size], where[rows, left : left + size] = board[rows, :size], 1
     return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), where
 
 

@@ -56,7 +56,7 @@ def test_every_frame_is_labelled_the_same_on_every_run(folder, tmp_path, capsys)
     last = [row for row in rows if row["frame"] == str(FRAMES - 1)]
     left = 20 + 3 * (FRAMES - 1)
     places = [(float(row["x"]), float(row["y"]), row["hypothesis"]) for row in last]
-    inside = [one for x, y, one in places if left + 6 < x < left + 46 and 46 < y < 74]
+    inside = [one for x, y, one in places if left + 8 < x < left + 52 and 38 < y < 82]
     outside = [one for x, _, one in places if x < left - 10]
     assert len(set(inside)) == len(set(outside)) == 1
     assert set(inside) != set(outside)
