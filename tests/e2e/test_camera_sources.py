@@ -97,12 +97,6 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint,
     assert "depth is back" in source.output
 
 
-def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording):
-    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
-    start("source", "klt", recording, "--no-depth", "--connect", endpoint)
-    assert batches.next().space == "klt/pixels"
-
-
 def test_the_preview_is_written_and_coloured_by_the_service(start, serve, listen, video, tmp_path):
     service = serve("--method", "thesis")
     arguments = ("--connect", service.endpoint)
