@@ -103,11 +103,8 @@ def test_features_end_when_something_passes_in_front_of_them():
         tracks = tracker.step(Frame(k * PERIOD, to_uint8(crossing(k), rng)))
         ended |= set(tracks.ended.tolist())
     behind = {i for i, (x, y) in start.items() if 110 < x < 205 and 70 < y < 170}
-    wandered = [
-        i
-        for i in behind & set(tracks.ids.tolist())
-        if np.linalg.norm(tracks.pixels[tracks.ids == i] - start[i]) > 2
-    ]
+    left = [(i, pixel) for i, pixel in zip(tracks.ids.tolist(), tracks.pixels, strict=True) if i in behind]
+    wandered = [i for i, pixel in left if np.linalg.norm(pixel - start[i]) > 2]
     assert len(behind) > 15
     assert len(behind & ended) > 0.8 * len(behind)
     assert len(wandered) <= 0.05 * len(start)
@@ -178,12 +175,8 @@ def test_depth_edges_and_holes_are_told_apart():
     depth[:, 160:] = 1.5
     depth[100:140, 40:80] = 0
     depth[100:140, 100:130] = np.nan
-    found = look_up(
-        depth,
-        np.array([[50, 50], [160, 50], [60, 120], [115, 120], [250, 50]], np.float32),
-        TrackerConfig(),
-        2,
-    )
+    pixels = np.array([[50, 50], [160, 50], [60, 120], [115, 120], [250, 50]], np.float32)
+    found = look_up(depth, pixels, TrackerConfig(), 2)
     assert found.edge.tolist() == [False, True, False, False, False]
     np.testing.assert_allclose(found.z, [1.0, np.nan, np.nan, np.nan, 1.5])
 

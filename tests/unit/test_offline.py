@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from rich.console import Console
 from comotion import Fusion, FusionConfig
 from comotion_experiments.evaluate import as_json, averages, evaluate_inputs, overall, table
 from comotion_experiments.inputs import find_inputs
-from comotion_experiments.offline import Run, run_offline
+from comotion_experiments.offline import run_offline
 from comotion_experiments.plot import Trace, save_plot
 from comotion_schemas import ObservationBatch
 from comotion_schemas.codec import encode
@@ -56,7 +55,7 @@ def test_what_cannot_run_is_refused():
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     """Three markers at rest and three that move; one of each is not labelled."""
     rng = np.random.default_rng(0)
     times = np.arange(60) / 30
@@ -70,11 +69,8 @@ def recording(tmp_path: Path) -> Path:
 def test_recordings_and_scenes_are_evaluated(recording):
     inputs = find_inputs([f"sim:{TWO_BODIES}", str(recording)], seeds=[0, 1])
     results = evaluate_inputs(inputs, CONFIG, period=0.25)
-    assert [(r.name, r.seed) for r in results] == [
-        (f"sim:{TWO_BODIES}", 0),
-        (f"sim:{TWO_BODIES}", 1),
-        (str(recording), None),
-    ]
+    scene = f"sim:{TWO_BODIES}"
+    assert [(r.name, r.seed) for r in results] == [(scene, 0), (scene, 1), (str(recording), None)]
     assert all(r.summary.final_nmi == 1.0 for r in results)
     # The two markers without a label are grouped but never scored.
     assert results[2].summary.mean_objects == 2
@@ -95,7 +91,7 @@ def test_recordings_and_scenes_are_evaluated(recording):
     assert {len(row) for row in everything.rows} == {len(everything.titles)}
 
 
-def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) -> None:
+def test_a_recording_without_truth_has_hypotheses_but_no_score(recording):
     with np.load(recording) as content:
         np.savez(recording, positions=content["positions"], times=content["times"])
     (result,) = evaluate_inputs(find_inputs([str(recording)]), CONFIG)
@@ -104,33 +100,21 @@ def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) 
     assert as_json([result], CONFIG, None)["runs"][0]["mean_nmi"] is None
 
 
-def traced(scene: str, duration: float, *, keep_truth: bool = True) -> tuple[Run, Trace]:
-    trace = Trace()
-    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
-    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
-    return run_offline(messages, CONFIG, duration=duration, on_update=trace.add), trace
-
-
-def palette_of(trace: Trace) -> Palette:
-    palette = Palette()
-    for update in trace.updates:
-        palette.see(update.hypotheses)
-    return palette
-
-
 @pytest.mark.parametrize(("scene", "keep_truth"), [("fig4_1", True), ("3d_2", True), ("fig4_1", False)])
-def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
+def test_a_run_is_drawn(tmp_path, scene, keep_truth):
     cv2 = pytest.importorskip("cv2")
     pytest.importorskip("matplotlib")
-    done, trace = traced(scene, 1.5, keep_truth=keep_truth)
-    path = tmp_path / "new" / "run.png"
+    trace, path = Trace(), tmp_path / "new" / "run.png"
+    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
+    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
+    done = run_offline(messages, CONFIG, duration=1.5, on_update=trace.add)
     save_plot(path, "a run", trace, done)
     image = cv2.imread(str(path))
     assert image.shape[1] == 1200
     assert image.shape[0] == (960 if keep_truth else 640)
     # Some points have the colour of a hypothesis.
-    blue, green, red = image[..., 0], image[..., 1], image[..., 2]
-    ids = np.unique(trace.updates[-1].track_hypothesis).tolist()
-    palette = palette_of(trace)
-    for wanted in (palette.colour(i) for i in ids):
-        assert ((red == wanted[0]) & (green == wanted[1]) & (blue == wanted[2])).sum() > 20
+    palette = Palette()
+    for update in trace.updates:
+        palette.see(update.hypotheses)
+    for one in np.unique(trace.updates[-1].track_hypothesis).tolist():
+        assert (image[..., ::-1] == palette.colour(one)).all(axis=2).sum() > 20

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import zenoh
 
-from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, decode_as, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
 
 from ... import builders
+from ...builders import by_feature as labels
+from ...builders import is_sorted_out
 from ..tracker import DEADLINE, until
 
 KEYS = Keys()
@@ -36,18 +37,6 @@ REFUSED: dict[str, Callable[[], bytes]] = {
     "future": lambda: encode(batch(stamp_ns=time.time_ns() + 10**10)),
     "space-mismatch": lambda: encode(batch(unit="px", seq=1)),
 }
-
-
-def labels(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
-    """Hypothesis by the name of a source and a feature of it."""
-    rows = tracks_of(update).items()
-    return {(name, track): label for (name, _), found in rows for track, label in found.items()}
-
-
-def is_sorted_out(update: HypothesisUpdate) -> bool:
-    """Both bodies are told apart, each as one hypothesis."""
-    found = [label for _, label in sorted(labels(update).items())]
-    return len(found) == 12 and len(set(found[:6])) == len(set(found[6:])) == 1 and found[0] != found[6]
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,11 @@ import pytest
 from comotion_clients.subscription import Subscription
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
 
+from ...builders import by_feature as labels
+from ...builders import is_sorted_out
 from ..etcd_cluster import NEEDS_ETCD
 from ..network import Wire
 from ..tracker import DEADLINE, until
-from .test_service import is_sorted_out, labels
 
 pytestmark = NEEDS_ETCD
 KEYS = Keys()
