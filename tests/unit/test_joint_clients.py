@@ -187,19 +187,6 @@ def test_each_instant_of_a_moving_camera_is_one_line(tmp_path):
     )
 
 
-@pytest.mark.filterwarnings("ignore")
-def test_evo_reads_and_compares_them(tmp_path):
-    files = pytest.importorskip("evo.tools.file_interface")
-    from evo.core import metrics
-
-    save_paths(tmp_path, [moved(k) for k in range(5)])
-    path = files.read_tum_trajectory_file(str(tmp_path / "camera-cam.tum"))
-    assert path.path_length == pytest.approx(2.0)
-    error = metrics.APE(metrics.PoseRelation.full_transformation)
-    error.process_data((path, path))
-    assert error.get_statistic(metrics.StatisticsType.max) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_a_client_of_foxglove_reads_the_numbers_of_an_update():
     pytest.importorskip("foxglove")
     websockets = pytest.importorskip("websockets.sync.client")
