@@ -1,6 +1,7 @@
 """Messages for tests: a test names what matters to it, the rest has a plain value."""
 
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike
 from comotion import Fusion
 from comotion.event_time.instants import Instants, SessionEnded
 from comotion.event_time.timeline import Timeline
+from comotion_clients.metrics import tracks_of
 from comotion_schemas import (
     UNDETERMINED,
     Hypothesis,
@@ -21,6 +23,8 @@ SESSION = "a" * 16
 MS = 1_000_000
 S = 1_000 * MS
 T0 = 1_700_000_000 * S
+TWO_BODIES = Path(__file__).with_name("two_bodies.toml")
+"""A scene of the simulator for 2 s: one body rests, the other moves."""
 Source = Callable[[int, int], ObservationBatch | None]
 """What a source sends at a frame and its time in ns, if anything."""
 
@@ -79,6 +83,18 @@ def status(component: str = "fusion", role: str = "service", **fields) -> Status
 def labels_of(update: HypothesisUpdate) -> dict[int, int]:
     """Hypothesis of each feature; of the last source where two share an id."""
     return dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+
+
+def by_feature(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
+    """Hypothesis by the name of a source and a feature of it."""
+    rows = tracks_of(update).items()
+    return {(name, track): label for (name, _), found in rows for track, label in found.items()}
+
+
+def is_sorted_out(update: HypothesisUpdate) -> bool:
+    """Both bodies of a tracker of tests/e2e are told apart, each as one hypothesis of its six features."""
+    found = [label for _, label in sorted(by_feature(update).items())]
+    return len(found) == 12 and len(set(found[:6])) == len(set(found[6:])) == 1 and found[0] != found[6]
 
 
 def play(

@@ -1,9 +1,9 @@
 """Hypotheses as tracked objects -> HOTA, IDF1 and switches of identity, as trackers are compared. Pure.
 
 An object is matched with a hypothesis by the features that both have, divided by those that one of them
-has: what the overlap of boxes or masks is for images. The figures are those of TrackEval, which
-tests/unit/test_tracking.py compares with where it is installed. It is no dependency: it would install
-opencv-python over opencv-python-headless. motmetrics had its last release in 2022.
+has: what the overlap of boxes or masks is for images. The figures are those of TrackEval, as
+tests/unit/test_metrics.py holds. It is no dependency: it would install opencv-python over
+opencv-python-headless. motmetrics had its last release in 2022.
 """
 
 from dataclasses import dataclass

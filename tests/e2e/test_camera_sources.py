@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 from comotion_deploy.cli import run
 from comotion_schemas import Keys
 from comotion_schemas.colours import BACKGROUND, COLOURS
-from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
+from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration, read_calibration
 from comotion_sources.cameras import Frame
 from comotion_sources.cameras.tum import TumWriter
 from comotion_sources.markers import find_dictionary
+
+from ..pictures import moving_board, write_video
 
 KEYS = Keys()
 SHAPE = (240, 320)
@@ -26,31 +28,9 @@ DEPTH = 1.25
 SPEED = 3  # px per frame
 
 
-def scene(k: int) -> np.ndarray:
-    """A textured wall with a textured board that moves to the right."""
-    rng = np.random.default_rng(1)
-    wall, board = (cv2.GaussianBlur(rng.normal(size=SHAPE), (0, 0), 2) for _ in range(2))
-    image = 128 + 45 * wall / wall.std()
-    x = 40 + SPEED * k
-    image[80:160, x : x + 100] = (128 + 45 * board / board.std())[:80, :100]
-    return cv2.cvtColor(image.clip(0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-
-
-def objects(k: int) -> np.ndarray:
-    where = np.zeros(SHAPE, np.int32)
-    x = 40 + SPEED * k
-    where[80:160, x : x + 100] = 1
-    return where
-
-
 @pytest.fixture
 def video(tmp_path):
-    path = tmp_path / "video.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SHAPE[::-1])
-    for k in range(20):
-        writer.write(scene(k))
-    writer.release()
-    return path
+    return write_video(tmp_path / "video.avi", (moving_board(k)[0] for k in range(20)))
 
 
 @pytest.fixture
@@ -58,8 +38,9 @@ def recording(tmp_path):
     """An RGB-D recording with truth; frames 6 to 9 are without depth."""
     with TumWriter(tmp_path / "rgbd", CAMERA, PLACE, {0: "wall", 1: "board"}) as writer:
         for k in range(20):
+            image, where = moving_board(k)
             depth = None if 6 <= k < 10 else np.full(SHAPE, DEPTH, np.float32)
-            writer.write(Frame(10**18 + k * 33_333_000, scene(k), depth, objects(k)))
+            writer.write(Frame(10**18 + k * 33_333_000, image, depth, where))
     return tmp_path / "rgbd"
 
 
@@ -114,12 +95,6 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint,
     assert "depth_missing 4" in source.output
     assert "no depth" in source.output
     assert "depth is back" in source.output
-
-
-def test_the_depth_can_be_left_unused(start, endpoint, session, listen, recording):
-    batches = listen(session, KEYS.stream("obs", "klt"), "obs")
-    start("source", "klt", recording, "--no-depth", "--connect", endpoint)
-    assert batches.next().space == "klt/pixels"
 
 
 def test_the_preview_is_written_and_coloured_by_the_service(start, serve, listen, video, tmp_path):
@@ -198,7 +173,7 @@ class Stream(BaseHTTPRequestHandler):
         for k in itertools.count():
             if unplugged.wait(0.03):
                 return
-            encoded = cv2.imencode(".jpg", scene(k % 20))[1].tobytes()
+            encoded = cv2.imencode(".jpg", moving_board(k % 20)[0])[1].tobytes()
             head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(encoded)}\r\n\r\n"
             try:
                 self.wfile.write(head.encode() + encoded + b"\r\n")
@@ -269,11 +244,7 @@ def test_calibrate_writes_what_an_external_camera_reads(monkeypatch, capsys, tmp
     arguments = "--calibration-a inner.toml --calibration-b inner.toml -o b.toml"
     assert run(["calibrate", "a.png", "b.png", "--target", "charuco:5x4:0.04:0.03", *arguments.split()]) == 0
     assert "1 views, reprojection error" in capsys.readouterr().out
-    written = (tmp_path / "b.toml").read_text()
-    assert "[intrinsics]" in written
-    assert 'frame = "world"' in written
+    written = read_calibration(tmp_path / "b.toml")
+    assert (written.intrinsics.width, written.extrinsics.frame) == (SHAPE[1], "world")
     # The board is seen 30 px further right: the camera stands that much further left.
-    line = next(line for line in written.splitlines() if line.startswith("translation"))
-    x, y, z = (float(value) for value in line.partition("[")[2].partition("]")[0].split(","))
-    metres = 30 * 0.04 / 50
-    np.testing.assert_allclose([x, y, z], [-metres, 0, 0], atol=5e-3)
+    np.testing.assert_allclose(written.extrinsics.translation, [-30 * 0.04 / 50, 0, 0], atol=5e-3)

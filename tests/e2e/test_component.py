@@ -16,7 +16,7 @@ from .conftest import DEADLINE, routing
 KEYS = Keys()
 
 
-def component(endpoint: str, **changes) -> Component:
+def component(endpoint, **changes):
     fields = {"role": "source", "name": "cam", "settings": SessionSettings(connect=(endpoint,))}
     return Component(**(fields | changes))
 
@@ -56,7 +56,7 @@ def test_status_comes_at_once_and_then_every_second(endpoint, session, listen):
 def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint, session, listen):
     statuses = listen(session, KEYS.stream("status", "cam"), "status")
 
-    def fail() -> StatusFields:
+    def fail():
         raise RuntimeError("a defect")
 
     with component(endpoint, status=fail):
@@ -67,23 +67,15 @@ def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint
 
 
 def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen):
-    opened = threading.Event()
-    close = threading.Event()
-
-    def run() -> None:
-        with component(free_port_endpoint):
-            opened.set()
-            close.wait(DEADLINE)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    assert not opened.wait(1.0)
+    late = component(free_port_endpoint)
+    opening = threading.Thread(target=late.__enter__)
+    opening.start()
+    opening.join(1.0)
+    assert opening.is_alive()
     with routing(free_port_endpoint) as router:
-        assert opened.wait(DEADLINE)
+        opening.join(DEADLINE)
         assert listen(router, KEYS.stream("status", "cam"), "status").next().component == "cam"
-        close.set()
-        thread.join(DEADLINE)
-        assert not thread.is_alive()
+        late.__exit__(None, None, None)
 
 
 def test_a_session_is_open_within_the_context_alone(endpoint):

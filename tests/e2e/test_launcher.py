@@ -7,22 +7,22 @@ import select
 import signal
 import sys
 import threading
-from pathlib import Path
+from types import SimpleNamespace
 
 from comotion_deploy.launcher import Launcher
 from comotion_deploy.processes import ProcessSpec
-from comotion_schemas import HypothesisUpdate, Keys
+from comotion_schemas import Keys
 
+from ..builders import by_feature as labels
 from . import tracker
-from .services.test_service import labels
 
 KEYS = Keys()
 
 
-def system_file(folder: Path, endpoint: str) -> Path:
+def system_file(folder, endpoint):
     """The file of router, service and two trackers in spaces of their own."""
 
-    def tracker_command(name: str) -> str:
+    def tracker_command(name):
         options = json.dumps({"endpoint": endpoint, "name": name, "space": name})
         return json.dumps([sys.executable, tracker.__file__, options])
 
@@ -52,7 +52,7 @@ command = {tracker_command("right")}
     return file
 
 
-def pid_of(launcher, name: str, start: int = 0) -> int:
+def pid_of(launcher, name, start=0):
     """Process id of a child, from the launcher's own lines."""
     pattern = re.compile(rf"\| started {name}, pid (\d+)")
     match = pattern.search(launcher.wait_line(lambda line: pattern.search(line) is not None, start=start))
@@ -60,7 +60,7 @@ def pid_of(launcher, name: str, start: int = 0) -> int:
     return int(match[1])
 
 
-def await_end(pid: int) -> None:
+def await_end(pid):
     """Wait until a process that is no child of ours has ended."""
     try:
         handle = os.pidfd_open(pid)
@@ -72,14 +72,14 @@ def await_end(pid: int) -> None:
         os.close(handle)
 
 
-def is_sorted_out(update: HypothesisUpdate) -> bool:
+def is_sorted_out(update):
     """Two sources with two bodies each make four hypotheses of six."""
     found = [label for _, label in sorted(labels(update).items())]
     bodies = [set(found[k : k + 6]) for k in range(0, len(found), 6)]
     return len(found) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
 
 
-def settled(updates) -> dict[tuple[str, int], int]:
+def settled(updates):
     """What the tracks belong to once it has not changed for ten updates; by then it is in the state."""
     same, last = 0, None
     while same < 10:
@@ -156,26 +156,16 @@ def test_processes_that_have_done_their_work_end_the_launcher(start, tmp_path):
     assert "all processes have ended" in launcher.output
 
 
-class UntilListening:
-    """Takes lines; sets an event when the process listens."""
-
-    def __init__(self, stop: threading.Event) -> None:
-        self.lines: list[str] = []
-        self._stop = stop
-
-    def write(self, name: str, text: str) -> None:
-        self.lines.append(text)
-        if text == "listening":
-            self._stop.set()
-
-
 def test_a_process_that_ignores_the_stop_is_killed(tmp_path):
-    stop = threading.Event()
-    lines = UntilListening(stop)
+    stop, lines = threading.Event(), []
+
+    def write(name, text):
+        lines.append(text)
+        if text == "listening":
+            stop.set()
+
     deaf = ("sh", "-c", "trap '' TERM; echo listening; while :; do sleep 60; done")
-    launcher = Launcher(
-        [ProcessSpec(name="deaf", command=deaf, says_ready=False, stop_s=0.3)], tmp_path, lines, stop
-    )
-    launcher.run()
-    assert "deaf did not stop in time and was killed" in lines.lines
-    await_end(int(next(line for line in lines.lines if line.startswith("started deaf, pid ")).split()[-1]))
+    spec = ProcessSpec(name="deaf", command=deaf, says_ready=False, stop_s=0.3)
+    Launcher([spec], tmp_path, SimpleNamespace(write=write), stop).run()
+    assert "deaf did not stop in time and was killed" in lines
+    await_end(int(next(line for line in lines if line.startswith("started deaf, pid ")).split()[-1]))

@@ -156,15 +156,6 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     assert len(saved) >= 0.9 * (saved[-1].seq - saved[0].seq + 1)
 
 
-def test_a_recorder_begins_a_new_file_every_second(start, endpoint, session, listen, track, tmp_path):
-    statuses = listen(session, KEYS.stream("status", "recorder"), "status")
-    track(endpoint, rate=50.0)
-    recorder = start("record", tmp_path / "take.mcap", "--max-time", "1", "--connect", endpoint)
-    statuses.until(lambda s: s.counters["files"] > 2)
-    assert recorder.interrupt() == 0
-    assert all(map(read, sorted(tmp_path.glob("take-*.mcap"))))
-
-
 def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys):
     options = ("--scene", "typo", "--duration", "0.3", "--connect", endpoint)
     assert run(["record", str(tmp_path / "x.mcap"), *options]) == 2

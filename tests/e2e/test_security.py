@@ -246,11 +246,10 @@ def test_a_batch_over_the_limit_is_dropped_and_the_next_one_arrives(site, log_in
 
 
 def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing):
-    flood = log_in("cam").declare_publisher(
-        KEYS.stream("obs", "cam"), congestion_control=zenoh.CongestionControl.DROP
-    )
-    other = log_in("mocap").declare_publisher(
-        KEYS.stream("obs", "mocap"), congestion_control=zenoh.CongestionControl.DROP
+    drop = zenoh.CongestionControl.DROP
+    flood, other = (
+        log_in(name).declare_publisher(KEYS.stream("obs", name), congestion_control=drop)
+        for name in ("cam", "mocap")
     )
     flooded = all_seeing.declare_subscriber(KEYS.stream("obs", "cam"), RingChannel(10_000))
     arrived = all_seeing.declare_subscriber(KEYS.stream("obs", "mocap"), RingChannel(1000))

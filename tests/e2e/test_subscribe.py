@@ -124,17 +124,11 @@ def test_closing_ends_a_loop_that_waits(session):
     updates.close()
 
 
-def test_silence_is_a_timeout(endpoint):
+def test_silence_and_no_router_are_timeouts_and_wrong_names_and_endpoints_are_refused_at_once(endpoint):
     with subscribe("default", endpoint, timeout=0.5) as updates, pytest.raises(TimeoutError):
         next(updates)
-
-
-def test_no_router_is_a_timeout_that_names_it():
     with pytest.raises(TimeoutError, match=r"no router answers at tcp/127\.0\.0\.1:1"):
         subscribe("scene", "tcp/127.0.0.1:1", timeout=0.2).__enter__()
-
-
-def test_wrong_names_and_endpoints_are_refused_at_once():
     with pytest.raises(ValueError, match="scene"):
         subscribe("No Scene")
     with pytest.raises(ValueError, match="cannot open a session at nonsense"):

@@ -1,4 +1,4 @@
-"""A seed and inputs in, mutated inputs out; for the suite, and where atheris is not installed."""
+"""A seed and inputs in, mutated inputs out."""
 
 import random
 from collections.abc import Iterator, Sequence

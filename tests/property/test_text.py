@@ -16,7 +16,7 @@ from comotion_clients.status_view import show
 from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
-from comotion_schemas import DecodeError, ObservationBatch, Status, decode, encode
+from comotion_schemas import DecodeError, Status, decode, encode
 from comotion_schemas.text import LogFormatter, shown
 from comotion_tools.soak.attacks import MARKUP
 
@@ -31,7 +31,7 @@ texts = st.text(
 )
 
 
-def status(text: str, **changes: object) -> Status:
+def status(text, **changes):
     """As it arrives: what the sender has checked is not relied on."""
     fields = {
         "schema": "comotion.Status/1", "component": "fusion", "role": "service", "session": SESSION,
@@ -45,11 +45,7 @@ def status(text: str, **changes: object) -> Status:
     return found
 
 
-def batch(space: str) -> ObservationBatch:
-    return builders.batch(space=space)
-
-
-def lines_of(*what: object) -> list[str]:
+def lines_of(*what):
     """What a console prints, all in one line each."""
     out = io.StringIO()
     console = Console(file=out, width=2000, color_system=None)
@@ -62,7 +58,7 @@ def lines_of(*what: object) -> list[str]:
 
 @given(texts, st.integers(1, 80))
 @example(MARKUP, 500)
-def test_what_is_shown_has_glyphs_only_and_is_bounded_and_stays_as_it_is(text, most) -> None:
+def test_what_is_shown_has_glyphs_only_and_is_bounded_and_stays_as_it_is(text, most):
     found = shown(text, most)
     assert found.isprintable()
     assert len(found) <= most
@@ -73,7 +69,7 @@ def test_what_is_shown_has_glyphs_only_and_is_bounded_and_stays_as_it_is(text, m
 
 @given(texts)
 @example(MARKUP)
-def test_every_text_of_a_decoded_status_can_be_shown(text) -> None:
+def test_every_text_of_a_decoded_status_can_be_shown(text):
     found = status(text)
     maps = (found.rates, found.ages, found.counters, found.clock_offsets)
     given_ = [found.message, found.version, found.host, found.problems[0].text, *(k for m in maps for k in m)]
@@ -82,8 +78,8 @@ def test_every_text_of_a_decoded_status_can_be_shown(text) -> None:
 
 @given(texts.filter(lambda text: not text.isprintable()))
 @example(MARKUP)
-def test_a_space_whose_name_cannot_be_shown_is_refused(space) -> None:
-    content = msgpack.unpackb(encode(batch("world"))) | {"space": space}
+def test_a_space_whose_name_cannot_be_shown_is_refused(space):
+    content = msgpack.unpackb(encode(builders.batch())) | {"space": space}
     with pytest.raises(DecodeError) as refusal:
         decode(msgpack.packb(content))
     assert refusal.value.reason == "schema"
@@ -92,7 +88,7 @@ def test_a_space_whose_name_cannot_be_shown_is_refused(space) -> None:
 
 @given(texts)
 @example(MARKUP)
-def test_status_prints_texts_as_they_are_each_in_its_line(text) -> None:
+def test_status_prints_texts_as_they_are_each_in_its_line(text):
     model = ComponentsModel("lab")
     model.on_presence("service", "fusion", alive=True)
     model.on_status(status(text), 0.0)
@@ -112,11 +108,11 @@ def test_status_prints_texts_as_they_are_each_in_its_line(text) -> None:
 
 @given(texts.filter(bool))
 @example(MARKUP)
-def test_watch_shows_texts_as_they_are(text) -> None:
+def test_watch_shows_texts_as_they_are(text):
     space = shown(text) or "x"
     model = SceneModel("lab")
     model.on_status(status(text))
-    model.on_batch(batch(space), 0.0, 0)
+    model.on_batch(builders.batch(space=space), 0.0, 0)
     snapshot = model.snapshot(0.0)
     lines = lines_of(render(snapshot, 160, WHOLE, "size", keys=False))
     assert any(line.rstrip().endswith(f"limit {shown(text)}".rstrip()) for line in lines)
@@ -130,7 +126,7 @@ def test_watch_shows_texts_as_they_are(text) -> None:
 
 @given(texts)
 @example(MARKUP)
-def test_a_log_line_is_one_line_and_a_trace_is_indented(text) -> None:
+def test_a_log_line_is_one_line_and_a_trace_is_indented(text):
     formatter = LogFormatter("%(levelname)s: %(message)s")
     record = logging.LogRecord("x", logging.WARNING, "x.py", 1, "rejected %s", (text,), None)
     assert formatter.format(record).isprintable()

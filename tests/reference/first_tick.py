@@ -1,13 +1,11 @@
 """A process that prepares as a service does and then meets everything for the first time.
 
-It prints the kernels that had to be compiled, or loaded, after it was ready: none. With an empty folder in
-NUMBA_CACHE_DIR another process compiles all before, which takes minutes; what this one has compiled itself
-is printed too. An argument is the method.
+``python -m tests.reference.first_tick METHOD`` prints the kernels that had to be compiled, or loaded, after
+it was ready: none. With an empty folder in NUMBA_CACHE_DIR another process compiles all before, which takes
+minutes; what this one has compiled itself is printed too.
 """
 
 import sys
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -15,16 +13,17 @@ from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.precompiling import kernels
 from comotion.warm_up import prepare
-from comotion_schemas import ObservationBatch, encode
+from comotion_schemas import encode
 
-T0, MS = 1_700_000_000_000_000_000, 1_000_000
+from ..builders import MS, T0, batch
+
 FRAMES, RATE_MS = 75, 40
 CAMERA = Camera(
     fx=400, fy=400, cx=320, cy=240, translation=(0, -2, 0), quaternion=(-0.7071068, 0, 0, 0.7071068)
 )
 
 
-def bodies(rng: np.random.Generator, count: int, dim: int, t: float) -> np.ndarray:
+def bodies(rng, count, dim, t):
     """A body that rests and one that turns and moves, float64 [2 count, dim]."""
     rest, moving = rng.uniform(-0.3, 0.3, (2, count, dim))
     turn = np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]])
@@ -32,36 +31,25 @@ def bodies(rng: np.random.Generator, count: int, dim: int, t: float) -> np.ndarr
     return np.concatenate([rest, moving])
 
 
-def stream(name: str, count: int, dim: int, unit: str, **options: Any) -> Iterator[ObservationBatch]:
-    """Batches of one source; `options` say which optional columns they have."""
-    scale = 400.0 if unit == "px" else 1.0
+def stream(name, count, dim, unit, space="", sigma=None, turned=False, instants=False, ended=False):
+    """Batches of one source; the options say which optional columns they have."""
+    scale, ids = 400.0 if unit == "px" else 1.0, np.arange(2 * count, dtype=np.uint64)
+    turns = np.where(ids[:, None] % 2, np.float32([0, 0, 0, 1]), np.nan) if turned else None
     for k in range(FRAMES):
-        t = k * RATE_MS / 1000
-        positions = scale * bodies(np.random.default_rng(5), count, dim, t)
-        positions += scale * 0.002 * np.random.default_rng(k).normal(size=positions.shape)
-        rows, columns = len(positions), {}
         stamp = T0 + k * RATE_MS * MS
-        if options.get("sigma") == "number":
-            columns["sigma"] = 0.002 * scale
-        elif options.get("sigma"):
-            columns["sigma"] = np.full(rows, 0.002 * scale, np.float32)
-        if options.get("turned"):
-            turns = np.tile(np.float32([0, 0, 0, 1]), (rows, 1))
-            turns[::2] = np.nan
-            columns["quaternions"] = turns
-        if options.get("instants"):
-            columns["stamps_ns"] = stamp - 5 * MS * (np.arange(rows)[::-1] % 3)
-        if options.get("ended") and k == 50:
-            columns["ended"] = np.arange(3, dtype=np.uint64)
-        ids = np.arange(rows, dtype=np.uint64)
-        ids += np.uint64(1000) * ((k + ids) // np.uint64(60))
-        yield ObservationBatch(
-            source=name, session="a" * 16, seq=k, space=options.get("space", unit), unit=unit, dim=dim,
-            stamp_ns=stamp, ids=ids, positions=positions.astype(np.float32), **columns,
-        )  # fmt: skip
+        positions = bodies(np.random.default_rng(5), count, dim, k * RATE_MS / 1000)
+        positions += 0.002 * np.random.default_rng(k).normal(size=positions.shape)
+        columns = {
+            "sigma": sigma and (0.002 * scale if sigma == "number" else np.full(2 * count, 0.002 * scale)),
+            "quaternions": turns,
+            "stamps_ns": stamp - 5 * MS * (np.arange(2 * count)[::-1] % 3) if instants else None,
+            "ended": np.arange(3, dtype=np.uint64) if ended and k == 50 else None,
+            "ids": ids + np.uint64(1000) * ((k + ids) // np.uint64(60)),
+        }
+        yield batch(name, k, stamp, scale * positions, space=space or unit, unit=unit, **columns)
 
 
-SCENES: dict[str, list[Iterator[ObservationBatch]]] = {
+SCENES = {
     "3-D": [stream("a", 12, 3, "m")],
     "2-D": [stream("a", 12, 2, "m", sigma="number")],
     "pixels": [stream("a", 25, 2, "px", sigma="column")],
@@ -73,12 +61,12 @@ SCENES: dict[str, list[Iterator[ObservationBatch]]] = {
 }
 
 
-def run(config: FusionConfig, streams: list[Iterator[ObservationBatch]]) -> None:
+def run(config, streams):
     """Fuse streams, some batches late, and ask for all that can be asked for."""
     fusion = Fusion(config)
     for k, batches in enumerate(zip(*streams, strict=True)):
-        for batch in batches[:: -1 if k % 5 == 0 else 1]:
-            fusion.ingest(batch)
+        for one in batches[:: -1 if k % 5 == 0 else 1]:
+            fusion.ingest(one)
         if k % 3 == 2:
             encode(fusion.update(batches[0].stamp_ns))
     for space in fusion.spaces:
@@ -90,7 +78,7 @@ def run(config: FusionConfig, streams: list[Iterator[ObservationBatch]]) -> None
     again.update(T0 + 60_000 * MS)
 
 
-def main(method: str) -> None:
+def main(method):
     """Prepare, run, and say what was new."""
     for _ in prepare(FusionConfig(method=method)):
         pass

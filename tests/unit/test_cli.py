@@ -19,15 +19,13 @@ from comotion_sources.simulator import scene_names
 SCENES = Path(__file__).parents[2] / "deploy" / "scenes"
 
 
-def effective(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+def effective(capsys, *arguments):
     assert run(["config", "--json", *arguments]) == 0
     values: dict[str, Any] = json.loads(capsys.readouterr().out)
     return values
 
 
-def test_a_flag_beats_the_environment_beats_the_file_beats_the_default(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_flag_beats_the_environment_beats_the_file_beats_the_default(capsys, tmp_path, monkeypatch):
     assert effective(capsys)["window"] == 10.0
     file = tmp_path / "c.toml"
     file.write_text("[fusion]\nwindow = 5\nthesis.stop_affinity = 0.3")
@@ -41,9 +39,7 @@ def test_a_flag_beats_the_environment_beats_the_file_beats_the_default(
     assert (values["window"], values["thesis"]["stop_affinity"]) == (3.0, 0.3)
 
 
-def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_takes_its_options_from_its_table_and_the_common_ones(capsys, tmp_path, monkeypatch):
     from comotion.runtime import server
 
     seen: list[server.ServeOptions] = []
@@ -71,103 +67,81 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(
     assert [one.resume for one in seen[-2:]] == [True, True]
 
 
-@pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError])
-def test_an_unknown_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, kind: type[Exception]) -> None:
+@pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError, KeyboardInterrupt])
+def test_an_unknown_error_keeps_its_traceback_and_an_interrupt_is_none(monkeypatch, capsys, kind):
     from comotion_deploy.commands import config
 
-    def defect(*_: object) -> None:
+    def defect(*_):
         raise kind("a defect")
 
     monkeypatch.setattr(config.Config, "fusion_config", defect)
+    if kind is KeyboardInterrupt:
+        assert run(["config"]) == 130
+        assert capsys.readouterr().err.strip() == ""
+        return
     with pytest.raises(kind, match="a defect"):
         run(["config"])
 
 
-def test_an_interrupt_is_no_error(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from comotion_deploy.commands import config
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(config.Config, "fusion_config", interrupt)
-    assert run(["config"]) == 130
-    assert capsys.readouterr().err.strip() == ""
+def own_words(spec):
+    """The words of a process behind `comotion`."""
+    return list(spec.command[spec.command.index("comotion_deploy") + 1 :])
 
 
-class TestProcesses:
-    @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
-    def test_the_examples_are_valid(self, path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        specs = read_processes(tomllib.loads(path.read_text()))
-        assert sum(spec.is_router for spec in specs) == 1
-        # Every table and option in them is one that a command knows.
-        effective(capsys, "--config", str(path))
-        for spec in specs:
-            command = spec.command[spec.command.index("comotion_deploy") + 1 :]
-            assert run([*command[: 2 if command[0] == "source" else 1], "--config", str(path), "--help"]) == 0
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_example_scenes_are_valid(path, capsys):
+    specs = read_processes(tomllib.loads(path.read_text()))
+    assert sum(spec.is_router for spec in specs) == 1
+    # Every table and option in them is one that a command knows.
+    effective(capsys, "--config", str(path))
+    for spec in specs:
+        command = own_words(spec)
+        assert run([*command[: 2 if command[0] == "source" else 1], "--config", str(path), "--help"]) == 0
 
-    def test_a_process_is_a_command_of_ours_or_any_program(self) -> None:
-        ours, other = read_processes(
-            tomllib.loads(
-                "[process.router]\nrun = 'router --listen tcp/[::1]:1'\n"
-                "[process.mine]\ncommand = ['sh', '-c', 'a b']\nrestart = 'always'\nenv = {A = '1'}"
-            )
+
+def test_a_process_is_a_command_of_ours_or_any_program():
+    ours, other = read_processes(
+        tomllib.loads(
+            "[process.router]\nrun = 'router --listen tcp/[::1]:1'\n"
+            "[process.mine]\ncommand = ['sh', '-c', 'a b']\nrestart = 'always'\nenv = {A = '1'}"
         )
-        assert ours.command[-4:] == ("comotion_deploy", "router", "--listen", "tcp/[::1]:1")
-        assert (ours.is_router, ours.says_ready, ours.restart) == (True, True, "on-failure")
-        assert other.command == ("sh", "-c", "a b")
-        assert (other.is_router, other.says_ready, other.restart, other.env) == (
-            False,
-            False,
-            "always",
-            {"A": "1"},
-        )
-
-    @pytest.mark.parametrize(
-        ("content", "words"),
-        [
-            ("", "no processes"),
-            ("[process.a]\nrun = 'router'\nrestart = 'sometimes'", "restart: Input should be 'always'"),
-            ("[process.a]\nrun = 'router'\nforeground = 'yes'", "foreground: Input should be a valid bool"),
-            ("[process.a]\nrun = 'router'\nenv = {A = 1}", "env.A: Input should be a valid string"),
-            ("[process.a]\nrum = 'router'", "rum: Extra inputs are not permitted"),
-            ("[process.a]\nrun = 'router'\ncommand = 'true'", "needs either run"),
-            ('[process.a]\nrun = "router \'x"', "No closing quotation"),
-            ("[process.a]\ncommand = 'no-such-program'", "no program 'no-such-program'"),
-            ("[process.'Two Words']\nrun = 'router'", "a name is"),
-            (
-                "[process.a]\nrun = 'watch'\nforeground = true\n"
-                "[process.b]\nrun = 'watch'\nforeground = true",
-                "more than one",
-            ),
-        ],
     )
-    def test_what_makes_no_sense_is_refused(self, content: str, words: str) -> None:
-        with pytest.raises(UserError, match=words):
-            read_processes(tomllib.loads(content))
+    assert ours.command[-4:] == ("comotion_deploy", "router", "--listen", "tcp/[::1]:1")
+    assert (ours.is_router, ours.says_ready, ours.restart) == (True, True, "on-failure")
+    assert (other.command, other.env) == (("sh", "-c", "a b"), {"A": "1"})
+    assert (other.is_router, other.says_ready, other.restart) == (False, False, "always")
 
 
-class TestDemo:
-    def test_its_commands_are_valid(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-        specs = demo_processes(
-            "3d_async",
-            "tcp/127.0.0.1:1",
-            tmp_path,
-            fusion=["--set", "thesis.sigma_switch=0.01"],
-            scale=0.5,
-            seed=0,
-            on_terminal=True,
-        )
-        assert [spec.name for spec in specs if spec.foreground] == ["watch"]
-        for spec in specs:
-            if spec.says_ready and "comotion_deploy" in spec.command:
-                assert run([*spec.command[spec.command.index("comotion_deploy") + 1 :], "--help"]) == 0
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "no processes"),
+        ("[process.a]\nrun = 'router'\nrestart = 'sometimes'", "restart: Input should be 'always'"),
+        ("[process.a]\nrun = 'router'\nforeground = 'yes'", "foreground: Input should be a valid bool"),
+        ("[process.a]\nrun = 'router'\nenv = {A = 1}", "env.A: Input should be a valid string"),
+        ("[process.a]\nrum = 'router'", "rum: Extra inputs are not permitted"),
+        ("[process.a]\nrun = 'router'\ncommand = 'true'", "needs either run"),
+        ('[process.a]\nrun = "router \'x"', "No closing quotation"),
+        ("[process.a]\ncommand = 'no-such-program'", "no program 'no-such-program'"),
+        ("[process.'Two Words']\nrun = 'router'", "a name is"),
+        ("".join(f"[process.{k}]\nrun = 'watch'\nforeground = true\n" for k in "ab"), "more than one"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(content, words):
+    with pytest.raises(UserError, match=words):
+        read_processes(tomllib.loads(content))
 
 
-def test_a_parameter_of_a_group_can_be_set_and_read_again(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_commands_of_the_demo_are_valid(capsys, tmp_path):
+    how = {"fusion": ["--set", "thesis.sigma_switch=0.01"], "scale": 0.5, "seed": 0, "on_terminal": True}
+    specs = demo_processes("3d_async", "tcp/127.0.0.1:1", tmp_path, **how)
+    assert [spec.name for spec in specs if spec.foreground] == ["watch"]
+    for spec in specs:
+        if spec.says_ready and "comotion_deploy" in spec.command:
+            assert run([*own_words(spec), "--help"]) == 0
+
+
+def test_a_parameter_of_a_group_can_be_set_and_read_again(capsys, tmp_path):
     arguments = ("--set", "rigid.looseness=0.4", "--set", "pixels.drift=0.05")
     expected = effective(capsys, *arguments)
     assert expected["rigid"]["looseness"] == 0.4
@@ -177,9 +151,7 @@ def test_a_parameter_of_a_group_can_be_set_and_read_again(
     assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected
 
 
-def test_cameras_of_the_service_come_from_files_or_the_table(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_cameras_of_the_service_come_from_files_or_the_table(capsys, tmp_path):
     from comotion import FusionConfig
     from comotion_deploy.commands.linked_cameras import with_cameras
 
@@ -204,7 +176,7 @@ def test_cameras_of_the_service_come_from_files_or_the_table(
     assert effective(capsys, "--config", str(tmp_path / "c.toml"))["linking"]["cameras"] == table
 
 
-def test_help_shows_all_its_words() -> None:
+def test_help_shows_all_its_words():
     """What Rich takes for markup is not shown: "[default: ...]" for one."""
     commands = [typer.main.get_command(app)]
     for command in commands:
@@ -214,7 +186,7 @@ def test_help_shows_all_its_words() -> None:
     assert len(commands) > 15
 
 
-def test_options_that_all_commands_share_fold_away(capsys) -> None:
+def test_options_that_all_commands_share_fold_away(capsys):
     assert run(["source", "klt", "--help"]) == 0
     short = capsys.readouterr().out
     assert run(["source", "klt", "--help-all"]) == 0
@@ -228,20 +200,20 @@ def test_options_that_all_commands_share_fold_away(capsys) -> None:
     assert len(short.splitlines()) < 100 < len(whole.splitlines())
 
 
-def spelled(command, words: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+def spelled(command, words=()):
     """Words of a command and of all below it."""
     below = getattr(command, "commands", {}).items()
     return [words, *(one for name, child in below for one in spelled(child, (*words, name)))]
 
 
 @pytest.mark.parametrize("words", spelled(typer.main.get_command(app)), ids=" ".join)
-def test_help_has_plain_words_for_values(capsys, words: tuple[str, ...]) -> None:
+def test_help_has_plain_words_for_values(capsys, words):
     for how in ("--help", "--help-all"):
         assert run([*words, how]) == 0
         assert not re.search(r"<(bool|int|float|str|path|list)|\[\[", capsys.readouterr().out)
 
 
-def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:
+def test_only_a_router_listens_where_the_environment_says(monkeypatch):
     monkeypatch.setenv("COMOTION_LISTEN", "tcp/127.0.0.1:7447")
     commands = {"": typer.main.get_command(app)}
     commands |= {f"source {name}": one for name, one in commands[""].commands["source"].commands.items()}
@@ -250,7 +222,7 @@ def test_only_a_router_listens_where_the_environment_says(monkeypatch) -> None:
     assert reads == {"router"}
 
 
-def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys):
     assert run(["bench", "--help"]) == 0
     shown = capsys.readouterr()
     assert shown.err == "'comotion bench' is now 'comotion dev bench'\n"
@@ -266,7 +238,7 @@ def test_the_scenes_are_listed(capsys):
     assert "15, 30, 100 Hz" in next(line for line in lines if line.startswith("3d_async"))
 
 
-def test_what_the_wheel_leaves_out_is_one_line(monkeypatch, capsys, tmp_path) -> None:
+def test_what_the_wheel_leaves_out_is_one_line(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("comotion_deploy.cli.in_checkout", lambda: False)
     assert run(["dev", "reproduce", "stress", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == (

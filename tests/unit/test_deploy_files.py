@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -23,16 +22,16 @@ BIN = Path(sys.executable).parent
 HEALTH = re.compile(r"test -n \\\"(.+?)\\\"\"")
 
 
-def accepted(*command: object) -> None:
+def accepted(*command):
     done = subprocess.run(list(map(str, command)), check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_dockerfile_has_no_complaints() -> None:
+def test_the_dockerfile_has_no_complaints():
     accepted(BIN / "hadolint", "--failure-threshold", "info", DEPLOY / "Dockerfile")
 
 
-def test_what_the_dockerfile_copies_is_there_and_passes_the_ignore_file() -> None:
+def test_what_the_dockerfile_copies_is_there_and_passes_the_ignore_file():
     lines = (DEPLOY / "Dockerfile").read_text().splitlines()
     copied = [line.split()[1:-1] for line in lines if line.startswith("COPY ") and "--from" not in line]
     kept = {line[1:] for line in (DEPLOY / "Dockerfile.dockerignore").read_text().split() if line[0] == "!"}
@@ -49,14 +48,14 @@ _Loader.add_constructor("!override", lambda loader, node: loader.construct_seque
 
 
 @pytest.mark.parametrize("name", ["compose.yaml", "compose.secure.yaml"])
-def test_compose_files_follow_the_specification(name: str, tmp_path: Path) -> None:
+def test_compose_files_follow_the_specification(name, tmp_path):
     content = yaml.load((DEPLOY / name).read_text(), _Loader)
     plain = tmp_path / "compose.json"
     plain.write_text(json.dumps(content))
     accepted(BIN / "check-jsonschema", "--builtin-schema", "vendor.compose-spec", plain)
 
 
-def test_kubernetes_files_follow_the_schemas(tmp_path: Path) -> None:
+def test_kubernetes_files_follow_the_schemas(tmp_path):
     files = sorted((DEPLOY / "kubernetes").glob("*.yaml"))
     read = {file.name: list(yaml.safe_load_all(file.read_text())) for file in files}
     kinds = [(name, document) for name, documents in read.items() for document in documents]
@@ -69,7 +68,7 @@ def test_kubernetes_files_follow_the_schemas(tmp_path: Path) -> None:
     assert sorted(listed) == sorted({name for name, d in kinds if d["kind"] != "Kustomization"})
 
 
-def commands() -> list[list[str]]:
+def commands():
     """Commands of containers, as words after `comotion`."""
     compose = yaml.load((DEPLOY / "compose.yaml").read_text(), _Loader)["services"].values()
     secure = yaml.load((DEPLOY / "compose.secure.yaml").read_text(), _Loader)["services"].values()
@@ -79,12 +78,12 @@ def commands() -> list[list[str]]:
     return [*found, ["router", "--secure", "/pki"]]
 
 
-def _containers(document: dict[str, Any]) -> list[dict[str, Any]]:
+def _containers(document):
     return document.get("spec", {}).get("template", {}).get("spec", {}).get("containers", [])  # type: ignore[no-any-return]
 
 
 @pytest.mark.parametrize("words", commands(), ids=" ".join)
-def test_containers_run_commands_that_exist(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_containers_run_commands_that_exist(words, capsys):
     from comotion_deploy.cli import run
 
     # An unknown option is an error even beside --help.
@@ -93,7 +92,7 @@ def test_containers_run_commands_that_exist(words: list[str], capsys: pytest.Cap
     assert capsys.readouterr().out
 
 
-def test_alerts_are_valid_and_name_metrics_that_exist() -> None:
+def test_alerts_are_valid_and_name_metrics_that_exist():
     file = DEPLOY / "prometheus-alerts.yaml"
     rules = yaml.safe_load(file.read_text())["groups"][0]["rules"]
     used = {name for rule in rules for name in re.findall(r"comotion_[a-z_]+", rule["expr"])}
@@ -108,7 +107,7 @@ def test_alerts_are_valid_and_name_metrics_that_exist() -> None:
     accepted("promtool", "check", "rules", file)
 
 
-def test_systemd_hears_of_readiness_and_life(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_systemd_hears_of_readiness_and_life(tmp_path, monkeypatch):
     address = str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(address)
@@ -121,7 +120,7 @@ def test_systemd_hears_of_readiness_and_life(tmp_path: Path, monkeypatch: pytest
     beat(None)  # nobody listens any more: no error
 
 
-def test_the_health_check_tells_a_process_that_hangs(tmp_path: Path) -> None:
+def test_the_health_check_tells_a_process_that_hangs(tmp_path):
     checks = HEALTH.findall((DEPLOY / "Dockerfile").read_text())
     checks += HEALTH.findall((DEPLOY / "kubernetes" / "router.yaml").read_text())
     assert len(checks) == 2
@@ -136,22 +135,14 @@ def test_the_health_check_tells_a_process_that_hangs(tmp_path: Path) -> None:
             beat(ready)
 
 
-FOLDER = Path(__file__).parents[2] / "deploy" / "ros2"
-
-
-def test_rviz_shows_topics_that_are_published():
-    manager = yaml.safe_load((FOLDER / "comotion.rviz").read_text())["Visualization Manager"]
+def test_rviz_and_the_launch_file_show_topics_that_are_published():
+    layout = (DEPLOY / "ros2" / "comotion.rviz").read_text()
+    displays = [one for one in yaml.safe_load(layout)["Visualization Manager"]["Displays"] if "Topic" in one]
     kinds = Converter("default").kinds()
-    shown = {
-        one["Topic"]["Value"]: one["Class"].partition("/")[2] for one in manager["Displays"] if "Topic" in one
-    }
-    assert shown
-    assert all(kinds[topic].endswith(f"/{display}") for topic, display in shown.items())
-
-
-def test_the_launch_file_renames_what_rviz_shows():
-    text = (FOLDER / "comotion.launch.py").read_text()
+    assert displays
+    assert all(kinds[d["Topic"]["Value"]].endswith(f"/{d['Class'].partition('/')[2]}") for d in displays)
+    text = (DEPLOY / "ros2" / "comotion.launch.py").read_text()
     ast.parse(text)
     for topic in ("features", "markers", "odometry"):
-        assert f"/comotion/default/{topic}" in (FOLDER / "comotion.rviz").read_text()
+        assert f"/comotion/default/{topic}" in layout
         assert f'"{topic}"' in text

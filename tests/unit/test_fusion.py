@@ -8,6 +8,7 @@ from comotion_schemas import encode
 
 from .. import builders
 from ..builders import MS, T0, S
+from ..builders import by_feature as tracks_of
 
 
 @pytest.fixture(params=["comotion", "thesis"])
@@ -34,13 +35,6 @@ def run(fusion, start, stop, *, session="a" * 16, first_seq=0, rate=15):
         fusion.ingest(batch("cam", first_seq + k, now, two_bodies(t), session=session))
         updates.append(fusion.update(now))
     return updates
-
-
-def tracks_of(update):
-    return {
-        (update.sources[s].name, int(i)): int(h)
-        for s, i, h in zip(update.track_source, update.track_id, update.track_hypothesis, strict=True)
-    }
 
 
 def test_two_bodies_become_two_hypotheses_with_stable_ids(config):
@@ -92,10 +86,8 @@ def test_the_order_of_arrival_across_sources_does_not_matter(config):
         fusion = Fusion(config)
         for k in range(45):
             now = T0 + k * 66 * MS
-            pair = [
-                batch("left", k, now - 20 * MS, two_bodies(k * 0.066)[:4]),
-                batch("right", k, now, two_bodies(k * 0.066)[4:]),
-            ]
+            seen = two_bodies(k * 0.066)
+            pair = batch("left", k, now - 20 * MS, seen[:4]), batch("right", k, now, seen[4:])
             for index in order:
                 fusion.ingest(pair[index])
             yield encode(fusion.update(now))

@@ -28,10 +28,6 @@ def scene():
     return tracks, seen
 
 
-def log_odds(truth):
-    return np.where(truth, 4.0, -4.0)
-
-
 # Arrays as the demos and predictors of a tracker give them.
 FORMS = {
     "CoTracker": lambda x, seen: {"pred_tracks": x[None], "pred_visibility": seen[None, ..., None]},
@@ -39,19 +35,12 @@ FORMS = {
     "TAPIR": lambda x, seen: {"tracks": x.swapaxes(0, 1), "visibles": seen.T},
     "TAPIR, as it leaves the network": lambda x, seen: {
         "tracks": x.swapaxes(0, 1)[None],
-        "occlusion": log_odds(~seen.T)[None],
+        "occlusion": np.where(seen.T, -4.0, 4.0)[None],
         "expected_dist": np.full((1, POINTS, FRAMES), -9.0),
     },
-    "TAP-Vid": lambda x, seen: {
-        "points": x.swapaxes(0, 1),
-        "occluded": ~seen.T,
-        "query_points": np.zeros((POINTS, 3)),
-    },
+    "TAP-Vid": lambda x, seen: {"points": x.swapaxes(0, 1), "occluded": ~seen.T, "query_points": np.eye(3)},
     "PointOdyssey": lambda x, seen: {"trajs_2d": x, "visibs": seen},
-    "points first, said by nothing": lambda x, seen: {
-        "tracks": x.swapaxes(0, 1),
-        "visibility": seen.T.astype(np.uint8),
-    },
+    "points first": lambda x, seen: {"tracks": x.swapaxes(0, 1), "visibility": seen.T.astype(np.uint8)},
     "frames first, said by the times": lambda x, seen: {
         "tracks": x,
         "visibles": seen,
@@ -139,8 +128,8 @@ def test_segment_groups_tracks_of_another_tracker(scene, tmp_path, capsys):
 def test_segment_draws_tracks_on_the_frames_of_their_video(scene, tmp_path, capsys, caplog):
     tracks, seen = scene
     np.savez(tmp_path / "apple.npz", pred_tracks=tracks[:-4], pred_visibility=seen[:-4])
+    (tmp_path / "images").mkdir()
     for k in range(FRAMES):
-        (tmp_path / "images").mkdir(exist_ok=True)
         cv2.imwrite(str(tmp_path / "images" / f"{k:04d}.png"), np.full((120, 160, 3), 200, np.uint8))
     out = tmp_path / "out"
     call = ["segment", str(tmp_path / "images"), "--tracks", str(tmp_path / "apple.npz"), "--rate", "10"]
@@ -150,13 +139,11 @@ def test_segment_draws_tracks_on_the_frames_of_their_video(scene, tmp_path, caps
     assert len(drawn) == FRAMES - 4
     assert cv2.imread(str(drawn[-1])).shape == (120, 160, 3)
     capsys.readouterr()
-    assert run([*call, "--max-features", "9"]) == 2
-    assert "--max-features is of our own tracker" in capsys.readouterr().err
-    assert run([*call, "--fps", "9"]) == 2
-    assert "has a rate of its own" in capsys.readouterr().err
-
-
-def test_segment_wants_tracks_in_an_image(tmp_path, capsys):
     np.savez(tmp_path / "room.npz", tracks_XYZ=np.ones((9, 4, 3)), fps=30)
-    assert run(["segment", "--tracks", str(tmp_path / "room.npz"), "--json"]) == 2
-    assert "in an image they are in px" in capsys.readouterr().err
+    for words, told in (
+        ([*call, "--max-features", "9"], "--max-features is of our own tracker"),
+        ([*call, "--fps", "9"], "has a rate of its own"),
+        (["segment", "--tracks", str(tmp_path / "room.npz")], "in an image they are in px"),
+    ):
+        assert run(words) == 2
+        assert told in capsys.readouterr().err

@@ -134,15 +134,30 @@ def names_after(*updates, given=None):
     return dict(names)
 
 
-def test_a_body_is_called_by_the_link_that_moves_with_it():
-    assert names_after(held(3, 2)) == {3: "elbow", 2: "tool"}
-    # One that holds both has the name of the last.
-    assert names_after(held(2, 2)) == {2: "tool"}
+# The robot is late: no feature of it is in this update.
+LATE = replace(held(), hypotheses=held(3, 2).hypotheses)
+# What holds the features elbow and tool in each update, and the names then.
+NAMED = {
+    "by the link that moves with it": ([held(3, 2)], {3: "elbow", 2: "tool"}),
+    "one that holds both has the name of the last": ([held(2, 2)], {2: "tool"}),
+    "not what rests with the background": ([held(1, 2)], {2: "tool"}),
+    "not by ids of another session": ([held(1, 2, session="1" * 16)], {}),
+    "while nobody holds the feature": ([held(3, 2), LATE], {3: "elbow", 2: "tool"}),
+    "until another body holds it": ([held(3, 2), held(2, 2)], {2: "tool"}),
+    "both part": ([held(2, 2), held(2, 3)], {2: "elbow", 3: "tool"}),
+    "the one that keeps a link keeps its name": ([held(3, 2), held(3, 3)], {3: "elbow"}),
+}
+
+
+@pytest.mark.parametrize(("updates", "expected"), NAMED.values(), ids=NAMED)
+def test_a_body_is_called(updates, expected):
+    assert names_after(*updates) == expected
+    # What a person gives comes first.
+    assert names_after(*updates, given={2: "gripper"})[2] == "gripper"
 
 
 def test_what_rests_with_the_background_gives_it_no_name():
     found = held(1, 2)
-    assert names_after(found) == {2: "tool"}
     # At first it is not known that it rests.
     soon = [replace(h, state="undetermined", born_ns=found.stamp_ns) for h in found.hypotheses]
     assert names_after(replace(found, hypotheses=soon)) == {}
@@ -154,20 +169,6 @@ def test_a_body_that_is_linked_to_one_with_a_name_has_it_too():
     found = replace(found, hypotheses=[*found.hypotheses[:3], image])
     assert names_after(found) == {3: "elbow", 2: "tool", image.id: "tool"}
     assert names_after(found, given={2: "door"})[image.id] == "door"
-
-
-def test_a_name_stays_until_another_body_holds_the_feature():
-    # The robot is late: no feature of it is in this update.
-    late = replace(held(), hypotheses=held(3, 2).hypotheses)
-    assert names_after(held(3, 2), late) == {3: "elbow", 2: "tool"}
-    assert names_after(held(3, 2), held(2, 2)) == {2: "tool"}
-    assert names_after(held(2, 2), held(2, 3)) == {2: "elbow", 3: "tool"}
-    assert names_after(held(3, 2), held(3, 3)) == {3: "elbow"}
-
-
-def test_what_a_person_gives_comes_first_and_ids_of_another_session_have_no_names():
-    assert names_after(held(3, 2), given={2: "gripper"}) == {3: "elbow", 2: "gripper"}
-    assert names_after(held(1, 2, session="1" * 16)) == {}
 
 
 def moved(number):
@@ -184,19 +185,6 @@ def test_each_instant_of_a_moving_camera_is_one_line(tmp_path):
     assert np.loadtxt(camera) == pytest.approx(
         np.array([[1.0, 0, 0, 1, 0, 0, 0.5**0.5, 0.5**0.5], [1.1, 0.5, 0, 1, 0, 0, 0.5**0.5, 0.5**0.5]])
     )
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_evo_reads_and_compares_them(tmp_path):
-    files = pytest.importorskip("evo.tools.file_interface")
-    from evo.core import metrics
-
-    save_paths(tmp_path, [moved(k) for k in range(5)])
-    path = files.read_tum_trajectory_file(str(tmp_path / "camera-cam.tum"))
-    assert path.path_length == pytest.approx(2.0)
-    error = metrics.APE(metrics.PoseRelation.full_transformation)
-    error.process_data((path, path))
-    assert error.get_statistic(metrics.StatisticsType.max) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_client_of_foxglove_reads_the_numbers_of_an_update():

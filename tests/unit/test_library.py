@@ -80,10 +80,8 @@ def test_online_groups_the_same_bodies(scene):
 def test_several_sources_are_one_scene(scene):
     positions, times, _ = scene
     found = comotion.group({"a": positions[:, ::2], "b": positions[::2, 1::2]}, {"a": times, "b": times[::2]})
-    assert {name: labels.shape for name, labels in found.by_source.items()} == {
-        "a": positions[:, ::2].shape[:2],
-        "b": positions[::2, 1::2].shape[:2],
-    }
+    shapes = {"a": positions[:, ::2].shape[:2], "b": positions[::2, 1::2].shape[:2]}
+    assert {name: labels.shape for name, labels in found.by_source.items()} == shapes
     shared = set(found.by_source["a"][-1].tolist()) & set(found.by_source["b"][-1].tolist())
     assert len(shared - {-1}) >= 2
     with pytest.raises(ValueError, match="2 sources: use by_source"):
@@ -124,26 +122,27 @@ def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
     assert sum(h.state == "moving" for h in names["update"].hypotheses) == 1
 
 
-def test_a_source_takes_ordinary_data():
-    source = SourcePublisher(
-        "mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:1", drop_invalid=True
-    )
-    sent = []
+def publisher(**options):
+    """A source that is not connected, and what it puts."""
+    source, sent = SourcePublisher("mine", space="world", unit="m", dim=3, **options), []
     source.put = sent.append
+    return source, sent
+
+
+def test_a_source_takes_ordinary_data():
+    source, sent = publisher(drop_invalid=True)
     source.observe(ids=[5, -1, 6], positions=[[0, 0, 0], [1, 1, 1], [np.inf, 0, 0]], sigma=[0.1, 0.2, 0.3])
     (batch,) = sent
     assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
     assert source.dropped == {"range": 1, "non-finite": 1}
-    strict = SourcePublisher("mine", space="world", unit="m", dim=3)
     with pytest.raises(ValueError, match="id 6 has a position that is infinite"):
-        strict.observe(ids=[5, 6], positions=[[0, 0, 0], [np.inf, 0, 0]])
+        publisher()[0].observe(ids=[5, 6], positions=[[0, 0, 0], [np.inf, 0, 0]])
     with pytest.raises(ValueError, match="connect or settings"):
         SourcePublisher("mine", space="w", unit="m", dim=3, connect="tcp/x:1", settings=SessionSettings())
 
 
 def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
-    source = SourcePublisher("mine", space="world", unit="m", dim=3)
-    source.put = [].append
+    source, _ = publisher()
     places = np.random.default_rng(0).normal(size=(9, 3)) + np.array([5e5, 4.2e6, 0])
     for k in range(2):
         source.observe(ids=range(9), positions=places, stamp_ns=k)
@@ -152,9 +151,7 @@ def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
 
 
 def test_a_batch_of_several_instants_repeats_ids_and_drops_rows():
-    source = SourcePublisher("mine", space="world", unit="m", dim=3, drop_invalid=True)
-    sent = []
-    source.put = sent.append
+    source, sent = publisher(drop_invalid=True)
     points = [[0, 0, 0], [0, 0, 1], [0, np.nan, 2]]
     source.observe(ids=[5, 5, 5], positions=points, stamp_ns=30, stamps_ns=[10, 20, 30])
     (batch,) = sent

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import HypothesisUpdate, ObservationBatch
 
-from ..builders import T0, S, batch
+from ..builders import T0, S, batch, play, restored
 
 SECONDS = float(os.environ.get("COMOTION_NUMERICS_S", "60"))
 RATE = 30
 
 
-def observe(k: int, offset: float = 0.0, count: int = 6) -> ObservationBatch:
+def observe(k, offset=0.0, count=6):
     """A body that rests and one that swings and turns, with noise of 1 mm, as float32 metres."""
     t = k / RATE
     shape = np.random.default_rng(0).uniform(-0.3, 0.3, (2, count, 3))
@@ -28,33 +27,22 @@ def observe(k: int, offset: float = 0.0, count: int = 6) -> ObservationBatch:
 
 
 @pytest.mark.timeout(0 if SECONDS > 600 else 120)
-def test_sums_that_are_kept_up_to_date_are_those_computed_anew() -> None:
+def test_sums_that_are_kept_up_to_date_are_those_computed_anew():
     config = FusionConfig(method="thesis", window=2.0)
     fusion = Fusion(config)
-    for k in range(round(SECONDS * RATE)):
-        seen = observe(k, count=2)
-        fusion.ingest(seen)
-        if k % 10 == 9:
-            fusion.update(seen.stamp_ns)
-    anew = Fusion.restore(config, fusion.snapshot())
+    updates = play(fusion, range(round(SECONDS * RATE)), lambda k, _: observe(k, count=2), every=10)
+    anew = restored(fusion)
     for one in (fusion, anew):
-        one.update(seen.stamp_ns)
+        one.update(updates[-1].published_ns)
     np.testing.assert_allclose(fusion.affinity("world").matrix, anew.affinity("world").matrix, atol=1e-4)
 
 
-def run(method: str, offset: float) -> HypothesisUpdate:
-    fusion = Fusion(FusionConfig(method=method, window=4.0))
-    for k in range(150):
-        seen = observe(k, offset)
-        fusion.ingest(seen)
-        if k % 3 == 2:
-            update = fusion.update(seen.stamp_ns)
-    return update
-
-
 @pytest.mark.parametrize("method", ["comotion", "thesis"])
-def test_a_kilometre_from_the_origin_bodies_are_the_same(method: str) -> None:
-    near, far = run(method, 0.0), run(method, 1000.0)
+def test_a_kilometre_from_the_origin_bodies_are_the_same(method):
+    near, far = (
+        play(Fusion(FusionConfig(method=method, window=4.0)), range(150), observed, every=3)[-1]
+        for observed in (lambda k, _: observe(k), lambda k, _: observe(k, 1000.0))
+    )
     assert len(set(near.track_hypothesis.tolist())) == 2
     # Which body has the smaller id is the same too: the order of births is that of the features.
     assert near.track_hypothesis.tolist() == far.track_hypothesis.tolist()

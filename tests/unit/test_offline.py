@@ -3,7 +3,6 @@
 import io
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,47 +11,25 @@ from rich.console import Console
 from comotion import Fusion, FusionConfig
 from comotion_experiments.evaluate import as_json, averages, evaluate_inputs, overall, table
 from comotion_experiments.inputs import find_inputs
-from comotion_experiments.offline import Run, run_offline
+from comotion_experiments.offline import run_offline
 from comotion_experiments.plot import Trace, save_plot
 from comotion_schemas import ObservationBatch
 from comotion_schemas.codec import encode
 from comotion_schemas.colours import Palette
 from comotion_sources import simulator
 
+from ..builders import TWO_BODIES
+
 CONFIG = FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None})
-SCENE = """
-title = "two bodies, one moves"
-dim = 2
-duration = 2.0
-[[bodies]]
-name = "ground"
-features = 5
-size = [1.0, 1.0]
-sigma = 0.001
-motion = { kind = "rest", at = [0.5, 0.5] }
-[[bodies]]
-name = "box"
-features = 4
-size = [0.2, 0.2]
-sigma = 0.001
-motion = { kind = "key-states", states = [[0, 0.2, 0.5, 0], [2, 0.8, 0.5, 0]] }
-"""
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "two.toml"
-    path.write_text(SCENE)
-    return path
+def messages(rates=None):
+    return list(simulator.batches(simulator.simulate(simulator.load_scene(TWO_BODIES), seed=3, rates=rates)))
 
 
-def messages(scene: Path, rates: list[float] | None = None) -> list:
-    return list(simulator.batches(simulator.simulate(simulator.load_scene(scene), seed=3, rates=rates)))
-
-
-def test_every_update_sees_what_was_stamped_until_then(scene: Path) -> None:
+def test_every_update_sees_what_was_stamped_until_then():
     """The same as a plain loop over the clock, bit for bit."""
-    sent = messages(scene, [15.0, 40.0])
+    sent = messages([15.0, 40.0])
     found: list[bytes] = []
     run_offline(sent, CONFIG, period=0.25, on_update=lambda u, _: found.append(encode(u)))
 
@@ -68,17 +45,17 @@ def test_every_update_sees_what_was_stamped_until_then(scene: Path) -> None:
     assert found == expected
 
 
-def test_what_cannot_run_is_refused(scene: Path) -> None:
+def test_what_cannot_run_is_refused():
     with pytest.raises(ValueError, match="no observation"):
         run_offline([], CONFIG)
     with pytest.raises(ValueError, match="not above 0"):
-        run_offline(messages(scene), CONFIG, period=0.0)
+        run_offline(messages(), CONFIG, period=0.0)
     with pytest.raises(ValueError, match="too short"):
-        run_offline(messages(scene), CONFIG, duration=0.05)
+        run_offline(messages(), CONFIG, duration=0.05)
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     """Three markers at rest and three that move; one of each is not labelled."""
     rng = np.random.default_rng(0)
     times = np.arange(60) / 30
@@ -89,14 +66,11 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> None:
-    inputs = find_inputs([f"sim:{scene}", str(recording)], seeds=[0, 1])
+def test_recordings_and_scenes_are_evaluated(recording):
+    inputs = find_inputs([f"sim:{TWO_BODIES}", str(recording)], seeds=[0, 1])
     results = evaluate_inputs(inputs, CONFIG, period=0.25)
-    assert [(r.name, r.seed) for r in results] == [
-        (f"sim:{scene}", 0),
-        (f"sim:{scene}", 1),
-        (str(recording), None),
-    ]
+    scene = f"sim:{TWO_BODIES}"
+    assert [(r.name, r.seed) for r in results] == [(scene, 0), (scene, 1), (str(recording), None)]
     assert all(r.summary.final_nmi == 1.0 for r in results)
     # The two markers without a label are grouped but never scored.
     assert results[2].summary.mean_objects == 2
@@ -117,7 +91,7 @@ def test_recordings_and_scenes_are_evaluated(scene: Path, recording: Path) -> No
     assert {len(row) for row in everything.rows} == {len(everything.titles)}
 
 
-def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) -> None:
+def test_a_recording_without_truth_has_hypotheses_but_no_score(recording):
     with np.load(recording) as content:
         np.savez(recording, positions=content["positions"], times=content["times"])
     (result,) = evaluate_inputs(find_inputs([str(recording)]), CONFIG)
@@ -126,33 +100,21 @@ def test_a_recording_without_truth_has_hypotheses_but_no_score(recording: Path) 
     assert as_json([result], CONFIG, None)["runs"][0]["mean_nmi"] is None
 
 
-def traced(scene: str, duration: float, *, keep_truth: bool = True) -> tuple[Run, Trace]:
-    trace = Trace()
-    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
-    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
-    return run_offline(messages, CONFIG, duration=duration, on_update=trace.add), trace
-
-
-def palette_of(trace: Trace) -> Palette:
-    palette = Palette()
-    for update in trace.updates:
-        palette.see(update.hypotheses)
-    return palette
-
-
 @pytest.mark.parametrize(("scene", "keep_truth"), [("fig4_1", True), ("3d_2", True), ("fig4_1", False)])
-def test_a_run_is_drawn(tmp_path: Path, scene: str, keep_truth: bool) -> None:
+def test_a_run_is_drawn(tmp_path, scene, keep_truth):
     cv2 = pytest.importorskip("cv2")
     pytest.importorskip("matplotlib")
-    done, trace = traced(scene, 1.5, keep_truth=keep_truth)
-    path = tmp_path / "new" / "run.png"
+    trace, path = Trace(), tmp_path / "new" / "run.png"
+    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
+    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
+    done = run_offline(messages, CONFIG, duration=1.5, on_update=trace.add)
     save_plot(path, "a run", trace, done)
     image = cv2.imread(str(path))
     assert image.shape[1] == 1200
     assert image.shape[0] == (960 if keep_truth else 640)
     # Some points have the colour of a hypothesis.
-    blue, green, red = image[..., 0], image[..., 1], image[..., 2]
-    ids = np.unique(trace.updates[-1].track_hypothesis).tolist()
-    palette = palette_of(trace)
-    for wanted in (palette.colour(i) for i in ids):
-        assert ((red == wanted[0]) & (green == wanted[1]) & (blue == wanted[2])).sum() > 20
+    palette = Palette()
+    for update in trace.updates:
+        palette.see(update.hypotheses)
+    for one in np.unique(trace.updates[-1].track_hypothesis).tolist():
+        assert (image[..., ::-1] == palette.colour(one)).all(axis=2).sum() > 20

@@ -4,7 +4,6 @@ import json
 import os
 import stat
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -20,13 +19,13 @@ from comotion_schemas.transport import SessionSettings, client_settings, zenoh_c
 NAMES = st.from_regex(r"[a-z0-9_-]{1,64}", fullmatch=True)
 
 
-def grant(role: str, name: str, **changes) -> Grant:
+def grant(role, name, **changes):
     sources = (name,) if role == "source" else ()
     return Grant(**({"role": role, "name": name, "common_name": "c", "sources": sources} | changes))
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     authority = Authority.create(tmp_path / "pki")
     authority.issue(grant("router", "hall"), hosts=("localhost", "127.0.0.1"))
     authority.issue(grant("source", "cam"))
@@ -34,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @given(role=st.sampled_from(ROLES), names=st.lists(NAMES, min_size=1, max_size=4), scene=NAMES | st.just("*"))
-def test_a_certificate_carries_its_whole_grant(role, names, scene) -> None:
+def test_a_certificate_carries_its_whole_grant(role, names, scene):
     sources = tuple(names) if role == "source" else ()
     original = Grant(role=role, name=names[0], common_name="a.1", scene=scene, sources=sources, rate=30.0)
     assert grant_from_uris(original.uris(), "a.1") == original
@@ -54,12 +53,12 @@ def test_a_certificate_carries_its_whole_grant(role, names, scene) -> None:
         [uri.replace("scene:default", "scene:a/b") for uri in grant("viewer", "v").uris()],
     ],
 )
-def test_a_certificate_that_says_something_else_grants_nothing(uris) -> None:
+def test_a_certificate_that_says_something_else_grants_nothing(uris):
     with pytest.raises(ValueError, match=r".+"):
         grant_from_uris(uris, "a.1")
 
 
-def test_keys_are_for_their_owner_alone_from_the_first_moment(folder) -> None:
+def test_keys_are_for_their_owner_alone_from_the_first_moment(folder):
     previous = os.umask(0)
     try:
         Authority(folder).issue(grant("viewer", "laptop"))
@@ -71,7 +70,7 @@ def test_keys_are_for_their_owner_alone_from_the_first_moment(folder) -> None:
     assert stat.S_IMODE((folder / "laptop").stat().st_mode) == 0o700
 
 
-def test_nothing_is_overwritten_unless_told(folder) -> None:
+def test_nothing_is_overwritten_unless_told(folder):
     with pytest.raises(ValueError, match="exists"):
         Authority(folder).issue(grant("source", "cam"))
     with pytest.raises(ValueError, match="has an authority"):
@@ -80,10 +79,10 @@ def test_nothing_is_overwritten_unless_told(folder) -> None:
         Authority(folder).issue(grant("source", "new"), renew=True)
 
 
-def test_a_renewed_certificate_is_known_to_routers_by_the_same_name_and_a_new_issue_is_not(folder) -> None:
+def test_a_renewed_certificate_is_known_to_routers_by_the_same_name_and_a_new_issue_is_not(folder):
     authority = Authority(folder)
 
-    def common_name() -> str:
+    def common_name():
         return next(e.grant.common_name for e in authority.issued() if e.folder.name == "cam")
 
     first, key = common_name(), (folder / "cam" / "component.key").read_bytes()
@@ -97,7 +96,7 @@ def test_a_renewed_certificate_is_known_to_routers_by_the_same_name_and_a_new_is
     assert common_name() != first
 
 
-def test_only_valid_certificates_of_this_authority_are_trusted(folder, tmp_path) -> None:
+def test_only_valid_certificates_of_this_authority_are_trusted(folder, tmp_path):
     stranger = Authority.create(tmp_path / "other")
     stranger.issue(grant("source", "spy"))
     (stranger.folder / "spy").rename(folder / "spy")
@@ -116,14 +115,12 @@ def test_only_valid_certificates_of_this_authority_are_trusted(folder, tmp_path)
     assert "another authority" in problems["spy"]
 
 
-def test_the_host_of_a_router_gets_all_certificates_and_no_key_but_its_own(folder, tmp_path) -> None:
+def test_the_host_of_a_router_gets_all_certificates_and_no_key_but_its_own(folder, tmp_path):
     export(folder, "hall", tmp_path / "host")
     assert {p.name for p in (tmp_path / "host").rglob("*.key")} == {"component.key"}
     assert [p.parent.name for p in (tmp_path / "host").rglob("*.key")] == ["hall"]
-    assert {e.folder.name: e.problem for e in Authority(tmp_path / "host").issued()} == {
-        "hall": "",
-        "cam": "",
-    }
+    problems = {e.folder.name: e.problem for e in Authority(tmp_path / "host").issued()}
+    assert problems == {"hall": "", "cam": ""}
     with pytest.raises(ValueError, match="where the authority is"):
         Authority(tmp_path / "host").issue(grant("viewer", "laptop"))
     export(folder, "cam", tmp_path / "robot")
@@ -131,23 +128,19 @@ def test_the_host_of_a_router_gets_all_certificates_and_no_key_but_its_own(folde
     assert load_tls(tmp_path / "robot" / "cam").identity.name == "cam"
 
 
-def test_a_process_with_the_wrong_certificate_says_so_at_once(folder) -> None:
+def test_a_process_with_the_wrong_certificate_says_so_at_once(folder):
     identity = load_tls(folder / "cam").identity
     identity.check("source", "cam", "default")
-    for role, name, scene in [
-        ("service", "cam", "default"),
-        ("source", "x", "default"),
-        ("source", "cam", "x"),
-    ]:
+    for of in (("service", "cam", "default"), ("source", "x", "default"), ("source", "cam", "x")):
         with pytest.raises(ValueError, match="the certificate of source 'cam' is"):
-            identity.check(role, name, scene)
+            identity.check(*of)
     with pytest.raises(ValueError, match="is not encrypted"):
         client_settings(["tcp/127.0.0.1:1"], folder / "cam")
     with pytest.raises(ValueError, match="needs a certificate"):
         SessionSettings(connect=("tls/127.0.0.1:1",))
 
 
-def test_an_expired_or_incomplete_folder_is_an_error(folder, caplog, monkeypatch) -> None:
+def test_an_expired_or_incomplete_folder_is_an_error(folder, caplog, monkeypatch):
     Authority(folder).issue(grant("viewer", "old"), days=-1)
     with pytest.raises(ValueError, match="expired on"):
         load_tls(folder / "old")
@@ -159,17 +152,16 @@ def test_an_expired_or_incomplete_folder_is_an_error(folder, caplog, monkeypatch
         load_tls(folder / "hall")
 
 
-def test_the_environment_names_the_folder_where_no_option_does(folder, monkeypatch) -> None:
+def test_the_environment_names_the_folder_where_no_option_does(folder, monkeypatch):
     monkeypatch.setenv("COMOTION_TLS", str(folder / "cam"))
     settings = client_settings()
     assert list(settings.connect) == ["tls/localhost:7447"]
-    assert zenoh_config(settings)["transport"]["link"]["tls"]["connect_private_key"].endswith(
-        "cam/component.key"
-    )
+    link = zenoh_config(settings)["transport"]["link"]
+    assert link["tls"]["connect_private_key"].endswith("cam/component.key")
     assert client_settings(tls=folder / "hall").tls != settings.tls
 
 
-def test_the_list_shows_expiry_and_says_by_its_status_whether_to_look(folder, capsys) -> None:
+def test_the_list_shows_expiry_and_says_by_its_status_whether_to_look(folder, capsys):
     assert run(["pki", "list", str(folder), "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["components"]}
     assert rows["cam"]["role"] == "source"
@@ -194,5 +186,5 @@ def test_the_list_shows_expiry_and_says_by_its_status_whether_to_look(folder, ca
         (":9100", False),
     ],
 )
-def test_loopback_addresses(address, expected) -> None:
+def test_loopback_addresses(address, expected):
     assert is_loopback(address) is expected

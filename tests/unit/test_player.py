@@ -90,16 +90,8 @@ def frames(count, rate=10.0, ended=()):
 
 
 def stream(count=11, rate=10.0, name="s", **options):
-    return Stream(
-        name=name,
-        space="world",
-        unit="m",
-        dim=2,
-        objects={4: "G"},
-        rate=rate,
-        length=1.0,
-        frames=frames(count, rate, **options),
-    )
+    usual = {"space": "world", "unit": "m", "dim": 2, "objects": {4: "G"}, "length": 1.0}
+    return Stream(name=name, rate=rate, frames=frames(count, rate, **options), **usual)
 
 
 def batch(source, seq, stamp_ns, **fields):
@@ -171,45 +163,35 @@ def test_each_frame_goes_out_when_it_is_due_with_that_stamp_after_the_truth():
     assert sink.sessions == 1
 
 
-def test_a_loop_is_a_new_session_with_stamps_that_go_on():
-    sink = play(loop=True, stop_at=(2, 0.5))
+def test_a_loop_is_a_new_session_with_stamps_that_go_on_until_its_duration_is_over():
+    sink = play(loop=True, duration=2.55)
     # The last instant of a pass is the first one of the next.
     assert sink.seconds() == tenths(0, 25)
     assert [batch.seq for batch in sink.batches()] == [*range(10), *range(10), *range(6)]
-    assert sink.sessions == 3
-    assert len(sink.of(TruthBatch)) == 3
+    assert (sink.sessions, len(sink.of(TruthBatch))) == (3, 3)
 
 
-def test_the_duration_ends_it():
-    sink = play(loop=True, duration=1.55)
-    assert sink.seconds() == tenths(0, 15)
+ALIGNED = {"start_at": "aligned", "loop": True, "stop_at": (1, 0.4)}
+STARTS = {
+    "in the future, which is waited for": ({"start_at": NOW + 30}, [30 + t for t in tenths(0, 10)]),
+    "before, in the middle": ({"start_at": NOW - 0.55}, [t - 0.55 for t in tenths(4, 10)]),
+    "before, in the pass that is going on": (
+        {"start_at": NOW - 7.45, "loop": True, "stop_at": (8, 0.0)},
+        [t - 0.45 for t in tenths(3, 9)],
+    ),
+    "aligned": ({"start_at": "aligned", "wall": NOW + 0.27}, [1 + t for t in tenths(0, 10)]),
+    "aligned, in a loop": (ALIGNED | {"wall": NOW + 0.27}, tenths(1, 14)),
+    "aligned, of another process": (ALIGNED | {"wall": NOW + 0.61}, tenths(5, 14)),
+}
 
 
-def test_a_start_in_the_future_is_waited_for():
-    assert play(start_at=NOW + 30).seconds() == [30 + t for t in tenths(0, 10)]
-
-
-def test_a_process_that_comes_later_joins_in_the_middle():
-    sink = play(start_at=NOW - 0.55)
-    assert sink.seconds()[0] == pytest.approx(-0.15)
-    assert sink.seconds()[-1] == pytest.approx(0.45)
-    assert [batch.seq for batch in sink.batches()] == list(range(7))
+@pytest.mark.parametrize(("how", "seconds"), STARTS.values(), ids=STARTS)
+def test_a_start(how, seconds):
+    schedule = dict(how)
+    sink = play(clock=SimulatedClock(schedule.pop("wall", NOW)), **schedule)
+    assert sink.seconds() == pytest.approx(seconds)
+    assert [batch.seq for batch in sink.batches()][:5] == list(range(5))
     assert sink.left_out == {}
-
-
-def test_a_looping_process_that_comes_later_joins_the_pass_that_is_going_on():
-    sink = play(start_at=NOW - 7.45, loop=True, stop_at=(8, 0.0))
-    assert sink.seconds() == [round(t - 0.45, 6) for t in tenths(3, 9)]
-
-
-def test_sources_that_start_aligned_are_in_phase():
-    starts = set()
-    for clock in (SimulatedClock(NOW + 0.27), SimulatedClock(NOW + 0.61)):
-        sink = play(clock=clock, start_at="aligned", loop=True, stop_at=(1, 0.4))
-        starts |= {batch.stamp_ns % 1_000_000_000 for batch in sink.batches()}
-    assert starts == {k * 100_000_000 for k in range(10)}
-    waits = play(clock=SimulatedClock(NOW + 0.27), start_at="aligned")
-    assert waits.seconds() == [1 + t for t in tenths(0, 10)]
 
 
 def test_a_source_that_was_held_up_goes_on_with_fresh_instants():
@@ -232,22 +214,14 @@ def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
             return super().wait(stop, seconds)
 
     clock = Stepped()
-    sink = play(clock=clock)
-    assert sink.seconds() == tenths(0, 10)
+    assert play(clock=clock).seconds() == tenths(0, 10)
     assert clock.passed == pytest.approx(1.0)
 
 
-def test_several_streams_go_out_in_time_order():
-    clock = SimulatedClock()
-    streams = [stream(11, 10.0, name="slow"), stream(26, 25.0, name="fast")]
-    sink = play(*streams, clock=clock, loop=True, duration=1.95)
-    assert len(sink.batches("slow")) == 20
-    assert len(sink.batches("fast")) == 49
-    assert sink.sessions == 4
+def test_several_streams_go_out_in_time_order_and_one_without_frames_takes_its_time():
+    sink = play(stream(11, 10.0, name="slow"), stream(26, 25.0, name="fast"), loop=True, duration=1.95)
+    assert (len(sink.batches("slow")), len(sink.batches("fast")), sink.sessions) == (20, 49, 4)
     assert sink.seconds() == sorted(sink.seconds())
-
-
-def test_a_loop_over_a_stream_without_frames_takes_its_time():
     sink = play(stream(0), loop=True, duration=5.5)
     assert sink.batches() == []
     assert sink.clock.passed == pytest.approx(5.5)
@@ -354,15 +328,10 @@ def test_a_pause_puts_everything_off(stamps):
             assert (NOW + at) - b.stamp_ns / 1e9 == pytest.approx(0.02, abs=0.001)
 
 
-@pytest.mark.parametrize(
-    "schedule", [{"speed": 0.0}, {"speed": 1001.0}, {"start": 2.0, "end": 1.0}, {"start": -1.0}], ids=str
-)
-def test_a_schedule_that_makes_no_sense_is_refused(schedule):
-    with pytest.raises(ValueError, match=r"speed|the end of what"):
-        Schedule(**schedule)
-
-
-def test_a_start_behind_the_end_is_refused():
+def test_a_schedule_that_makes_no_sense_is_refused():
+    for schedule in ({"speed": 0.0}, {"speed": 1001.0}, {"start": 2.0, "end": 1.0}, {"start": -1.0}):
+        with pytest.raises(ValueError, match=r"speed|the end of what"):
+            Schedule(**schedule)
     with pytest.raises(ValueError, match=r"is only .* s long"):
         play(log=Log(scene()), start=100.0)
 

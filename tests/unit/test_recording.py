@@ -118,41 +118,27 @@ def test_every_file_of_a_rotation_is_whole(tmp_path, options):
     assert others == sorted(item for item in as_read(SCENE) if "/truth/" not in item[0])
 
 
-class FullDisk:
-    """A disk that takes so many bytes and then no more, or fails in another way."""
+def fill_up(monkeypatch, space, error):
+    """Let the disk take so many bytes and then no more."""
+    write, left = os.write, [space]
 
-    def __init__(self, monkeypatch, space, error=errno.ENOSPC):
-        self.space, self.error = space, error
-        self._write = os.write
-        monkeypatch.setattr(disk.os, "write", self.write)
-
-    def write(self, descriptor, data):
-        taken = min(self.space, len(data))
+    def limited(descriptor, data):
+        taken = min(left[0], len(data))
         if not taken and len(data):
-            raise OSError(self.error, os.strerror(self.error))
-        self.space -= taken
-        return self._write(descriptor, data[:taken])
+            raise OSError(error, os.strerror(error))
+        left[0] -= taken
+        return write(descriptor, data[:taken])
 
-
-def fill(path):
-    """Record until the disk is full; answers with how many of the scene were flushed before."""
-    series = Series(SeriesOptions(path=path, scene="lab", reserve_bytes=0))
-    flushed = 0
-    for number, arrival in enumerate(SCENE, 1):
-        series.add(arrival)
-        if number % 50 == 0:
-            series.flush()
-            flushed = number
-    pytest.fail(f"the disk took all {flushed}")
+    monkeypatch.setattr(disk.os, "write", limited)
 
 
 @pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 def test_a_write_that_fails_leaves_whole_chunks_for_a_repair(tmp_path, monkeypatch, error):
     path = tmp_path / "take.mcap"
     with monkeypatch.context() as patch:
-        FullDisk(patch, 40_000, error)
+        fill_up(patch, 40_000, error)
         with pytest.raises(StorageError, match="no index: comotion record --repair") as raised:
-            fill(path)
+            record(path)
     assert os.strerror(error) in str(raised.value)
     repaired = repair(path, tmp_path / "whole.mcap")
     assert (repaired.damaged, repaired.skipped) == (0, 0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import UNDETERMINED, Box, HypothesisUpdate, Joint, Pose, SourceRef, Twist
+from comotion_schemas import UNDETERMINED, Box, Joint, Pose, SourceRef, Twist
 
 from .. import builders
 from ..builders import SESSION, S, hypothesis
@@ -46,7 +46,7 @@ def reader():
     return store
 
 
-def update(count: int = 6, stamp_ns: int = 5 * S + 250) -> HypothesisUpdate:
+def update(count=6, stamp_ns=5 * S + 250):
     """A body that turns about z above a background at rest, a feature of neither, and one of an image."""
     half = float(np.sqrt(0.5))
     body = hypothesis(
@@ -87,7 +87,7 @@ def read():
     return found
 
 
-def numbers(value) -> list[float]:
+def numbers(value):
     return [getattr(value, name) for name in "xyzw" if hasattr(value, name)]
 
 
@@ -126,9 +126,8 @@ def test_the_cloud_has_labels_and_only_what_is_in_metres(read):
     (cloud,) = read["/comotion/my_lab/features"]
     fields = {f.name: (f.offset, f.datatype) for f in cloud.fields}
     assert fields["label"] == (12, 6)
-    rows = [
-        cloud.data.tobytes()[k : k + cloud.point_step] for k in range(0, cloud.row_step, cloud.point_step)
-    ]
+    step, data = cloud.point_step, cloud.data.tobytes()
+    rows = [data[k : k + step] for k in range(0, cloud.row_step, step)]
     assert [struct.unpack_from("<fff", row)[0] for row in rows] == [0, 1, 2, 3, 4, 5]
     assert [struct.unpack_from("<I", row, 12)[0] for row in rows] == [7, 7, 1, 1, *[UNDETERMINED] * 2]
     shades = [struct.unpack_from("<I", row, fields["rgb"][0])[0] for row in rows]
@@ -191,12 +190,8 @@ def test_in_a_frame_that_moves_all_is_in_its_axes():
     half = float(np.sqrt(0.5))
     frame = Pose(translation=[1.0, 0.0, 0.0], rotation=[0.0, 0.0, half, half])
     still = Pose(translation=[0.0] * 3, rotation=[0.0, 0.0, 0.0, 1.0])
-    given = update()
-    carried = replace(
-        given,
-        frames={"world": frame},
-        hypotheses=[replace(h, pose=still) if h.id == 7 else h for h in given.hypotheses],
-    )
+    bodies = [replace(h, pose=still) if h.id == 7 else h for h in update().hypotheses]
+    carried = replace(update(), frames={"world": frame}, hypotheses=bodies)
     store = reader()
     raw = next(to_cdr(m, k) for topic, k, m in Converter("my-lab").convert(carried) if topic == "/tf")
     at = {t.child_frame_id: t.transform for t in store.deserialize_cdr(raw, TF).transforms}

@@ -23,6 +23,8 @@ from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, Tracks
 from comotion_sources.klt.observer import Observer, choose_space
 
+from ..pictures import moving_board
+
 FRAMES, SHAPE = 24, (120, 160)
 
 
@@ -30,12 +32,8 @@ FRAMES, SHAPE = 24, (120, 160)
 def folder(tmp_path_factory) -> Path:
     """Images at 10 Hz of a patch that moves to the right before a background at rest."""
     path = tmp_path_factory.mktemp("images")
-    rng = np.random.default_rng(0)
-    texture = [cv2.GaussianBlur(rng.integers(0, 255, SHAPE, np.uint8), (0, 0), 1.5) * 2 for _ in range(2)]
     for k in range(FRAMES):
-        image = texture[0].copy()
-        image[30:90, 10 + 3 * k : 70 + 3 * k] = texture[1][30:90, 10:70]
-        cv2.imwrite(str(path / f"{k:04d}.png"), image)
+        cv2.imwrite(str(path / f"{k:04d}.png"), moving_board(k, SHAPE)[0])
     return path
 
 
@@ -56,13 +54,10 @@ def test_every_frame_is_labelled_the_same_on_every_run(folder, tmp_path, capsys)
     assert sorted({int(row["frame"]) for row in rows}) == list(range(FRAMES))
     assert {float(row["time"]) for row in rows if row["frame"] == "10"} == {1.0}
     last = [row for row in rows if row["frame"] == str(FRAMES - 1)]
-    left = 10 + 3 * (FRAMES - 1)
-    inside = [
-        row["hypothesis"]
-        for row in last
-        if left + 8 < float(row["x"]) < left + 52 and 38 < float(row["y"]) < 82
-    ]
-    outside = [row["hypothesis"] for row in last if float(row["x"]) < left - 10]
+    left = 20 + 3 * (FRAMES - 1)
+    places = [(float(row["x"]), float(row["y"]), row["hypothesis"]) for row in last]
+    inside = [one for x, y, one in places if left + 8 < x < left + 52 and 38 < y < 82]
+    outside = [one for x, _, one in places if x < left - 10]
     assert len(set(inside)) == len(set(outside)) == 1
     assert set(inside) != set(outside)
 

@@ -10,6 +10,7 @@ from comotion_sources.simulator import Simulation, batches, load_scene, scene_na
 
 EPOCH_NS = 1_700_000_000_000_000_000
 
+BODIES = {"background": 20, "body 1": 12, "body 2": 12}
 SCENES = {
     # name: (features at the start by object, duration, features in all)
     "fig3_3": ({"R": 20, "G": 20, "P": 20, "Y": 20, "B": 20}, 9.0, 100),
@@ -18,20 +19,16 @@ SCENES = {
     "fig4_3": ({"R": 40, "G": 10}, 12.67, 50),
     "fig4_4": ({"R": 20, "G": 10, "P": 10}, 8.0, 64),
     "3d_2": ({"background": 20, "body 1": 12}, 12.0, 62),
-    "3d_3": ({"background": 20, "body 1": 12, "body 2": 12}, 12.0, 84),
+    "3d_3": (BODIES, 12.0, 84),
     "3d_4": ({"background": 20, "body 1": 12, "body 2": 12, "body 3": 12}, 12.0, 106),
     "3d_5": ({"background": 20, "body 1": 8, "body 2": 8, "body 3": 8, "body 4": 8}, 12.0, 112),
-    "3d_async": ({"background": 20, "body 1": 12, "body 2": 12}, 12.0, 84),
-    "3d_camera": ({"background": 20, "body 1": 12, "body 2": 12}, 12.0, 84),
-    "3d_gaps": ({"background": 20, "body 1": 12, "body 2": 12}, 12.0, 84),
-    "3d_late": ({"background": 20, "body 1": 12, "body 2": 12}, 14.0, 92),
-    "3d_outliers": (
-        {"background": 20, "body 1": 12, "body 2": 12, "outlier 1": 1, "outlier 2": 1},
-        12.0,
-        86,
-    ),
+    "3d_async": (BODIES, 12.0, 84),
+    "3d_camera": (BODIES, 12.0, 84),
+    "3d_gaps": (BODIES, 12.0, 84),
+    "3d_late": (BODIES, 14.0, 92),
+    "3d_outliers": (BODIES | {"outlier 1": 1, "outlier 2": 1}, 12.0, 86),
     "3d_pose": ({"background": 20, "body 1": 13, "body 2": 13}, 12.0, 86),
-    "3d_rotation": ({"background": 20, "body 1": 12, "body 2": 12}, 12.0, 84),
+    "3d_rotation": (BODIES, 12.0, 84),
     "3d_static": ({"background": 44}, 12.0, 84),
 }
 

@@ -15,12 +15,11 @@ POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
 FAR = np.random.default_rng(1).uniform(-1, 1, (40, 3))
 
 
-def batch(source, seq, stamp_ns, positions=POINTS, **fields):
-    return builders.batch(source, seq, stamp_ns, positions, **fields)
+batch = partial(builders.batch, positions=POINTS)
 
 
 def pixels(source, seq, stamp_ns, count):
-    return batch(source, seq, stamp_ns, np.full((count, 2), 7.0), unit="px")
+    return batch(source, seq, stamp_ns, positions=np.full((count, 2), 7.0), unit="px")
 
 
 def rejected(fusion):
@@ -29,12 +28,8 @@ def rejected(fusion):
 
 def test_a_batch_without_rows_claims_no_space():
     fusion = Fusion()
-    update = play(
-        fusion,
-        range(30),
-        lambda k, now: pixels("claims", k, now - MS, 0),
-        partial(batch, "honest"),
-    )[-1]
+    claims = lambda k, now: pixels("claims", k, now - MS, 0)  # noqa: E731
+    update = play(fusion, range(30), claims, partial(batch, "honest"))[-1]
     assert len(update.track_id) == 12
     assert rejected(fusion)["honest"] == {}
     assert rejected(fusion)["claims"]["space-mismatch"] > 25
@@ -92,8 +87,8 @@ def frames(fusion, ticks, *, other):
     updates = play(
         fusion,
         ticks,
-        lambda k, now: batch("honest", k, now, POINTS + np.array([0.01 * k, 0, 0])),
-        lambda k, now: batch("other", k, now, FAR, moving=other),
+        lambda k, now: batch("honest", k, now, positions=POINTS + np.array([0.01 * k, 0, 0])),
+        lambda k, now: batch("other", k, now, positions=FAR, moving=other),
     )
     return updates[-1].frames
 

@@ -76,9 +76,8 @@ def test_confidence_is_the_mean_affinity_to_the_other_members():
     assert ids == scene.update.track_id.tolist()
     for row, track in enumerate(ids):
         mates = [k for k, i in enumerate(ids) if i != track and scene.labels[i] == scene.labels[track]]
-        assert scene.update.track_confidence[row] == pytest.approx(
-            snapshot.matrix[row, mates].mean(), abs=1e-6
-        )
+        expected = snapshot.matrix[row, mates].mean()
+        assert scene.update.track_confidence[row] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_body_that_is_hidden_and_comes_back_within_the_window_keeps_its_id():
@@ -132,12 +131,8 @@ def blocks(sizes, inside=0.9, outside=0.05, noise=0.03, seed=0):
 
 
 def cluster(name, affinity):
-    return clusters(make_clustering(name, STOP), affinity).labels
-
-
-def clusters(clustering, affinity):
     affinity = np.asarray(affinity, np.float32)
-    return clustering(affinity, np.arange(len(affinity)))
+    return make_clustering(name, STOP)(affinity, np.arange(len(affinity))).labels
 
 
 @pytest.mark.parametrize("name", ALL)

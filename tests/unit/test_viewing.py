@@ -6,22 +6,12 @@ import numpy as np
 import pytest
 
 from comotion_clients.scoring import SETTLE_S
+from comotion_clients.viewing import shapes
 from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras
 from comotion_clients.viewing.features import Features
 from comotion_clients.viewing.hypotheses import draw_hypotheses
 from comotion_clients.viewing.picture import ScenePicture
-from comotion_clients.viewing.shapes import (
-    Boxes,
-    Cleared,
-    Document,
-    Entry,
-    Eye,
-    Image,
-    Moment,
-    Number,
-    Points,
-    Shape,
-)
+from comotion_clients.viewing.shapes import Points
 from comotion_schemas import UNDETERMINED, Box, Preview, SourceRef, TruthBatch
 from comotion_schemas.colours import GREY, Palette, colour
 
@@ -31,7 +21,7 @@ from ..builders import SESSION, S, hypothesis
 UP = (0.0, 0.0, 1.0)
 
 
-def update(labels: list[int], stamp_ns: int = S, sources: tuple[str, ...] = ("a",), **fields):
+def update(labels, stamp_ns=S, sources=("a",), **fields):
     """One track per label, ids 10, 11, ...; all of the first source unless told otherwise."""
     usual = {
         "seq": stamp_ns // S,
@@ -41,28 +31,27 @@ def update(labels: list[int], stamp_ns: int = S, sources: tuple[str, ...] = ("a"
     return builders.update(labels, stamp_ns=stamp_ns, **(usual | fields))
 
 
-def batch(source: str = "a", space: str = "world", unit: str = "m", dim: int = 3, **fields):
+def batch(source="a", space="world", unit="m", dim=3, **fields):
     usual = {"stamp_ns": S, "ids": [10, 11], "positions": np.zeros((2, dim))}
     return builders.batch(source, space=space, unit=unit, **(usual | fields))
 
 
-def preview(stamp_ns: int, ids: list[int]) -> Preview:
+def preview(stamp_ns, ids):
     pixels = np.arange(2 * len(ids), dtype=np.float32).reshape(-1, 2)
-    return Preview(
-        source="a", session=SESSION, stamp_ns=stamp_ns, encoding="jpeg", image=b"jpeg", ids=ids, pixels=pixels
-    )
+    picture = {"encoding": "jpeg", "image": b"jpeg", "ids": ids, "pixels": pixels}
+    return Preview(source="a", session=SESSION, stamp_ns=stamp_ns, **picture)
 
 
-def one(shapes: list[Shape], kind: type, path: str) -> Shape:
+def one(shapes, kind, path):
     (found,) = [shape for shape in shapes if isinstance(shape, kind) and shape.path == path]
     return found
 
 
-def flat(moments: list[Moment]) -> list[Shape]:
+def flat(moments):
     return [shape for moment in moments for shape in moment.shapes]
 
 
-def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update() -> None:
+def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update():
     features = Features()
     first = one(features.draw(update([3, UNDETERMINED]), {}), Points, "spaces/world/features/a")
     later = one(features.draw(update([UNDETERMINED, 3], 2 * S), {}), Points, "spaces/world/features/a")
@@ -71,7 +60,7 @@ def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update() -> None:
     assert first.values["feature"].tolist() == [10, 11]
 
 
-def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone() -> None:
+def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone():
     picture = ScenePicture("lab")
     picture.on_batch(batch("a"), 0.0, S)
     picture.on_batch(batch("b", "b/pixels", "px", 2), 0.0, S)
@@ -82,12 +71,12 @@ def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone() -> None:
         ("spaces/b_pixels", "b/pixels", "image"),
     }
     (moment,) = picture.on_update(update([1], 2 * S), 0.1)
-    gone = {shape.path for shape in moment.shapes if isinstance(shape, Cleared)}
+    gone = {shape.path for shape in moment.shapes if isinstance(shape, shapes.Cleared)}
     assert {"spaces/b_pixels/features/b", "spaces/b_pixels/trails"} <= gone
     assert not any(path.startswith("spaces/world") for path in gone)
 
 
-def test_labels_stand_above_their_bodies_and_none_covers_another() -> None:
+def test_labels_stand_above_their_bodies_and_none_covers_another():
     box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
     bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
     far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
@@ -98,17 +87,13 @@ def test_labels_stand_above_their_bodies_and_none_covers_another() -> None:
     assert heights[4] == pytest.approx(1.0)
 
 
-def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view() -> None:
+def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view():
     rng, features = np.random.default_rng(0), Features()
     for scale, sources in ((1.0, ("a",)), (1.1, ("a",)), (1.1, ("a", "b")), (5.0, ("a", "b"))):
         count = 200 * len(sources)
         positions = (scale * rng.uniform(-1, 1, (count, 3)) + (3, 0, 0)).astype(np.float32)
-        seen = update(
-            [1] * count,
-            sources=sources,
-            track_position=positions,
-            track_source=np.repeat(np.arange(len(sources), dtype=np.uint16), 200),
-        )
+        of = np.repeat(np.arange(len(sources), dtype=np.uint16), 200)
+        seen = update([1] * count, sources=sources, track_position=positions, track_source=of)
         before = features.views.get("world")
         features.draw(seen, {})
         eye = features.views["world"].eye
@@ -120,12 +105,12 @@ def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view() -> None:
         assert same == (scale == 1.1 and len(sources) == 1)
 
 
-def test_the_first_body_that_moves_is_looked_at() -> None:
+def test_the_first_body_that_moves_is_looked_at():
     rng, features = np.random.default_rng(0), Features()
     positions = rng.uniform(-5, 5, (220, 3)).astype(np.float32)
     positions[:20] = rng.uniform(-0.2, 0.2, (20, 3)) + np.array((3, 2, 1))
 
-    def eye(at: float, moving: bool) -> Eye:
+    def eye(at, moving):
         positions[:20, 0] += at
         bodies = [hypothesis(1, state="static"), hypothesis(2, state="moving" if moving else "undetermined")]
         features.draw(update([2] * 20 + [1] * 200, hypotheses=bodies, track_position=positions), {})
@@ -139,29 +124,29 @@ def test_the_first_body_that_moves_is_looked_at() -> None:
     assert eye(0.5, moving=True) == near  # who has turned the view keeps it
 
 
-def test_bodies_have_boxes_and_what_is_at_rest_has_none() -> None:
+def test_bodies_have_boxes_and_what_is_at_rest_has_none():
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    found = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), Boxes, "p/boxes")
+    found = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), shapes.Boxes, "p/boxes")
     assert found.centers.tolist() == [[1, 2, 3]]
     assert found.colours.tolist() == [list(colour(4))]
     np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
 
 
-def test_an_image_waits_for_the_update_that_knows_its_features() -> None:
+def test_an_image_waits_for_the_update_that_knows_its_features():
     cameras = Cameras()
     cameras.add(preview(2 * S, [11, 10, 99]), 0.0)
     assert cameras.due(update([1, 2], S), 0.1) == []
     (moment,) = cameras.due(update([1, 2], 2 * S), 0.2)
     assert moment.stamp_ns == 2 * S
-    assert one(moment.shapes, Image, "cameras/a/image").jpeg == b"jpeg"
+    assert one(moment.shapes, shapes.Image, "cameras/a/image").jpeg == b"jpeg"
     points = one(moment.shapes, Points, "cameras/a/features")
     assert points.colours.tolist() == [list(colour(2)), list(colour(1)), list(GREY)]
     assert cameras.due(update([1, 2], 3 * S), 0.3) == []
 
 
-def test_without_a_service_images_are_shown_grey_and_never_pile_up() -> None:
+def test_without_a_service_images_are_shown_grey_and_never_pile_up():
     cameras = Cameras()
     for k in range(MAX_DELAYED + 5):
         cameras.add(preview(k, [10]), 0.0)
@@ -170,7 +155,7 @@ def test_without_a_service_images_are_shown_grey_and_never_pile_up() -> None:
     assert one(moments[0].shapes, Points, "cameras/a/features").colours.tolist() == [list(GREY)]
 
 
-def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not() -> None:
+def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not():
     picture, drawn, images = ScenePicture("lab", rate=5.0), 0, 0
     for k in range(20):
         moments = picture.on_update(update([1, 1], S + k * S // 10), k / 10)
@@ -180,11 +165,11 @@ def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not() 
     assert (drawn, images) == (10, 10)
 
 
-def test_stalls_and_losses_are_logged_once() -> None:
+def test_stalls_and_losses_are_logged_once():
     picture = ScenePicture("lab")
 
-    def entries(now: float) -> list[str]:
-        return [shape.text for shape in flat(picture.tick(now)) if isinstance(shape, Entry)]
+    def entries(now):
+        return [shape.text for shape in flat(picture.tick(now)) if isinstance(shape, shapes.Entry)]
 
     for k, seq in enumerate((0, 1, 2, 6)):
         picture.on_batch(batch(seq=seq), k / 10, S)
@@ -196,18 +181,18 @@ def test_stalls_and_losses_are_logged_once() -> None:
     assert entries(20.0) == ["service is silent"]
 
 
-def test_curves_carry_the_colours_of_the_features() -> None:
+def test_curves_carry_the_colours_of_the_features():
     picture = ScenePicture("lab")
     picture.on_update(update([8, 8, UNDETERMINED], hypotheses=[hypothesis(8, size=2)]), 0.0)
-    shapes = flat(picture.tick(0.1))
-    assert one(shapes, Number, "sizes/8") == Number("sizes/8", 2, "hypothesis 8", colour(8))
-    assert one(shapes, Number, "sizes/undetermined").value == 1
-    assert one(shapes, Points, "legend/words").labels == ("8 moving, 2",)
-    assert "Data of **00:00:01 UTC**" in one(shapes, Document, "summary").text
-    assert one(shapes, Points, "legend/dots").colours.tolist() == [list(colour(8))]
+    drawn = flat(picture.tick(0.1))
+    assert one(drawn, shapes.Number, "sizes/8") == shapes.Number("sizes/8", 2, "hypothesis 8", colour(8))
+    assert one(drawn, shapes.Number, "sizes/undetermined").value == 1
+    assert one(drawn, Points, "legend/words").labels == ("8 moving, 2",)
+    assert "Data of **00:00:01 UTC**" in one(drawn, shapes.Document, "summary").text
+    assert one(drawn, Points, "legend/dots").colours.tolist() == [list(colour(8))]
 
 
-def test_memory_does_not_grow_with_what_has_ended() -> None:
+def test_memory_does_not_grow_with_what_has_ended():
     picture, sizes = ScenePicture("lab"), []
     for k in range(1, 400):
         picture.on_batch(batch(seq=k, stamp_ns=k * S), float(k), k * S)
@@ -217,20 +202,15 @@ def test_memory_does_not_grow_with_what_has_ended() -> None:
     assert (sizes[-1] - sizes[199]) / 199 < 100  # bytes: the path of a source keeps its name
 
 
-def test_each_space_is_scored_alone() -> None:
+def test_each_space_is_scored_alone():
     picture = ScenePicture("lab")
     for source, space in (("a", "a/pixels"), ("b", "b/pixels")):
         picture.on_batch(batch(source, space, "px", 2), 0.0, S)
         picture.on_truth(TruthBatch(source=source, session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
     # Right in a; in b two objects are one hypothesis. The same objects, seen in two spaces, are no error.
-    both = update(
-        [1, 2, 3, 3],
-        sources=("a", "b"),
-        track_source=[0, 0, 1, 1],
-        track_id=[10, 11, 10, 11],
-    )
+    tracks = {"track_source": [0, 0, 1, 1], "track_id": [10, 11, 10, 11]}
+    both = update([1, 2, 3, 3], sources=("a", "b"), **tracks)
     picture.on_update(both, 0.0)
     values = {s.path: s.value for s in flat(picture.tick(2 * SETTLE_S)) if s.path.startswith("scores/")}
-    assert values["scores/a_pixels/nmi"] == 1.0
-    assert values["scores/b_pixels/nmi"] == 0.0
+    assert (values["scores/a_pixels/nmi"], values["scores/b_pixels/nmi"]) == (1.0, 0.0)
     assert values["scores/b_pixels/wrong"] == 0.5

@@ -5,34 +5,18 @@ import json
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from rich.console import Console
 
 from comotion_clients.scene_model import SceneModel
-from comotion_clients.scene_rows import Snapshot
 from comotion_clients.watch_view import WHOLE, as_json, plain_line, render
-from comotion_schemas import (
-    UNDETERMINED,
-    Box,
-    Event,
-    HypothesisUpdate,
-    ObservationBatch,
-    Pose,
-    Problem,
-    SourceRef,
-    Twist,
-)
+from comotion_schemas import UNDETERMINED, Box, Event, Pose, Problem, SourceRef, Twist
 
 from .. import builders
 from ..builders import SESSION, S, status
 
 
-def batch(source: str, seq: int, session: str = SESSION, stamp_ns: int = 0) -> ObservationBatch:
-    return builders.batch(source, seq, stamp_ns, np.zeros((0, 3)), session=session)
-
-
-def update(seq: int = 0, hypotheses: int = 2, events: tuple[Event, ...] = ()) -> HypothesisUpdate:
+def update(seq=0, hypotheses=2, events=()):
     """Four tracks of source a and two per hypothesis of source b, those of a undetermined."""
     labels = [UNDETERMINED] * 4 + [k for k in range(hypotheses) for _ in range(2 + k)]
     bodies = [builders.hypothesis(k, size=2 + k, born_ns=(90 + k) * S) for k in range(hypotheses)]
@@ -51,18 +35,18 @@ def update(seq: int = 0, hypotheses: int = 2, events: tuple[Event, ...] = ()) ->
     )
 
 
-def publish(model: SceneModel, source: str, rate: float, begin: float, end: float, seq: int = 0) -> int:
+def publish(model, source, rate, begin, end, seq=0):
     for k in range(round((end - begin) * rate)):
-        model.on_batch(batch(source, seq), begin + k / rate, 0)
+        model.on_batch(builders.batch(source, seq), begin + k / rate, 0)
         seq += 1
     return seq
 
 
-def sources(model: SceneModel, now: float) -> dict[str, object]:
+def sources(model, now):
     return {row.name: row for row in model.snapshot(now).sources}
 
 
-def test_who_only_says_that_it_is_the_service_is_not_believed() -> None:
+def test_who_only_says_that_it_is_the_service_is_not_believed():
     model = SceneModel("lab")
     model.on_presence("service", f"fusion-{1:016x}-{SESSION}", alive=True, now=0.0)
     model.on_status(status(message="true"))
@@ -71,7 +55,7 @@ def test_who_only_says_that_it_is_the_service_is_not_believed() -> None:
 
 
 @pytest.mark.parametrize("rate", [1.0, 15.0, 200.0])
-def test_a_source_has_its_rate_and_age(rate: float) -> None:
+def test_a_source_has_its_rate_and_age(rate):
     model = SceneModel("lab")
     publish(model, "a", rate, 0, 10)
     row = sources(model, 10.0)["a"]
@@ -80,38 +64,32 @@ def test_a_source_has_its_rate_and_age(rate: float) -> None:
     assert row.state == "ok"
 
 
-def test_a_source_that_falls_silent_stalls_and_comes_back() -> None:
+def test_a_source_stalls_comes_back_leaves_is_forgotten_and_comes_again():
     model = SceneModel("lab")
+    model.on_presence("source", "a", alive=True, now=0.0)
     seq = publish(model, "a", 10, 0, 5)
     assert sources(model, 5.85)["a"].state == "ok"
     stalled = sources(model, 6.0)["a"]
     assert (stalled.state, stalled.rate) == ("stalled", 0.0)
     publish(model, "a", 10, 8, 9, seq)
     assert sources(model, 9.0)["a"].state == "ok"
+    model.on_presence("source", "a", alive=False, now=9.0)
+    gone = sources(model, 10.0)["a"]
+    assert (gone.state, gone.rate) == ("gone", 0.0)
+    assert sources(model, 70.0) == {}
+    model.on_presence("source", "a", alive=True, now=71.0)
+    assert sources(model, 71.0)["a"].state == "silent"
 
 
-def test_a_source_that_left_is_gone_and_then_forgotten() -> None:
-    model = SceneModel("lab")
-    model.on_presence("source", "a", alive=True, now=0.0)
-    publish(model, "a", 10, 0, 1)
-    model.on_presence("source", "a", alive=False, now=1.0)
-    assert (sources(model, 2.0)["a"].state, sources(model, 2.0)["a"].rate) == ("gone", 0.0)
-    assert sources(model, 62.0) == {}
-    model.on_presence("source", "a", alive=True, now=63.0)
-    assert sources(model, 63.0)["a"].state == "silent"
-
-
-def test_a_source_that_left_before_this_client_came_is_gone_and_one_that_hangs_is_stalled() -> None:
+def test_a_source_that_left_before_this_client_came_is_gone_and_one_that_hangs_is_stalled():
     model = SceneModel("lab")
     model.on_status(status(ages={"left": 5.0, "hangs": 5.0}))
     model.on_presence("source", "hangs", alive=True, now=0.0)
-    assert {name: row.state for name, row in sources(model, 1.0).items()} == {
-        "left": "gone",
-        "hangs": "stalled",
-    }
+    states = {name: row.state for name, row in sources(model, 1.0).items()}
+    assert states == {"left": "gone", "hangs": "stalled"}
 
 
-def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
+def test_the_service_is_absent_then_speaks_then_falls_silent():
     model = SceneModel("lab")
     assert not model.seen
     assert model.snapshot(0.0).service.state == "absent"
@@ -129,9 +107,9 @@ def test_the_service_is_absent_then_speaks_then_falls_silent() -> None:
     assert model.snapshot(3.0).service.state == "absent"
 
 
-def test_tracks_and_hypotheses_of_the_newest_update() -> None:
+def test_tracks_and_hypotheses_of_the_newest_update():
     model = SceneModel("lab")
-    model.on_batch(batch("b", 0), 0.0, 0)
+    model.on_batch(builders.batch("b"), 0.0, 0)
     model.on_update(update(), 0.0)
     snapshot = model.snapshot(0.0)
     assert (snapshot.tracks, snapshot.undetermined) == (9, 4)
@@ -145,7 +123,7 @@ def test_tracks_and_hypotheses_of_the_newest_update() -> None:
     assert "linked to" in "\n".join(drawn(snapshot, 100, 24))
 
 
-def test_pose_and_extent_are_shown_on_request_and_units_are_known_without_a_batch() -> None:
+def test_pose_and_extent_are_shown_on_request_and_units_are_known_without_a_batch():
     model = SceneModel("lab")
     half = math.sqrt(0.5)
     body = replace(
@@ -165,7 +143,7 @@ def test_pose_and_extent_are_shown_on_request_and_units_are_known_without_a_batc
     assert as_json(snapshot)["hypotheses"][0]["extent"] == [0.1, 0.3, 0.2]
 
 
-def test_events_are_taken_once_and_the_newest_comes_first() -> None:
+def test_events_are_taken_once_and_the_newest_comes_first():
     model = SceneModel("lab")
     born = Event(stamp_ns=97 * S, kind="born", hypothesis=1, others=[])
     split = Event(stamp_ns=99 * S, kind="split", hypothesis=2, others=[1])
@@ -175,17 +153,17 @@ def test_events_are_taken_once_and_the_newest_comes_first() -> None:
     assert [(row.kind, row.ago) for row in rows] == [("split", 1.0), ("born", 3.0)]
 
 
-def busy(sources: int, hypotheses: int, events: int) -> Snapshot:
+def busy(sources, hypotheses, events):
     model = SceneModel("lab")
     for k in range(sources):
-        model.on_batch(batch(f"a-source-with-a-very-long-name-{k}", 0), 0.0, 0)
+        model.on_batch(builders.batch(f"a-source-with-a-very-long-name-{k}"), 0.0, 0)
     changes = tuple(Event(stamp_ns=k, kind="merged", hypothesis=0, others=[1, k + 2]) for k in range(events))
     model.on_update(update(0, hypotheses, changes), 0.0)
     model.on_status(status(state="degraded", message="no data from " + "x" * 300, rejected={"malformed": 7}))
     return model.snapshot(0.5)
 
 
-def drawn(snapshot: Snapshot, width: int, height: int, sort: str = "size", pose: bool = False) -> list[str]:
+def drawn(snapshot, width, height, sort="size", pose=False):
     console = Console(width=width, height=height, color_system=None, force_terminal=True)
     with console.capture() as capture:
         console.print(render(snapshot, width, height, sort, pose=pose))
@@ -194,14 +172,14 @@ def drawn(snapshot: Snapshot, width: int, height: int, sort: str = "size", pose:
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 12), (50, 14), (120, 40), (200, 60)])
 @pytest.mark.parametrize("amount", [(0, 0, 0), (1, 2, 1), (3, 30, 9), (40, 40, 40)])
-def test_the_screen_fits_the_terminal(width: int, height: int, amount: tuple[int, int, int]) -> None:
+def test_the_screen_fits_the_terminal(width, height, amount):
     lines = drawn(busy(*amount), width, height)
     assert len(lines) <= height
     assert max(map(len, lines)) <= width
     assert "degraded" in lines[0]
 
 
-def test_plain_line_and_json_say_the_same() -> None:
+def test_plain_line_and_json_say_the_same():
     snapshot = busy(1, 2, 1)
     line = plain_line(snapshot)
     assert "\n" not in line
@@ -213,7 +191,7 @@ def test_plain_line_and_json_say_the_same() -> None:
     assert len(found["events"]) == 1
 
 
-def test_problems_are_shown_whole_where_there_is_no_screen() -> None:
+def test_problems_are_shown_whole_where_there_is_no_screen():
     model = SceneModel("demo")
     text = "cam: its stamps are 3600.0 s ahead of this machine; " + "synchronise the clocks, " * 8 + "end"
     problem = Problem(source="cam", kind="clock-ahead", since_ns=0, text=text)

@@ -2,13 +2,13 @@
 
 import shlex
 
-import cv2
 import numpy as np
 import pytest
 
 from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
 
 from ..command_line import refused
+from ..pictures import write_video
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +25,7 @@ def files(tmp_path_factory):
     (folder / "text.mp4").write_text("no video")
     for number, content in enumerate((b"", b"nonsense" * 100, b"\x89MCAP0\r\n")):
         (folder / f"{number}.mcap").write_bytes(content)
-    video = cv2.VideoWriter(str(folder / "video.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (320, 240))
-    video.write(np.zeros((240, 320, 3), np.uint8))
-    video.release()
+    write_video(folder / "video.avi", [np.zeros((240, 320, 3), np.uint8)])
     (folder / "wrong.yaml").write_text("image_width: 320\n")
     inner = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
     (folder / "inner.toml").write_text(format_calibration(inner, None))

@@ -1,8 +1,8 @@
-"""End-to-end latency over a router: sources log their puts, this process logs the updates it receives.
+"""End-to-end latency over a router: this process compares the stamps of updates with the time of receipt.
 
 :func:`run_live` runs router, service, and sources as processes::
 
-    python -m comotion_tools.bench.live ENDPOINT FOLDER FEATURES START INDEX
+    python -m comotion_tools.bench.live ENDPOINT FEATURES START INDEX
 """
 
 import sys
@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_deploy.demo import free_endpoint
 from comotion_deploy.processes import PYTHON
@@ -30,9 +29,6 @@ SOURCES = 3
 RATE = 30.0
 COUNTERS = frozenset({"updates", "overruns", "late", "lost", "batches"})
 _LEAD_S = 10.0  # until the sources start: all processes are then ready
-
-Stamps = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
@@ -51,9 +47,8 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
 
     Returns
     -------
-    Seconds, numbers of updates and tracks; ``last_batch``: from the put of the last batch in an update to
-    receipt of the update, and ``every_batch``: from the put of every batch to receipt of the first update
-    with it, each as median, 99th percentile and largest in ms; ``cpu_share``: processor time of the
+    Seconds, numbers of updates and tracks; ``last_batch``: from the stamp of the last batch in an update to
+    receipt of the update, as median, 99th percentile and largest in ms; ``cpu_share``: processor time of the
     service, as a share of one core; ``memory_mb``, and ``counters``: growth of those of the service.
 
     Raises
@@ -65,7 +60,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
     with TemporaryDirectory(prefix="comotion-bench-") as name:
         folder = Path(name)
         at = ("--connect", endpoint, "--scene", SCENE)
-        source = (*PYTHON, __name__, endpoint, name, str(features), f"{start:.3f}")
+        source = (*PYTHON, __name__, endpoint, str(features), f"{start:.3f}")
         commands = {
             "router": (*COMOTION, "router", "--listen", endpoint),
             "service": (*COMOTION, "serve", "--no-state", *fusion, *at),
@@ -73,10 +68,7 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
         }
         processes = {name: Managed(name, command, folder) for name, command in commands.items()}
         with System(processes, SCENE, SessionSettings(connect=(endpoint,))) as system:
-            seen = _watch(system, seconds, settle)
-        puts = np.concatenate([np.load(folder / f"s{k}.npy") for k in range(SOURCES)])
-    last, every = latencies(np.array(seen.pop("stamps")), puts)
-    return seen | {"last_batch": _spread(last), "every_batch": _spread(every)}
+            return _watch(system, seconds, settle)
 
 
 def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
@@ -88,18 +80,17 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
     system.wait(settle)
     updates.drain()
     before, cpu_s, began = _counters(statuses.drain()), service.processor_s(), time.monotonic()
-    stamps: list[tuple[int, int]] = []
-    tracks: list[int] = []
+    rows: list[tuple[float, int]] = []
     for update in updates:
-        stamps.append((update.stamp_ns, time.time_ns()))
-        tracks.append(len(update.track_id))
+        rows.append(((time.time_ns() - update.stamp_ns) * 1e-6, len(update.track_id)))
         if time.monotonic() > began + seconds:
             break
     took = time.monotonic() - began
+    ages, tracks = np.array(rows).T
     return {
-        "stamps": stamps,
+        "last_batch": [*np.percentile(ages, (50, 99, 100)).tolist()],
         "seconds": took,
-        "updates": len(stamps),
+        "updates": len(rows),
         "tracks": int(np.median(tracks)),
         "cpu_share": (service.processor_s() - cpu_s) / took,
         "memory_mb": service.most_mb(),
@@ -110,27 +101,21 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
 def live_lines(found: dict[str, Any]) -> list[str]:
     """Format the result as text."""
     seconds, updates, tracks = found["seconds"], found["updates"], found["tracks"]
-
-    def spread(name: str) -> str:
-        middle, p99, largest = found[name]
-        return f"median {middle:.1f} ms, p99 {p99:.1f} ms, largest {largest:.1f} ms"
-
+    middle, p99, largest = found["last_batch"]
     counters = ", ".join(f"{value} {name}" for name, value in found["counters"].items())
     return [
         f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
         f"service: {counters}; {100 * found['cpu_share']:.0f} % of a core, {found['memory_mb']:.0f} MB",
-        f"put of the last batch in an update to its receipt: {spread('last_batch')}",
-        f"put of a batch to receipt of the first update that includes it: {spread('every_batch')}",
+        f"last batch to receipt of its update: median {middle:.1f} ms, p99 {p99:.1f}, largest {largest:.1f}",
     ]
 
 
-def run_source(endpoint: str, folder: Path, features: int, start: float, index: int) -> None:
-    """Publish one source of the scene in real time until stopped, then write (stamp, time of put).
+def run_source(endpoint: str, features: int, start: float, index: int) -> None:
+    """Publish one source of the scene in real time until stopped.
 
     The acquisition time is the time at which a batch is due, also if its put is delayed.
     """
     scene = Scene(SceneSpec(features=features, sources=SOURCES, rate=RATE), round(start * 1e9))
-    log: list[tuple[int, int]] = []
     publisher = SourcePublisher(
         f"s{index}", space="world", unit="m", dim=3, scene=SCENE, connect=endpoint, rate=RATE
     )
@@ -140,39 +125,6 @@ def run_source(endpoint: str, folder: Path, features: int, start: float, index: 
             if live.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
                 break
             live.observe(ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended)
-            log.append((batch.stamp_ns, time.time_ns()))
-    np.save(folder / f"s{index}.npy", np.array(log, np.int64).reshape(-1, 2))
-
-
-def latencies(updates: Stamps, puts: Stamps) -> tuple[Floats, Floats]:
-    """Compute the latency of updates and of batches in ms.
-
-    Parameters
-    ----------
-    updates
-        int64 [n, 2]: watermark and time of receipt, ns, in order.
-    puts
-        int64 [m, 2]: stamp and time of the put of every batch, ns.
-
-    Returns
-    -------
-    last
-        float64 [n]: since the latest put of the batches in an update.
-    every
-        float64 [k]: from a put to the first update that includes the batch, for covered batches.
-    """
-    puts = puts[np.argsort(puts[:, 0])]
-    held = np.searchsorted(puts[:, 0], updates[:, 0], side="right")
-    latest = np.maximum.accumulate(puts[:, 1])
-    last = (updates[:, 1] - latest[np.maximum(held - 1, 0)]) * 1e-6
-    first = np.searchsorted(updates[:, 0], puts[:, 0], side="left")
-    covered = (first > 0) & (first < len(updates))
-    every = (updates[first[covered], 1] - puts[covered, 1]) * 1e-6
-    return last.astype(np.float64), every.astype(np.float64)
-
-
-def _spread(values: Floats) -> tuple[float, float, float]:
-    return float(np.median(values)), float(np.percentile(values, 99)), float(values.max())
 
 
 def _counters(statuses: list[tuple[float, Status]]) -> dict[str, int]:
@@ -184,5 +136,5 @@ def _grown(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
 
 
 if __name__ == "__main__":
-    endpoint, folder, features, start, index = sys.argv[1:]
-    run_source(endpoint, Path(folder), int(features), float(start), int(index))
+    endpoint, features, start, index = sys.argv[1:]
+    run_source(endpoint, int(features), float(start), int(index))

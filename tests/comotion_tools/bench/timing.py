@@ -5,8 +5,8 @@ import math
 import resource
 import sys
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,33 +43,28 @@ class Row:
     nmi: float
 
 
-@dataclass
-class _Timing:
-    """Per update: features, ingest and fusion of its batches, the update itself, processor time and NMI."""
+# Of an update: features, ms of the ingest of its batches, of the update itself, of the processor, and NMI.
+_Figures = tuple[int, float, float, float, float]
 
-    features: list[int] = field(default_factory=list)
-    ingest_ms: list[float] = field(default_factory=list)
-    update_ms: list[float] = field(default_factory=list)
-    cpu_ms: list[float] = field(default_factory=list)
-    nmi: list[float] = field(default_factory=list)
 
-    def row(self, scene: str, config: FusionConfig, rate: float) -> Row:
-        total = np.add(self.ingest_ms, self.update_ms)
-        unit = 1 if sys.platform == "darwin" else 1024
-        return Row(
-            scene=scene,
-            method=config.method,
-            features=int(np.median(self.features)),
-            rate=rate,
-            period=config.period,
-            median_ms=float(np.median(total)),
-            p99_ms=float(np.percentile(total, 99)),
-            ingest_ms=float(np.median(self.ingest_ms)),
-            cpu_ms=float(np.median(self.cpu_ms)),
-            cpu_share=float(np.sum(self.cpu_ms)) / (1e3 * config.period * len(total)),
-            memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6,
-            nmi=float(np.nanmean(self.nmi)) if np.isfinite(self.nmi).any() else math.nan,
-        )
+def _row(scene: str, config: FusionConfig, rate: float, figures: Sequence[_Figures]) -> Row:
+    features, ingest_ms, update_ms, cpu_ms, nmis = np.array(figures, np.float64).T
+    total = ingest_ms + update_ms
+    unit = 1 if sys.platform == "darwin" else 1024
+    return Row(
+        scene=scene,
+        method=config.method,
+        features=int(np.median(features)),
+        rate=rate,
+        period=config.period,
+        median_ms=float(np.median(total)),
+        p99_ms=float(np.percentile(total, 99)),
+        ingest_ms=float(np.median(ingest_ms)),
+        cpu_ms=float(np.median(cpu_ms)),
+        cpu_share=float(cpu_ms.sum()) / (1e3 * config.period * len(total)),
+        memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6,
+        nmi=float(np.nanmean(nmis)) if np.isfinite(nmis).any() else math.nan,
+    )
 
 
 def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Row:
@@ -80,12 +75,11 @@ def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> Row:
     scene = Scene(spec)
     fill = round(config.window / config.period) + 5
     batches = scene.merged((fill + updates + 1) * config.period)
-    timing = _Timing()
     # As in the service: garbage collection is not part of an update.
     gc.disable()
     with threadpool_limits(limits=1, user_api="blas"):
-        _run(batches, config, timing, scene, fill)
-    return replace(timing.row("made up", config, spec.rate), features=spec.features)
+        figures = list(_run(batches, config, scene))[fill:]
+    return replace(_row("made up", config, spec.rate, figures), features=spec.features)
 
 
 def time_input(name: str, config: FusionConfig) -> Row:
@@ -97,32 +91,25 @@ def time_input(name: str, config: FusionConfig) -> Row:
         run = run_offline(item.open(), config, on_update=lambda update, _: sizes.append(len(update.track_id)))
         cpu = time.process_time() - cpu
     first = min(round(config.window / config.period), len(run.update_ms) // 2)
-    timing = _Timing(sizes[first:], update_ms=run.update_ms[first:].tolist(), nmi=run.nmi[first:].tolist())
     # Ingest is not measured separately here, and processor time includes reading and scoring.
-    timing.ingest_ms = [0.0] * len(timing.update_ms)
-    timing.cpu_ms = [1e3 * cpu / len(run.update_ms)] * len(timing.update_ms)
-    return timing.row(Path(item.name).name, config, math.nan)
+    cpu_ms = 1e3 * cpu / len(run.update_ms)
+    rows = zip(sizes, run.update_ms.tolist(), run.nmi.tolist(), strict=True)
+    figures = [(size, 0.0, ms, cpu_ms, found) for size, ms, found in rows]
+    return _row(Path(item.name).name, config, math.nan, figures[first:])
 
 
-def _run(
-    batches: Iterable[ObservationBatch], config: FusionConfig, timing: _Timing, scene: Scene, fill: int
-) -> None:
+def _run(batches: Iterable[ObservationBatch], config: FusionConfig, scene: Scene) -> Iterator[_Figures]:
     fusion = Fusion(config)
     period_ns = round(config.period * 1e9)
-    due, done, busy, cpu = scene.start_ns + period_ns, 0, 0.0, 0.0
+    due, busy, cpu = scene.start_ns + period_ns, 0.0, 0.0
     for batch in batches:
         while batch.stamp_ns > due:
             begun, cpu_begun = time.perf_counter(), time.process_time()
             update = fusion.update(due)
             took = time.perf_counter() - begun
             cpu += time.process_time() - cpu_begun
-            if done >= fill:
-                timing.features.append(len(update.track_id))
-                timing.ingest_ms.append(1e3 * busy)
-                timing.update_ms.append(1e3 * took)
-                timing.cpu_ms.append(1e3 * cpu)
-                timing.nmi.append(_nmi_of(update, scene))
-            due, done, busy, cpu = due + period_ns, done + 1, 0.0, 0.0
+            yield len(update.track_id), 1e3 * busy, 1e3 * took, 1e3 * cpu, _nmi_of(update, scene)
+            due, busy, cpu = due + period_ns, 0.0, 0.0
         begun, cpu_begun = time.perf_counter(), time.process_time()
         fusion.ingest(batch)
         fusion.advance(batch.stamp_ns)
@@ -132,10 +119,6 @@ def _run(
 
 def _nmi_of(update: HypothesisUpdate, scene: Scene) -> float:
     names = [source.name for source in update.sources]
-    truth = np.array(
-        [
-            scene.truth[names[s]][i]
-            for s, i in zip(update.track_source.tolist(), update.track_id.tolist(), strict=True)
-        ]
-    )
+    tracks = zip(update.track_source.tolist(), update.track_id.tolist(), strict=True)
+    truth = np.array([scene.truth[names[s]][i] for s, i in tracks])
     return nmi(update.track_hypothesis.astype(np.int64), truth)

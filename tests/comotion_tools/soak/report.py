@@ -21,14 +21,11 @@ _TIMING = frozenset({"service", "router"})
 # Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
 _GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
 _LIFE_SAMPLES = 20
-# Most memory of a process, whatever attacks it; what of it is kept, and the time in which the rest is given
-# back: the trajectories of an attack leave the window of 10 s, and housekeeping comes by.
-_MOST_MB, _KEPT_MB, _GIVEN_BACK_S = 800.0, 60.0, 25.0
+# Most memory of a process, whatever attacks it, and the time in which what an attack took is given back:
+# its trajectories leave the window of 10 s, and housekeeping comes by.
+_MOST_MB, _GIVEN_BACK_S = 800.0, 25.0
 _LOG_BYTES_PER_MINUTE = 60_000
 _ALONE = frozenset({f"{kind.space}" for kind in KINDS.values() if kind.space != "world"})
-
-
-Span = tuple[float, float]
 
 
 def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
@@ -73,15 +70,17 @@ def violations(soak: Soak, longest_s: float) -> list[str]:
 
 
 def _growth(soak: Soak) -> list[str]:
-    attacks = [(at_s, at_s + fault.lasts_s) for at_s, fault in soak.faults if fault.kind == "hostile"]
+    """What a process holds on to; while an attack lasts and is got over, queues grow up to their bounds."""
+    attacks = [
+        (at_s, at_s + fault.lasts_s + _GIVEN_BACK_S) for at_s, fault in soak.faults if fault.kind == "hostile"
+    ]
     found = []
     for name, samples in soak.usage.items():
         for starts, of_life in groupby(samples, key=lambda sample: sample[1]):
             life = [(at_s, usage) for at_s, _, usage in of_life]
-            texts = [text for stretch in _stretches(attacks, life) for text in _grown(stretch)]
-            texts += _kept(attacks, [(at_s, usage.memory_mb) for at_s, usage in life])
+            quiet = [usage for at_s, usage in life if not any(begun <= at_s < end for begun, end in attacks)]
             most = max(usage.memory_mb for _, usage in life)
-            texts += [f"memory reached {most:.0f} MB"] if most > _MOST_MB else []
+            texts = _grown(quiet) + ([f"memory reached {most:.0f} MB"] if most > _MOST_MB else [])
             found += [f"{name}, life {starts}: {text}" for text in texts]
         minutes = max(soak.seconds / 60, 1.0)
         if samples and samples[-1][2].log_bytes / minutes > _LOG_BYTES_PER_MINUTE:
@@ -89,37 +88,8 @@ def _growth(soak: Soak) -> list[str]:
     return found
 
 
-def _kept(attacks: list[Span], life: list[tuple[float, float]]) -> list[str]:
-    """What a process has not given back after attacks, of its memory in MB at some s."""
-    found = []
-    # What was there before the first attack of its life: what each leaves adds up.
-    first_s = min((begun_s for begun_s, _ in attacks if begun_s >= life[0][0]), default=0.0)
-    first = [memory_mb for at_s, memory_mb in life if at_s <= first_s]
-    for begun_s, end_s in attacks:
-        later = next((begun for begun, _ in attacks if begun > begun_s), float("inf"))
-        after = [memory_mb for at_s, memory_mb in life if end_s + _GIVEN_BACK_S <= at_s < later]
-        if first and begun_s >= first_s and after and min(after) > first[-1] + _KEPT_MB:
-            found.append(
-                f"memory was {first[-1]:.0f} MB, and {min(after):.0f} after the attack at {begun_s:.0f} s"
-            )
-    return found
-
-
-def _stretches(attacks: list[Span], life: list[tuple[float, Usage]]) -> list[list[Usage]]:
-    """What a process held, by the stretches of its life between attacks.
-
-    An attack within the limits grows arrays and queues up to their bounds; that they are given back is judged
-    apart. A leak grows between attacks too.
-    """
-    stretches: dict[int, list[Usage]] = {}
-    for at_s, usage in life:
-        if not any(begun <= at_s < end + _BELONGS_S for begun, end in attacks):
-            stretches.setdefault(sum(end + _BELONGS_S <= at_s for _, end in attacks), []).append(usage)
-    return list(stretches.values())
-
-
 def _grown(life: list[Usage]) -> list[str]:
-    """What has grown between the second and the last quarter of a stretch that was long enough to tell."""
+    """What has grown between the second and the last quarter of a time that was long enough to tell."""
     if len(life) < _LIFE_SAMPLES:
         return []
     quarter = len(life) // 4

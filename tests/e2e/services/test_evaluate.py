@@ -12,36 +12,19 @@ from comotion_experiments.evaluate import evaluate_inputs
 from comotion_experiments.inputs import find_inputs
 from comotion_schemas import Keys
 
+from ...builders import TWO_BODIES
+
 SETTINGS = ("--set", "thesis.sigma_switch=0.02", "--set", "thesis.v_move=null")
-SCENE = """
-title = "two bodies, one moves"
-dim = 2
-duration = 3.0
-sources = [15.0, 30.0]
-[[bodies]]
-name = "ground"
-features = 8
-size = [1.0, 1.0]
-sigma = 0.001
-motion = { kind = "rest", at = [0.5, 0.5] }
-[[bodies]]
-name = "box"
-features = 8
-size = [0.2, 0.2]
-sigma = 0.001
-motion = { kind = "key-states", states = [[0, 0.2, 0.5, 0], [3, 0.8, 0.5, 0]] }
-"""
 
 
 def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
     updates = listen(session, Keys().hypotheses, "hypotheses")
-    scene, plot, ready = tmp_path / "two.toml", tmp_path / "live.png", tmp_path / "ready"
-    scene.write_text(SCENE)
+    plot, ready = tmp_path / "live.png", tmp_path / "ready"
     connect = ("--connect", endpoint)
     start("serve", *SETTINGS, *connect)
     live = start("evaluate", "--json", "--plot", plot, "--ready-file", ready, *connect, ready=False)
     live.wait_line(lambda line: "waiting" in line or "updates" in line)
-    assert start("source", "simulator", scene, *connect).wait() == 0
+    assert start("source", "simulator", TWO_BODIES, *connect).wait() == 0
     stamps = Counter()
 
     def has_ended(update):
@@ -54,19 +37,16 @@ def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
 
     found = json.loads(live.output[live.output.index("{") :])
     (offline,) = evaluate_inputs(
-        find_inputs([f"sim:{scene}"]),
+        find_inputs([f"sim:{TWO_BODIES}"]),
         FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None}),
     )
     assert found["lost"] == 0
     assert found["final_nmi"] == offline.summary.final_nmi == 1.0
-    # Updates fall on other instants; the one at which the bodies part weighs a thirtieth.
+    # Updates fall on other instants; the one at which the bodies part weighs a twentieth.
     assert found["mean_nmi"] == pytest.approx(offline.summary.mean_nmi, abs=0.1)
-    assert [row["stamp_ns"] for row in found["over_time"]] == sorted(
-        row["stamp_ns"] for row in found["over_time"]
-    )
     # The wait at the end, with no source left, is not scored.
     stamps = [row["stamp_ns"] for row in found["over_time"]]
-    assert len(set(stamps)) == len(stamps)
+    assert stamps == sorted(set(stamps))
     assert plot.stat().st_size > 10_000
     assert not ready.exists()
 

@@ -12,9 +12,10 @@ from comotion_deploy.fleet.entries import add_scene, claim, read_fleet, register
 from comotion_deploy.fleet.plan import Place, Scene
 from comotion_schemas import HypothesisUpdate
 
+from ...builders import by_feature as labels
+from ...builders import is_sorted_out
 from ..etcd_cluster import NEEDS_ETCD
 from ..tracker import until
-from .test_service import is_sorted_out, labels
 
 pytestmark = NEEDS_ETCD
 SCENES = 2

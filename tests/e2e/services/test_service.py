@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import zenoh
 
-from comotion_clients.metrics import tracks_of
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, decode_as, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, stream_publisher
 
 from ... import builders
+from ...builders import by_feature as labels
+from ...builders import is_sorted_out
 from ..tracker import DEADLINE, until
 
 KEYS = Keys()
@@ -36,18 +37,6 @@ REFUSED: dict[str, Callable[[], bytes]] = {
     "future": lambda: encode(batch(stamp_ns=time.time_ns() + 10**10)),
     "space-mismatch": lambda: encode(batch(unit="px", seq=1)),
 }
-
-
-def labels(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
-    """Hypothesis by the name of a source and a feature of it."""
-    rows = tracks_of(update).items()
-    return {(name, track): label for (name, _), found in rows for track, label in found.items()}
-
-
-def is_sorted_out(update: HypothesisUpdate) -> bool:
-    """Both bodies are told apart, each as one hypothesis."""
-    found = [label for _, label in sorted(labels(update).items())]
-    return len(found) == 12 and len(set(found[:6])) == len(set(found[6:])) == 1 and found[0] != found[6]
 
 
 @pytest.fixture(scope="module")
@@ -105,13 +94,17 @@ def test_a_malformed_batch_is_counted_with_its_reason_and_changes_nothing_else(b
     for name in ("lost", "late", "duplicates", "tracks"):
         assert status.counters[name] == status_before.counters[name]
     busy.updates.drain()
-    for _ in range(5):
-        after = busy.updates.next()
-        assert labels(after) == labels(busy.update)
-        assert [source.name for source in after.sources] == ["left"]
+    after = [busy.updates.next() for _ in range(8)]
+    for update in after:
+        assert labels(update) == labels(busy.update)
+        assert [source.name for source in update.sources] == ["left"]
+    # All are numbered, and published one after the other.
+    assert [update.seq - after[0].seq for update in after] == list(range(8))
+    assert {update.period_ns for update in after} == {100_000_000}
+    assert (np.diff([update.published_ns for update in after]) > 0).all()
 
 
-def test_every_queryable_answers(busy):
+def test_every_queryable_answers_or_says_why_it_cannot(busy):
     snapshot = decode_as(HypothesisUpdate, content(ask(busy.session, "snapshot")))
     assert snapshot.session == busy.update.session
     assert snapshot.seq >= busy.update.seq
@@ -121,18 +114,21 @@ def test_every_queryable_answers(busy):
     schemas = json.loads(content(ask(busy.session, "schema")))
     assert "positions" in schemas["ObservationBatch"]["properties"]
     assert json.loads(content(ask(busy.session, "schema?message=Status"))) == schemas["Status"]
+    for selector, words in (
+        ("affinity?space=moon", "no space 'moon'; known: world"),
+        ("schema?message=X", "no message 'X'"),
+    ):
+        assert words in ask(busy.session, selector).err.payload.to_string()
 
 
-def affinities(busy) -> np.ndarray:
+def affinities(busy):
     """Answer of the service about its only source, by feature id."""
     answer = msgpack.unpackb(content(ask(busy.session, "affinity?space=world")))
     tracks = np.frombuffer(answer["track_id"], "<u8")
     matrix = np.frombuffer(answer["matrix"], "<f4").reshape(len(tracks), len(tracks))
-    assert answer["schema"] == "comotion.Affinity/1"
-    assert [source["name"] for source in answer["sources"]] == ["left"]
+    assert (answer["schema"], [one["name"] for one in answer["sources"]]) == ("comotion.Affinity/1", ["left"])
     assert np.array_equal(matrix, matrix.T)
-    order = np.argsort(tracks)
-    return matrix[np.ix_(order, order)]
+    return matrix[np.ix_(np.argsort(tracks), np.argsort(tracks))]
 
 
 def test_affinities_are_those_of_the_last_update(busy):
@@ -146,16 +142,6 @@ def test_affinities_are_those_of_the_last_update(busy):
         pytest.fail("no update was certain of the two bodies")
     # There is one space, so it need not be named.
     assert msgpack.unpackb(content(ask(busy.session, "affinity")))["space"] == "world"
-
-
-@pytest.mark.parametrize(
-    ("selector", "words"),
-    [("affinity?space=moon", "no space 'moon'; known: world"), ("schema?message=X", "no message 'X'")],
-)
-def test_a_query_that_cannot_be_answered_says_why(busy, selector, words):
-    error = ask(busy.session, selector).err
-    assert error is not None
-    assert words in error.payload.to_string()
 
 
 def test_a_source_that_is_there_but_silent_is_reported(busy):
@@ -209,14 +195,6 @@ def test_a_service_that_was_stopped_goes_on_or_yields_to_its_successor(
     }
 
 
-def test_updates_are_numbered(busy):
-    got = [busy.updates.next() for _ in range(10)]
-    assert [u.seq - got[0].seq for u in got] == list(range(10))
-    assert {u.period_ns for u in got} == {100_000_000}
-    published = [u.published_ns for u in got]
-    assert published == sorted(published)
-
-
 def test_updates_come_from_the_start_and_a_late_joiner_gets_the_last_at_once(serve):
     # The next update is a minute away: whatever arrives before is the cached one.
     service = serve("--set", "period=60")
@@ -263,15 +241,3 @@ def test_waiting_for_a_router_can_be_interrupted(start, free_port_endpoint):
     service = start("serve", "--connect", free_port_endpoint, ready=False)
     service.wait_line(lambda line: "waiting for a router" in line)
     assert service.interrupt() == 0
-
-
-def test_a_clean_stop_keeps_the_state(serve, start, connect, listen, track, tmp_path):
-    arguments = ("--state", tmp_path / "s", "--state-interval", "3600")
-    service = serve(*arguments)
-    track(service.endpoint)
-    before = service.updates.until(is_sorted_out)
-    assert service.process.interrupt() == 0
-    again = start("serve", "--listen", service.endpoint, *arguments)
-    after = service.updates.until(lambda u: u.session != before.session and is_sorted_out(u))
-    assert labels(after) == labels(before)
-    assert "continuing the scene of" in again.output

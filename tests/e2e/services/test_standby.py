@@ -8,10 +8,11 @@ import pytest
 from comotion_clients.subscription import Subscription
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
 
-from ..etcd_cluster import NEEDS_ETCD, EtcdCluster
+from ...builders import by_feature as labels
+from ...builders import is_sorted_out
+from ..etcd_cluster import NEEDS_ETCD
 from ..network import Wire
 from ..tracker import DEADLINE, until
-from .test_service import is_sorted_out, labels
 
 pytestmark = NEEDS_ETCD
 KEYS = Keys()
@@ -19,17 +20,14 @@ NAMES = ("one", "two")
 FOLLOWED_NS = 3_000_000_000
 
 
-def replica(start, endpoint, url, name):
-    words = ("serve", "--standby", "--name", name, "--etcd", url, "--connect", endpoint)
-    return start(*words, ready=False)
-
-
 class Host:
     """A replica behind links of its own, to the router and to etcd."""
 
     def __init__(self, start, endpoint, url, name):
         self._wires = [start.enter_context(Wire(target)) for target in (endpoint, url)]
-        self.process = replica(start, *(wire.endpoint for wire in self._wires), name)
+        router, etcd = (wire.endpoint for wire in self._wires)
+        words = ("serve", "--standby", "--name", name, "--etcd", etcd, "--connect", router)
+        self.process = start(*words, ready=False)
 
     def cut(self):
         for wire in self._wires:
@@ -142,28 +140,3 @@ def test_a_service_that_is_cut_off_stopped_or_killed_is_followed_by_the_standby_
     after = client.until(lambda update: update.epoch > before.epoch)
     check_takeover(before, after, client)
     assert [one.component for one in asked(session)] == [other]
-
-
-@pytest.mark.long
-def test_the_leader_of_etcd_is_killed_then_etcd_is_away_for_30_s(
-    start, endpoint, tmp_path, session, track, client
-):
-    with EtcdCluster(tmp_path, members=3) as cluster:
-        urls = ",".join(cluster.urls)
-        replicas = [replica(start, endpoint, urls, name) for name in NAMES]
-        for process in replicas:
-            process.wait_ready()
-        track(endpoint)
-        before = client.until(is_sorted_out)
-        cluster.kill(cluster.leader())
-        client.until(lambda update: update.stamp_ns > before.stamp_ns + 5_000_000_000)
-        cluster.pause()
-        # The active one goes on, and no other speaks.
-        after = client.until(lambda update: update.stamp_ns > before.stamp_ns + 35_000_000_000)
-        check_takeover(before, after, client)
-        cluster.go_on()
-        after = client.until(lambda update: update.stamp_ns > before.stamp_ns + 45_000_000_000)
-        check_takeover(before, after, client)
-        assert len(asked(session)) == 1
-        for process in replicas:
-            process.end()
