@@ -7,8 +7,7 @@ from comotion_schemas.doubts import doubts
 from comotion_schemas.recording import SUFFIX
 
 from ..errors import RecordingError
-from .recording import Recording
-from .streams import recording_batches, recording_streams
+from .recording import Recording, recording_batches, recording_streams
 
 __all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
 
