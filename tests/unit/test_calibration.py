@@ -25,6 +25,7 @@ from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
 from comotion_sources.pair_calibration.session import calibrate_pair
+from comotion_sources.pair_calibration.solve import PairedView, relative_pose
 from comotion_sources.pair_calibration.targets import parse_target
 from comotion_sources.poses import PoseBuffer, read_trajectory
 
@@ -137,6 +138,21 @@ def test_a_target_seen_by_both_places_the_second_camera(target: str) -> None:
     turned = Rotation.from_matrix(result.extrinsics.rotation.T @ expected.rotation).magnitude()
     assert turned < np.deg2rad(0.4)
     assert result.extrinsics.frame == "world"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_mirrored_pose_of_the_target_misleads_in_no_single_view(seed: int) -> None:
+    """A flat target fits two poses; in one view alone each pose in A has one in B that fits it."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([*np.mgrid[-4:5, -2:4].reshape(2, -1), np.zeros(54)]) * 0.025
+    b_in_a = pose((0.0, rng.uniform(0.2, 0.6), 0.0), (-0.5, 0.0, 0.1))
+    to_a = pose(tuple(rng.normal(0, 0.3, 3)), (0.0, 0.0, 0.9))
+    pixels = [
+        camera.project(seen.apply(points)) + rng.normal(0, 0.1, (54, 2))
+        for camera, seen in ((CAMERA_A, to_a), (CAMERA_B, b_in_a.inverse().after(to_a)))
+    ]
+    found = relative_pose(CAMERA_A, CAMERA_B, [PairedView(points, *pixels)]).b_to_a
+    assert Rotation.from_matrix(found.rotation.T @ b_in_a.rotation).magnitude() < np.deg2rad(3)
 
 
 def test_a_target_that_is_not_seen_is_told() -> None:
