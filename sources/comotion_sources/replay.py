@@ -7,18 +7,17 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack, cast
 
-from comotion_schemas import Message
 from comotion_schemas.component import Where, new_session_id
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import Kind, StreamKind
+from comotion_schemas.keys import StreamKind
 from comotion_schemas.terminal import keyboard, reporting
 from comotion_schemas.text import counted
 
-from .player import Player, Progress
+from .player import KINDS, Log, Player, Progress
 from .recordings import Recording
 from .runtime import Source
+from .schedule import Schedule
 from .streams import Stream, StreamLog
-from .tape import KINDS, Log, Schedule, Tape
 
 if TYPE_CHECKING:
     from comotion_schemas.message_log import MessageLog
@@ -26,19 +25,6 @@ if TYPE_CHECKING:
 _TERMINAL_LINE_S, _PLAIN_LINE_S = 0.2, 5.0  # between two lines of progress
 _BAR = 40  # characters of the bar on a terminal
 _log = logging.getLogger(__name__)
-
-
-class _Outputs:
-    """The sources of a log, as the outputs of a tape."""
-
-    def __init__(self, sources: Sequence[Source]) -> None:
-        self._sources = {source.name: source for source in sources}
-
-    def put(self, kind: Kind, name: str, payload: bytes, message: Message | None) -> None:
-        self._sources[name].send(cast("StreamKind", kind), payload, message)
-
-    def skipped(self, name: str) -> None:
-        self._sources[name].overrun()
 
 
 def play(
@@ -69,13 +55,13 @@ def play(
     ValueError
         If the log is shorter than the start of the schedule.
     """
-    tape = Tape(log, _Outputs(sources), schedule)
     with ExitStack() as stack:
         for source in sources:
             stack.enter_context(source)
         read_key = stack.enter_context(keys or nullcontext(lambda: ""))
+        outputs = {source.name: source for source in sources}
         # Signals reach the component that was entered last.
-        player = Player(tape, schedule, sources[-1].stop, read_key=read_key, progress=progress)
+        player = Player(log, outputs, schedule, sources[-1].stop, read_key=read_key, progress=progress)
         sources[-1].ready()
         player.run()
         if not sources[-1].stop.is_set():

@@ -138,7 +138,7 @@ def merged(
 
 
 class StreamLog:
-    """Streams as a log for a tape; the parameters are those of :func:`merged`."""
+    """Streams as a log to play; the parameters are those of :func:`merged`."""
 
     gap_s = 0.0
     """Seconds between two passes, beyond the length."""
