@@ -33,7 +33,7 @@ class GivenTracks:
     def __init__(self, recording: Recording, camera: Camera) -> None:
         if recording.dim != 2:
             raise CameraError(f"{recording.name}: its tracks are in m; in an image they are in px")
-        frames = getattr(camera, "frames", None)
+        frames = camera.frames
         if frames not in {None, len(recording)}:
             first = min(frames, len(recording))
             text = "%s has %d frames, the video %d: the first %d are used"

@@ -102,7 +102,7 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
     """
     begun, found, digest = time.perf_counter(), Segmented(), hashlib.sha256()
     camera = _camera(what, options)
-    total = getattr(camera, "frames", None)
+    total = camera.frames
     with ExitStack() as stack:
         stack.callback(camera.close)
         # The arrays of one update are too small to be worth waking other cores for.

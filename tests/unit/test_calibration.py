@@ -20,7 +20,7 @@ from comotion_sources.calibration import (
 )
 from comotion_sources.cameras import Frame
 from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt.carrier import Carrier, CarrierName
+from comotion_sources.klt.carrier import CarrierName, add_poses
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
@@ -258,11 +258,10 @@ def test_a_trajectory_file_is_read_to_the_nanosecond(tmp_path):
 
 def test_the_carrier_takes_its_own_poses_only():
     buffer = PoseBuffer()
-    carrier = Carrier.__new__(Carrier)
-    carrier._name, carrier._poses = CarrierName.parse("robot:3"), buffer
     positions, turns = [[9, 9, 9], [1, 0, 0], [2, 0, 0]], [[0, 0, 0, 1]] * 3
     stamps = {"stamp_ns": 20, "stamps_ns": [20, 10, 20]}
-    carrier.add(batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps))
+    given = batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps)
+    add_poses(buffer, given, CarrierName.parse("robot:3").feature)
     assert buffer.at(10).translation == pytest.approx([1, 0, 0])
     assert buffer.newest_ns == 20
     with pytest.raises(ValueError, match="SOURCE:ID"):

@@ -36,6 +36,12 @@ class CameraSpace:
     intrinsics: Intrinsics | None = None
     extrinsics: Extrinsics | None = None
 
+    def builder(self, source: str, session: str, *, moving: bool = False) -> MessageBuilder:
+        """Build the messages of one session of a source in this space."""
+        return MessageBuilder(
+            source=source, session=session, space=self.name, unit=self.unit, dim=self.dim, moving=moving
+        )
+
 
 def choose_space(
     source: str,
