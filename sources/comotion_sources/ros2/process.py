@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Unpack
 
 from comotion_schemas.component import Where
+from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
@@ -58,7 +59,7 @@ def run(
         message=f"ROS topic {followed.topic}",
         **where,
     )
-    key = f"{followed.domain}/{followed.topic.strip('/')}/*/*"
+    key = topic_key(followed.topic, followed.domain)
     with source, subscribed(source, key, followed.ros) as received:
         source.ready()
         relay = _Relay(source, followed)
