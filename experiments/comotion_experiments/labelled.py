@@ -150,7 +150,7 @@ class LabelledFrames:
         self._labels = labels
         while self._held:
             number, frame, tracks = self._held.popleft()
-            rows = [known.get(one, (UNDETERMINED, 0.0)) for one in tracks.ids.tolist()]
+            rows = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
             table = np.array(rows, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
             hypotheses[hypotheses == UNDETERMINED] = -1

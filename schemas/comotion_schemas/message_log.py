@@ -1,4 +1,4 @@
-"""Reads MCAP recordings: file -> messages of a scene in the order of receipt. Needs the extra `record`."""
+"""Reads the messages of a scene from an MCAP recording, in the order of receipt. Needs the extra `record`."""
 
 import io
 import struct

@@ -1,4 +1,4 @@
-"""Streams: the frames of sources -> the messages that they publish, in time order.
+"""Puts the messages of several sources in one order of time, live and offline alike.
 
 Simulations and recordings of features are streams. They are pure, so a live process and an offline
 evaluation have the same content.

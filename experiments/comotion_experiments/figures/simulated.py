@@ -137,8 +137,8 @@ def draw_respawning_curves(study: Study) -> Drawn:
     takes = study.simulated(_RESPAWNING)
     figure = panels.new_figure(9.5, 4.6)
     axes = figure.subplots()
-    (label, one), (_, default) = takes.items()
-    panels.curve(axes, one, label, colour="#d55e00")
+    (label, thesis_take), (_, default) = takes.items()
+    panels.curve(axes, thesis_take, label, colour="#d55e00")
     panels.curve(axes, default, DEFAULT, colour=panels.DEFAULT_COLOUR, width=2.2, order=5)
     for t in _RESPAWNS:
         axes.axvline(t, color="0.5", linewidth=1, linestyle=":")

@@ -1,4 +1,4 @@
-"""Recorded images: video file or folder of images -> frames, stamped with media time from 0 on."""
+"""Reads video files and folders of images, stamped with media time from 0 on."""
 
 import logging
 import math

@@ -1,4 +1,4 @@
-"""Live cameras: device or network stream -> newest frame; older unread frames are dropped."""
+"""Reads devices and network streams in a thread, so that the newest frame is there and no older one waits."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Poses of the link that carries a camera: observations of another source -> pose buffer."""
+"""Follows the link that carries a camera, by what another source publishes of it."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The process of a camera source: camera -> tracker -> publisher."""
+"""The process of a camera source: reads a camera, tracks its features and publishes them."""
 
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""Marker detection: image -> numbers and poses of fiducial markers."""
+"""Finds fiducial markers and their poses in an image."""
 
 from dataclasses import dataclass, field
 from typing import Any

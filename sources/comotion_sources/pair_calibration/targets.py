@@ -1,4 +1,4 @@
-"""Calibration targets: image -> points of a chessboard, ChArUco board or single marker."""
+"""Finds the points of a chessboard, ChArUco board or single marker in an image."""
 
 from typing import Any, Protocol
 

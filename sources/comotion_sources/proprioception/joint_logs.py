@@ -1,4 +1,4 @@
-"""Joint logs: CSV file or ROS 2 bag -> joint samples.
+"""Reads logs of joints: CSV files and ROS 2 bags.
 
 The header of a CSV log names the time first, as ``stamp_ns`` (integer nanoseconds) or as ``time``,
 ``t``, ``stamp`` or ``timestamp`` (seconds), then one column per joint with the joint's name (rad or m).

@@ -1,4 +1,4 @@
-"""Joint samples -> batches with the link poses of several instants. Pure: time is in the samples."""
+"""Packs the link poses of several instants into one batch. Pure: time is in the samples."""
 
 from typing import Any, TypeAlias
 

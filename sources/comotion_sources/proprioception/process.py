@@ -1,4 +1,4 @@
-"""Runs the proprioception source: joint samples -> observations of the 6-DoF poses of links."""
+"""Publishes the links of a robot as 6-DoF features."""
 
 import logging
 from collections.abc import Mapping

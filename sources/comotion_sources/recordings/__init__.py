@@ -1,4 +1,4 @@
-"""Readers of recordings: file -> observations, for replay and offline evaluation."""
+"""Reads recordings of features, for replay and offline evaluation."""
 
 import logging
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Recordings: positions of every marker or track at every instant, with the truth if known -> streams."""
+"""What every reader of recordings gives, and how its markers become the streams of sources."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

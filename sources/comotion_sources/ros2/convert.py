@@ -1,4 +1,4 @@
-"""ROS 2 messages of trackers -> observations. Pure; the types come from rosbags (extra ``ros``)."""
+"""Reads observations out of ROS 2 messages of trackers. Pure; the types come from rosbags (extra ``ros``)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

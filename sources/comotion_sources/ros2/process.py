@@ -1,4 +1,4 @@
-"""Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
+"""Publishes what a ROS 2 topic says of features in a scene."""
 
 from dataclasses import dataclass
 from typing import Unpack

@@ -1,4 +1,4 @@
-"""Draws the features of a scene: seed and specification -> body, position, birth and death of each.
+"""Draws the features of a scene: body, position, birth and death of each.
 
 The draw depends on the seed alone. Sources that observe parts of one scene in separate processes
 therefore simulate the same world, including replaced features.

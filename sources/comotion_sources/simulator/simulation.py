@@ -1,4 +1,4 @@
-"""Simulates the sources of a scene: specification and seed -> frames, one at a time, as streams."""
+"""Simulates what each source observes of a scene, frame by frame."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal

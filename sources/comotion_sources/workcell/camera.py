@@ -1,4 +1,4 @@
-"""The camera ``workcell:SCENE/CAMERA``: joint states or time -> rendered RGB-D frames.
+"""The camera ``workcell:SCENE/CAMERA``, rendered as the scene moves.
 
 The camera has two modes with the same renderer:
 

@@ -1,4 +1,4 @@
-"""Joint history: joint states -> configuration interpolated at any instant."""
+"""Interpolates joint states, so that a camera can render any instant."""
 
 from collections import deque
 
