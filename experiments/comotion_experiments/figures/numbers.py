@@ -1,6 +1,6 @@
 """Numbers that several figures report."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -84,12 +84,17 @@ def summary(takes: Mapping[str, SceneRuns]) -> tuple[str, str]:
     return f"{spread(takes[label].mean_nmi())} ({label})", spread(takes[DEFAULT].mean_nmi())
 
 
-def mean_rows(takes: Mapping[str, SceneRuns], said: Sequence[str]) -> list[Row]:
-    """Mean NMI of each take, with what the thesis says of each; the default method last."""
-    *tried, default = (spread(take.mean_nmi()) for take in takes.values())
+def rows_of_each(
+    quantity: str,
+    takes: Mapping[str, SceneRuns],
+    said: Iterable[str],
+    value: Callable[[SceneRuns], str] = lambda take: spread(take.mean_nmi()),
+) -> list[Row]:
+    """A value of each take, with what the thesis says of each; the default method last."""
+    *tried, default = map(value, takes.values())
     columns = zip(takes, said, tried, strict=False)
-    rows = [Row(f"{label}: mean NMI", text, mean, "") for label, text, mean in columns]
-    return [*rows, Row("mean NMI", "-", "", default)]
+    rows = [Row(f"{label}: {quantity}", text, here, "") for label, text, here in columns]
+    return [*rows, Row(quantity, "-", "", default)]
 
 
 def parameters(how: Simulated, study: Study, thesis: str = "", *, drawn: bool = True) -> dict[str, str]:

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import parse_qsl
 
@@ -28,6 +29,7 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import Name
 
+from ..cameras.tum import TumWriter
 from ..cameras.types import Camera, Frame
 from ..errors import InputError
 from .history import JointHistory
@@ -220,8 +222,27 @@ class WorkcellCamera(Camera):
             return
         if isinstance(message, JointStates):
             with self._news:
-                self._history.add(message)
+                self._history.take(message)
                 self._news.notify_all()
+
+
+def write_tum(camera: WorkcellCamera, folder: Path) -> int:
+    """Write all frames of an unattached camera as a TUM RGB-D folder, with truth; returns their number.
+
+    Raises
+    ------
+    InputError
+        If the folder exists and is not empty.
+    OSError
+        If it cannot be written.
+    """
+    count = 0
+    with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
+        for frame in camera:
+            configuration = camera.scene.configuration(frame.stamp_ns * 1e-9)
+            writer.write(frame, camera.viewpoint.pose(configuration))
+            count += 1
+    return count
 
 
 def open_camera(text: str) -> WorkcellCamera:
