@@ -104,9 +104,7 @@ class _View:
 
     def _alive(self, t: float, session: int) -> NDArray[np.intp]:
         """Indices into this view's rows."""
-        lives, at = self._scene.lives, t + 1e-9
-        alive = (lives.birth[self._rows] <= at) & (at < lives.death[self._rows]) & (self._session == session)
-        return np.flatnonzero(alive)
+        return np.flatnonzero(self._scene.lives.alive(self._rows, t) & (self._session == session))
 
     def _positions(self, seen: NDArray[np.intp], rotations: Array, translations: Array, t: float) -> Array:
         scene, rows = self._scene, self._rows[seen]

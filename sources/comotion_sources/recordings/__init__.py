@@ -48,12 +48,9 @@ def _read(path: Path, fps: float | None) -> Recording:
 
     if path.stat().st_size == 0:
         raise RecordingError("the file is empty")
-    suffix = path.suffix.lower()
-    if suffix == ".c3d":
-        return read_c3d(path)
-    readers = {".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
-    reader = readers.get(suffix)
+    readers = {".c3d": read_c3d, ".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
+    reader = readers.get(path.suffix.lower())
     if reader is None:
         # A recorded scene has readers of its own; it is accepted wherever these are.
-        raise RecordingError(f"its ending is not one of {', '.join(('.c3d', *readers, SUFFIX))}")
+        raise RecordingError(f"its ending is not one of {', '.join((*readers, SUFFIX))}")
     return reader(path, fps)

@@ -25,8 +25,8 @@ _PADDING = " \0"
 _OTHER_QUANTITIES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
-def read_c3d(path: Path) -> Recording:
-    """Read a C3D recording.
+def read_c3d(path: Path, fps: float | None = None) -> Recording:  # noqa: ARG001
+    """Read a C3D recording, which has a frame rate of its own.
 
     Lengths are converted to metres; a file without a unit is in mm, the convention of the format.
     Markers with a negative residual, with NaN or exactly at the origin are unobserved.

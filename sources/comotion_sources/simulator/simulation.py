@@ -91,7 +91,7 @@ class Simulation:
     def __iter__(self) -> Iterator[Frame]:
         alive_before = np.zeros(len(self._mine), bool)
         for number in range(len(self)):
-            alive = self._alive(self._time(number))
+            alive = self._actors.alive(self._mine, self._time(number) * self.time_scale)
             yield self._frame(number, alive, alive_before & ~alive)
             alive_before = alive
 
@@ -126,12 +126,6 @@ class Simulation:
 
     def _time(self, number: int) -> float:
         return (number + self._phase) / self.rate
-
-    def _alive(self, t: float) -> NDArray[np.bool_]:
-        """Mask [n] of this source's features that exist at its time t, including occluded ones."""
-        at = t * self.time_scale + 1e-9
-        actors, mine = self._actors, self._mine
-        return (actors.birth[mine] <= at) & (at < actors.death[mine])
 
     def _frame(self, number: int, alive: NDArray[np.bool_], ended: NDArray[np.bool_]) -> Frame:
         t = self._time(number)
