@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from comotion_schemas import UNDETERMINED
+from comotion_sources.simulator import load_scene
 
 from ..tables import spread
 from ..trace import rightly_assigned
 from .runs import SceneRuns
-from .study import DEFAULT, Row, Simulated, Study, spec_of
+from .study import DEFAULT, Row, Simulated, Study
 
 
 def count(values: Any) -> str:
@@ -101,7 +102,7 @@ def parameters(how: Simulated, study: Study, thesis: str = "", *, drawn: bool = 
     """What a figure of a simulated scene was made with; `drawn`: it shows one seed of these."""
     seeds = study.options.seeds
     made_with = {
-        "scene": f"sim:{how.scene}, {spec_of(how.scene).rate:g} Hz",
+        "scene": f"sim:{how.scene}, {load_scene(how.scene).rate:g} Hz",
         "thesis method": thesis or next(iter(how.configs)).removeprefix("thesis method, "),
         "update every": f"{how.period:.3g} s",
         "seeds": ", ".join(map(str, seeds)),

@@ -67,7 +67,7 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
         raise InputError("no pose fits the images of the target; is its size right?")
     chosen = candidates[:: max(1, len(candidates) // _MAX_CANDIDATES)]
     fits = [_fits(candidate, camera_b, views, poses_a) for candidate in chosen]
-    errors = [np.median([fit[0] for fit in fit_of_views if fit is not None]) for fit_of_views in fits]
+    errors = [np.median([fit[0] for fit in tried if fit is not None]) for tried in fits]
     best = int(np.argmin(errors))
     used = [(view, fit[1]) for view, fit in zip(views, fits[best], strict=True) if fit is not None]
     return _refine(camera_a, camera_b, used, chosen[best])
@@ -84,22 +84,13 @@ def _fits(
     A mirrored pose fits one image nearly as well, and in a single view any pose in A has one in B.
     """
     a_to_b = b_to_a.inverse()
-    return [
-        min(
-            (
-                (
-                    math.hypot(
-                        in_a, rms(reprojection(camera_b, a_to_b.after(pose), view.points, view.pixels_b))
-                    ),
-                    pose,
-                )
-                for in_a, pose in poses
-            ),
-            key=lambda fit: fit[0],
-            default=None,
-        )
-        for view, poses in zip(views, poses_a, strict=True)
-    ]
+    fits: list[tuple[float, Extrinsics] | None] = []
+    for view, poses in zip(views, poses_a, strict=True):
+        in_b = [reprojection(camera_b, a_to_b.after(pose), view.points, view.pixels_b) for _, pose in poses]
+        errors = [math.hypot(in_a, rms(part)) for (in_a, _), part in zip(poses, in_b, strict=True)]
+        best = int(np.argmin(errors)) if errors else 0
+        fits.append((errors[best], poses[best][1]) if errors else None)
+    return fits
 
 
 def _pose(values: Floats) -> Extrinsics:

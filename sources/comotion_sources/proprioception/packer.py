@@ -71,9 +71,9 @@ class Packer:
         return {
             "stamp_ns": stamps[-1],
             "ids": np.tile(np.arange(links, dtype=np.uint64), len(pending)),
-            "positions": np.concatenate([at_once.positions for at_once in poses]),
-            "quaternions": np.concatenate([at_once.quaternions for at_once in poses]),
-            "sigma": np.concatenate([at_once.sigma for at_once in poses]),
+            "positions": np.concatenate([instant.positions for instant in poses]),
+            "quaternions": np.concatenate([instant.quaternions for instant in poses]),
+            "sigma": np.concatenate([instant.sigma for instant in poses]),
             "stamps_ns": np.repeat(np.array(stamps, np.int64), links),
         }
 

@@ -76,13 +76,13 @@ def run(
         publisher = stream_publisher(component.session, component.keys, "joints", name)
         component.ready()
         until = float("inf") if duration is None else time.monotonic() + duration
+        identity = {"source": name, "session": component.session_id}
         period_ns = round(1e9 / rate)
         index = time.time_ns() // period_ns + 1
         while time.monotonic() < until:
             stamp = index * period_ns
             if component.stop.wait(max(0.0, (stamp - time.time_ns()) * 1e-9)):
                 break
-            identity = {"source": name, "session": component.session_id}
             message = joint_states(workcell, stamp, seq=counters["batches"], **identity)
             publisher.put(encode(message))
             counters["batches"] += 1
