@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from comotion_schemas.ros_types import store
-from comotion_sources.proprioception.cdr import JOINT_STATE
-from comotion_sources.proprioception.samples import JointSample
+from comotion_sources.proprioception.samples import JOINT_STATE, JointSample
 
 
 def make(kind: str, /, **fields: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A whole video on one page: its annotated frames -> a few at equal distances, in a JPEG file."""
+"""Shows a whole video on one page: annotated frames at equal distances, in a JPEG file."""
 
 from pathlib import Path
 

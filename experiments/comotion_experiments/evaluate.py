@@ -1,4 +1,4 @@
-"""Offline evaluation: recordings and scenes -> scores of the core, as a table or JSON."""
+"""Scores recordings and scenes offline, as a table or JSON."""
 
 import hashlib
 import math

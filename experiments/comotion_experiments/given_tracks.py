@@ -9,6 +9,7 @@ from comotion_sources.cameras.files import RecordedCamera
 from comotion_sources.cameras.types import Camera, CameraError, Frame
 from comotion_sources.klt import Tracks
 from comotion_sources.recordings import Recording
+from comotion_sources.recordings.recording import RecordedFrames
 
 _log = logging.getLogger(__name__)
 _LARGEST_PX = 4096
@@ -33,36 +34,35 @@ class GivenTracks:
     def __init__(self, recording: Recording, camera: Camera) -> None:
         if recording.dim != 2:
             raise CameraError(f"{recording.name}: its tracks are in m; in an image they are in px")
-        frames = getattr(camera, "frames", None)
+        frames = camera.frames
         if frames not in {None, len(recording)}:
             first = min(frames, len(recording))
             text = "%s has %d frames, the video %d: the first %d are used"
             _log.warning(text, recording.name, len(recording), frames, first)
-        self._positions = recording.positions.astype(np.float32)
-        self._sigma = recording.sigma
-        self._seen = np.isfinite(self._positions[..., 0])
-        count = self._positions.shape[1]
-        self._ids = np.arange(count, dtype=np.uint64) if recording.ids is None else recording.ids
-        self._first = np.argmax(self._seen, axis=0)
-        self._last = len(recording) - 1 - np.argmax(self._seen[::-1], axis=0)
+        count = recording.positions.shape[1]
+        self._frames = list(
+            RecordedFrames(recording, markers=np.arange(count), instants=np.arange(len(recording)))
+        )
+        first = np.argmax(np.isfinite(recording.positions[..., 0]), axis=0)
+        ids = np.arange(count) if recording.ids is None else recording.ids
+        self._births = dict(zip(ids.tolist(), first.tolist(), strict=True))
 
     def __len__(self) -> int:
-        return len(self._seen)
+        return len(self._frames)
 
     def at(self, number: int, frame: Frame) -> Tracks:
         """The features of a frame, by its number."""
-        seen = self._seen[number]
-        count = int(seen.sum())
-        ended = self._ids[(self._last == number - 1) & self._seen.any(axis=0)]
+        tracked = self._frames[number]
+        ids = tracked.ids.tolist()
         return Tracks(
             stamp_ns=frame.stamp_ns,
-            ids=self._ids[seen],
-            pixels=self._positions[number, seen],
-            pixel_sigma=np.full(count, np.nan) if self._sigma is None else self._sigma[number, seen],
+            ids=tracked.ids,
+            pixels=tracked.positions.astype(np.float32),
+            pixel_sigma=np.full(len(ids), np.nan) if tracked.sigma is None else tracked.sigma,
             points=None,
             sigma=None,
-            born=self._first[seen] == number,
-            ended=ended,
+            born=np.array([self._births[identity] == number for identity in ids], np.bool_),
+            ended=tracked.ended,
         )
 
 

@@ -1,4 +1,4 @@
-"""Inputs of offline runs: paths of recordings and ``sim:NAME`` -> messages."""
+"""Finds the recordings and simulated scenes that offline runs are to read."""
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -14,7 +14,6 @@ from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, 
 from comotion_schemas.naming import Names
 from comotion_sources.calibration import Calibration
 from comotion_sources.cameras.types import Camera, CameraError, Frame
-from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig, Tracks
 from comotion_sources.klt.observer import Observer, choose_space
 from comotion_sources.recordings import Recording
@@ -102,14 +101,7 @@ class LabelledFrames:
         self._given = None if options.given is None else GivenTracks(options.given, camera)
         self.joints: Sequence[Joint] = ()
         self._tracker = Tracker(options.tracker, self.space.intrinsics)
-        builder = MessageBuilder(
-            source=_SOURCE,
-            session=OFFLINE_SESSION,
-            space=self.space.name,
-            unit=self.space.unit,
-            dim=self.space.dim,
-            moving=options.tracker.moving,
-        )
+        builder = self.space.builder(_SOURCE, OFFLINE_SESSION, moving=options.tracker.moving)
         self._observer = Observer(self.space, builder)
         self._fusion = Fusion(options.fusion, scene="segment")
         self._period_ns = round(options.fusion.period * 1e9)
@@ -158,7 +150,7 @@ class LabelledFrames:
         self._labels = labels
         while self._held:
             number, frame, tracks = self._held.popleft()
-            rows = [known.get(one, (UNDETERMINED, 0.0)) for one in tracks.ids.tolist()]
+            rows = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
             table = np.array(rows, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
             hypotheses[hypotheses == UNDETERMINED] = -1

@@ -43,7 +43,7 @@ class MaskFolder:
         except OSError as error:
             raise CameraError(f"{folder}: {error.strerror}") from None
 
-    def write(self, one: Labelled) -> None:
+    def write(self, labelled: Labelled) -> None:
         """Write the regions of one frame if it is due.
 
         Raises
@@ -51,13 +51,13 @@ class MaskFolder:
         CameraError
             If it cannot be written.
         """
-        stamp = one.frame.stamp_ns
+        stamp = labelled.frame.stamp_ns
         if self._due_ns is not None and stamp < self._due_ns:
             return
         self._due_ns = stamp + self._every_ns
-        found = regions(one.frame.image, one.tracks.pixels, one.hypotheses)
-        path = self._folder / f"{one.number:06d}.png"
-        image = np.where((found >= 0) & (found <= _MOST), found, 0).astype(np.uint16)
+        hypotheses = regions(labelled.frame.image, labelled.tracks.pixels, labelled.hypotheses)
+        path = self._folder / f"{labelled.number:06d}.png"
+        image = np.where((hypotheses >= 0) & (hypotheses <= _MOST), hypotheses, 0).astype(np.uint16)
         if not cv2.imwrite(str(path), image):
             raise CameraError(f"{path}: cannot be written")
         self.written += 1

@@ -1,4 +1,4 @@
-"""Offline runs: recorded or simulated messages -> scored updates of the core, as fast as possible."""
+"""Runs recorded or simulated messages through the core as fast as possible, and scores every update."""
 
 import math
 import time

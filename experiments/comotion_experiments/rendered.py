@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from comotion_sources.cameras.types import Frame
-from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import Tracker, TrackerConfig, Tracks
 from comotion_sources.klt.observer import Observer, choose_space
 from comotion_sources.streams import OFFLINE_SESSION
@@ -25,10 +24,8 @@ def filmed(spec: CameraSpec, source: str, config: TrackerConfig) -> Iterator[Fil
     """Film a scene with depth; the same for the same arguments."""
     camera = WorkcellCamera(spec)
     space = choose_space(source, has_depth=True, intrinsics=camera.intrinsics, extrinsics=camera.extrinsics)
-    builder = MessageBuilder(
-        source=source, session=OFFLINE_SESSION, space=space.name, unit=space.unit, dim=space.dim
-    )
-    observer, tracker = Observer(space, builder, camera.objects), Tracker(config, camera.intrinsics)
+    observer = Observer(space, space.builder(source, OFFLINE_SESSION), camera.objects)
+    tracker = Tracker(config, camera.intrinsics)
     for frame in camera:
         tracks = tracker.step(frame)
         yield Filmed(frame, tracks, list(observer.messages(tracks, frame)))

@@ -149,9 +149,9 @@ def _page(url: str, size: tuple[int, int], wait: float = 2.0) -> NDArray[np.uint
         return image
 
 
-def _changed(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
+def _changed(last: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
     """Share of the pixels that differ."""
-    return float((before != after).any(axis=2).mean()) if before.shape == after.shape else 1.0
+    return float((last != image).any(axis=2).mean()) if last.shape == image.shape else 1.0
 
 
 def _watched(folder: Path) -> NDArray[np.uint8]:

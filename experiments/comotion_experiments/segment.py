@@ -83,9 +83,9 @@ class Segmented:
             "codec": self.codec,
             "labels_sha256": self.digest,
             "hypotheses": [
-                {"id": one, "frames": count, "state": state}
-                for one, count in sorted(self.hypotheses.items())
-                for state in [next((h.state for h in self.last if h.id == one), None)]
+                {"id": number, "frames": count, "state": state}
+                for number, count in sorted(self.hypotheses.items())
+                for state in [next((h.state for h in self.last if h.id == number), None)]
             ],
         }
 
@@ -100,9 +100,9 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
     CameraError
         If it cannot be read, is a live camera, or an output cannot be written.
     """
-    begun, found, digest = time.perf_counter(), Segmented(), hashlib.sha256()
+    begun, result, digest = time.perf_counter(), Segmented(), hashlib.sha256()
     camera = _camera(what, options)
-    total = getattr(camera, "frames", None)
+    total = camera.frames
     with ExitStack() as stack:
         stack.callback(camera.close)
         # The arrays of one update are too small to be worth waking other cores for.
@@ -111,23 +111,23 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
         outputs = _Outputs(options, camera.rate or options.rate or _DEFAULT_RATE, run.space)
         stack.callback(outputs.close)
         first_ns: int | None = None
-        for one in run.labelled():
-            outputs.write(one)
-            _add(digest, one)
-            first_ns = one.frame.stamp_ns if first_ns is None else first_ns
-            found.frames += 1
-            found.duration = (one.frame.stamp_ns - first_ns) / 1e9
-            found.size = (one.frame.image.shape[1], one.frame.image.shape[0])
-            found.hypotheses.update(np.unique(one.hypotheses[one.hypotheses >= 0]).tolist())
-            found.last = one.listed
-            progress(found.frames, total)
-    if not found.frames:
+        for labelled in run.labelled():
+            outputs.write(labelled)
+            _add(digest, labelled)
+            first_ns = labelled.frame.stamp_ns if first_ns is None else first_ns
+            result.frames += 1
+            result.duration = (labelled.frame.stamp_ns - first_ns) / 1e9
+            result.size = (labelled.frame.image.shape[1], labelled.frame.image.shape[0])
+            result.hypotheses.update(np.unique(labelled.hypotheses[labelled.hypotheses >= 0]).tolist())
+            result.last = labelled.listed
+            progress(result.frames, total)
+    if not result.frames:
         raise CameraError(f"{what}: no frame")
     outputs.finish()
-    found.digest, found.codec, found.path = digest.hexdigest(), outputs.codec, run.path
-    found.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
-    found.seconds = time.perf_counter() - begun
-    return found
+    result.digest, result.codec, result.path = digest.hexdigest(), outputs.codec, run.path
+    result.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
+    result.seconds = time.perf_counter() - begun
+    return result
 
 
 def _camera(what: str | None, options: SegmentOptions) -> Camera:
@@ -160,22 +160,22 @@ class _Outputs:
             self._table = csv.writer(self._file)
             self._table.writerow(COLUMNS)
 
-    def write(self, one: Labelled) -> None:
+    def write(self, labelled: Labelled) -> None:
         """Write one frame."""
         if self._first_ns is None:
-            self._first_ns = one.frame.stamp_ns
-        seconds = (one.frame.stamp_ns - self._first_ns) / 1e9
+            self._first_ns = labelled.frame.stamp_ns
+        seconds = (labelled.frame.stamp_ns - self._first_ns) / 1e9
         if self._table is not None:
-            self._table.writerows(_rows(one, seconds))
+            self._table.writerows(_rows(labelled, seconds))
         if self._masks is not None:
-            self._masks.write(one)
+            self._masks.write(labelled)
         if self._picture is not None or self._sheet is not None:
-            labels = dict(zip(one.tracks.ids.tolist(), one.hypotheses.tolist(), strict=True))
+            labels = dict(zip(labelled.tracks.ids.tolist(), labelled.hypotheses.tolist(), strict=True))
             image = self._annotator.draw(
-                one.frame.image,
-                one.tracks,
+                labelled.frame.image,
+                labelled.tracks,
                 lambda feature: labels[feature] if labels[feature] >= 0 else UNDETERMINED,
-                one.listed,
+                labelled.listed,
             )
             if self._picture is not None:
                 self._picture.write(image)
@@ -195,19 +195,20 @@ class _Outputs:
             self._picture.close()
 
 
-def _rows(one: Labelled, seconds: float) -> Iterator[tuple[Any, ...]]:
+def _rows(labelled: Labelled, seconds: float) -> Iterator[tuple[Any, ...]]:
     columns = zip(
-        one.tracks.ids.tolist(),
-        one.tracks.pixels.tolist(),
-        one.hypotheses.tolist(),
-        one.confidence.tolist(),
+        labelled.tracks.ids.tolist(),
+        labelled.tracks.pixels.tolist(),
+        labelled.hypotheses.tolist(),
+        labelled.confidence.tolist(),
         strict=True,
     )
+    frame = (labelled.number, f"{seconds:.6f}")
     for feature, (x, y), hypothesis, confidence in columns:
-        yield one.number, f"{seconds:.6f}", feature, f"{x:.3f}", f"{y:.3f}", hypothesis, f"{confidence:.3f}"
+        yield *frame, feature, f"{x:.3f}", f"{y:.3f}", hypothesis, f"{confidence:.3f}"
 
 
-def _add(digest: Any, one: Labelled) -> None:
-    digest.update(np.int64(one.number).tobytes())
-    digest.update(one.tracks.ids.tobytes())
-    digest.update(one.hypotheses.tobytes())
+def _add(digest: Any, labelled: Labelled) -> None:
+    digest.update(np.int64(labelled.number).tobytes())
+    digest.update(labelled.tracks.ids.tobytes())
+    digest.update(labelled.hypotheses.tobytes())

@@ -59,9 +59,9 @@ def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | Obs
     for index in range(round(seconds * _ROBOT_RATE)):
         t = index / _ROBOT_RATE
         reading = JointSample(round(1e9 * t), scene.joints, scene.configuration(t))
-        pack = packer.add(kinematics.encoded(reading))
-        if pack is not None:
-            yield pack.stamp_ns, builder.observation(**pack.columns())
+        columns = packer.add(kinematics.encoded(reading))
+        if columns is not None:
+            yield columns["stamp_ns"], builder.observation(**columns)
 
 
 def _links(scene: Scene) -> Status:

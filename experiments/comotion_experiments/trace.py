@@ -1,4 +1,4 @@
-"""Trace of a run for plots: updates -> tracks of one space at each update."""
+"""Keeps the updates of a run for plots, and picks the tracks of one space out of them."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Colours of hypotheses: hypothesis id -> colour, the same in every tool and safe for the colour-blind.
+"""Gives hypotheses colours, the same in every tool and safe for the colour-blind.
 
 The first seven hues are those of Okabe and Ito ("Color Universal Design", 2008) without black. Each further
 one was chosen from a grid of colours to be as far as possible from all before it, for people with normal

@@ -312,6 +312,8 @@ class Component:
                 self.last_status = self.status()
                 publisher.put(encode(self.last_status))
             except Exception:  # one Status less, but not the end of all
+                if closing.is_set():  # the machine is so busy that the publisher has gone meanwhile
+                    return
                 _log.exception("no status of %s", self.name)
             if not self._hangs:
                 beat(self._ready_file)

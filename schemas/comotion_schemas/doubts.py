@@ -100,20 +100,20 @@ def _made_up(positions: NDArray[np.float64]) -> Iterator[str]:
             )
 
 
-def trading(before: NDArray[np.floating], now: NDArray[np.floating]) -> float:
+def trading(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> float:
     """Share of the features that are seen twice, and the second time where another was the first time.
 
     They have moved, against the others, by more than half of all are from the middle.
 
     Parameters
     ----------
-    before, now
+    earlier, later
         float [N, dim] of the same features, rows of NaN where unseen.
     """
-    both = np.isfinite(before[:, 0]) & np.isfinite(now[:, 0])
+    both = np.isfinite(earlier[:, 0]) & np.isfinite(later[:, 0])
     if np.count_nonzero(both) < _LEAST_FEATURES:
         return 0.0
-    old, new = before[both].astype(np.float64), now[both].astype(np.float64)
+    old, new = earlier[both].astype(np.float64), later[both].astype(np.float64)
     step = new - old
     size = np.linalg.norm(step - np.median(step, axis=0), axis=1)
     spread = float(np.median(np.linalg.norm(new - np.median(new, axis=0), axis=1)))

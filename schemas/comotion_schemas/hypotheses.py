@@ -272,8 +272,8 @@ class HypothesisUpdate:
     frames: dict[SpaceName, Pose] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        found = [f"{one.id} {one.state} ({one.size})" for one in self.hypotheses]
-        listed = [*found[:_SHOWN], *(["..."] if len(found) > _SHOWN else [])]
+        texts = [f"{h.id} {h.state} ({h.size})" for h in self.hypotheses]
+        listed = [*texts[:_SHOWN], *(["..."] if len(texts) > _SHOWN else [])]
         count = f"{len(self.track_id)} tracks, hypotheses"
         return f"HypothesisUpdate({self.stamp_ns / 1e9:.3f} s, {count}: {', '.join(listed) or 'none'})"
 

@@ -1,4 +1,4 @@
-"""Reads MCAP recordings: file -> messages of a scene in the order of receipt. Needs the extra `record`."""
+"""Reads the messages of a scene from an MCAP recording, in the order of receipt. Needs the extra `record`."""
 
 import io
 import struct
@@ -167,14 +167,12 @@ class MessageLog:
         try:
             reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=_MAX_RECORD_BYTES)
             summary = reader.get_summary()
+            if summary is not None:
+                self._check_chunks(summary)
         except (*_DAMAGED, OSError, ValueError) as error:
             raise self._damaged(error) from None
         if summary is None or summary.statistics is None:
             raise self._damaged("it has no index")
-        try:
-            self._check_chunks(summary)
-        except (*_DAMAGED, OSError, ValueError) as error:
-            raise self._damaged(error) from None
         if not any(kind_of(channel.topic) for channel in summary.channels.values()):
             raise RecordingError(f"{self.path}: it holds no message of a scene")
         return reader, summary

@@ -1,5 +1,6 @@
-"""Types of ROS 2 messages, by rosbags (extra ``ros``), with those that rosbags does not have; decoding."""
+"""Messages of ROS 2: their types and decoding by rosbags (extra ``ros``), their keys in rmw_zenoh."""
 
+import re
 from functools import cache
 from typing import Any
 
@@ -61,3 +62,32 @@ def from_cdr(raw: bytes, kind: str) -> Any:
         return types.deserialize_cdr(raw, kind)
     except Exception as error:  # rosbags raises many types on malformed bytes
         raise InputError(f"not a {kind}: {type(error).__name__}") from None
+
+
+def stamp_of(header: Any, received_ns: int) -> int:
+    """Acquisition time of a message, ns; that of its receipt if its header has none."""
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec) or received_ns
+
+
+def topic_key(topic: str, domain: int = 0, kind: str = "*") -> str:
+    """Return the key expression on which rmw_zenoh publishes a topic.
+
+    The layout of rmw_zenoh is ``<domain>/<topic without outer slashes>/<DDS type>/<type hash>``. The
+    hash differs between ROS distributions; the key expression matches all of them.
+
+    Parameters
+    ----------
+    topic, domain
+        ROS topic, and domain id.
+    kind
+        DDS type; by default any.
+
+    Raises
+    ------
+    InputError
+        If the topic is not a valid ROS name.
+    """
+    name = topic.strip("/")
+    if not all(re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", chunk) for chunk in name.split("/")):
+        raise InputError(f"{topic!r} is not a ROS topic")
+    return f"{domain}/{name}/{kind}/*"

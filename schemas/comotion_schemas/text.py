@@ -1,4 +1,4 @@
-"""Text from outside -> text that can be shown: in terminals, logs, pages, metrics, frames and file names.
+"""Makes text from outside harmless to show: in terminals, logs, pages, metrics, frames and file names.
 
 And numbers of things -> words.
 """

@@ -1,4 +1,4 @@
-"""A component's folder of certificate and key -> what a session needs, and what the certificate allows.
+"""Reads a component's folder of certificate and key, and what the certificate allows.
 
 ``comotion pki issue`` writes such a folder::
 

@@ -1,19 +1,42 @@
-"""Plays a tape in real time. The clock and the keyboard are injected."""
+"""Plays a log of messages in real time. The clock and the keyboard are injected."""
 
 import itertools
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Protocol, TypeAlias, cast
 
-from .tape import Schedule, Tape
+from comotion_schemas import Message, ObservationBatch, encode
+from comotion_schemas.errors import KnownError
+from comotion_schemas.keys import Kind, StreamKind
+
+from .schedule import Restamp, Schedule
+from .streams import StreamLog, StreamMessage
+
+if TYPE_CHECKING:
+    from comotion_schemas.message_log import Logged, MessageLog
 
 LATE_S = 0.2
 """A live entry that is later than this, s, is left out: it would arrive after the allowed lateness."""
+KINDS: frozenset[Kind] = frozenset({"obs", "truth", "joints", "preview"})
+_CLOCKS_AGREE_NS = 10_000_000_000  # a larger offset between stamp and receipt means different clocks
 _TICK_S = 0.1  # longest wait between two looks at the keyboard
 
 Progress = Callable[[int, float], None]
 """Called with the number of the pass and the time within it at every entry."""
+Log: TypeAlias = "MessageLog | StreamLog"
+Entry: TypeAlias = "Logged | StreamMessage"
+
+
+class Output(Protocol):
+    """Where the messages of a source go: a :class:`~comotion_sources.runtime.Source`."""
+
+    def send(self, kind: StreamKind, payload: bytes, message: Message | None) -> None:
+        """Publish a payload; `message` is what it holds, None if it is invalid."""
+
+    def overrun(self) -> None:
+        """Count a message that is left out: late, or invalid and so without a stamp to move."""
 
 
 class Clock:
@@ -33,14 +56,14 @@ class Clock:
 
 
 class Player:
-    """Plays a tape.
+    """Plays a log pass after pass.
 
     Parameters
     ----------
-    tape
-        The entries and their output.
+    log, outputs
+        The messages, and where those of each source go.
     schedule
-        When they are due.
+        Range, speed and stamps, and when entries are due.
     stop
         Ends playback when set.
     read_key
@@ -49,11 +72,17 @@ class Player:
         Called at every entry.
     clock
         Clocks of the machine, or of a test.
+
+    Raises
+    ------
+    ValueError
+        If the log is shorter than the start of the schedule.
     """
 
     def __init__(
         self,
-        tape: Tape,
+        log: Log,
+        outputs: Mapping[str, Output],
         schedule: Schedule,
         stop: threading.Event,
         *,
@@ -61,18 +90,26 @@ class Player:
         progress: Progress | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self._tape, self._schedule, self._stop = tape, schedule, stop
+        self._log, self._outputs, self._schedule, self._stop = log, outputs, schedule, stop
+        self._start_ns = log.start_ns + round(schedule.start * 1e9)
+        end_ns = log.end_ns if schedule.end is None else log.start_ns + round(schedule.end * 1e9)
+        self._end_ns = min(end_ns, log.end_ns)
+        if self._start_ns > self._end_ns:
+            raise KnownError(f"the recording is only {(log.end_ns - log.start_ns) / 1e9:.1f} s long")
+        # Seconds after which a pass is repeated; then entries at or after this time are left out.
+        self._length = (self._end_ns - self._start_ns) / 1e9 + log.gap_s
+        self._restamp: Restamp | None = None
         self._read_key = read_key
         self._progress = progress or (lambda number, t: None)  # noqa: ARG005 - no progress
         self._clock = clock or Clock()
-        self._period = tape.length / schedule.speed
+        self._period = self._length / schedule.speed
         self._paused_s = 0.0
         self._ahead = self._clock.monotonic() - self._clock.wall()
         limit = math.inf if schedule.duration is None else schedule.duration
         self._end = self._clock.monotonic() + limit
 
     def run(self) -> None:
-        """Play until the tape or the duration of the schedule ends, or `stop` is set."""
+        """Play until the log or the duration of the schedule ends, or `stop` is set."""
         start, first = self._first_pass()
         for number in itertools.count(first):
             self._play_pass(number, number == first, start + number * self._period + self._paused_s)
@@ -98,22 +135,74 @@ class Player:
             self._ahead = joined - self._clock.wall()
         begin = start + self._ahead - self._paused_s
         live = self._schedule.stamps == "now"
-        for t, entry in self._tape.begin(number, first, start):
-            if self._schedule.loop and t >= self._tape.length - 1e-9:
+        self._restamp = self._restamp_of(number, first, start)
+        for t, entry in self._entries():
+            if self._schedule.loop and t >= self._length - 1e-9:
                 break
             due = begin + t / self._schedule.speed
             if due + self._paused_s < joined - LATE_S:  # the pass started before this process
-                self._tape.skip(entry, counted=False)
+                self._skip(entry, counted=False)
                 continue
             if self._wait(due):
                 return
             if live and self._clock.monotonic() > due + self._paused_s + LATE_S:
-                self._tape.skip(entry, counted=True)
+                self._skip(entry, counted=True)
                 continue
-            self._tape.put(entry)
+            self._put(entry)
             self._progress(number, t)
         if self._schedule.loop:
             self._wait(begin + self._period)
+
+    def _restamp_of(self, number: int, first: bool, start: float) -> Restamp | None:
+        """How messages of a pass, which the wall clock sees at `start`, move in time; None: they do not."""
+        if self._schedule.stamps == "now":
+            return Restamp(self._reference_ns(), round(start * 1e9), self._schedule.speed)
+        if first:
+            return None
+        reference = self._reference_ns()
+        return Restamp(reference, reference + round(number * self._length * 1e9), 1.0)
+
+    def _entries(self) -> Iterator[tuple[float, Entry]]:
+        """Yield (seconds within the pass, entry) in order; the truth from before its start comes first."""
+        if self._start_ns > self._log.start_ns:
+            for entry in self._log.messages(frozenset({"truth"}), end_ns=self._start_ns - 1):
+                yield 0.0, entry
+        for entry in self._log.messages(KINDS, start_ns=self._start_ns, end_ns=self._end_ns):
+            yield (entry.log_ns - self._start_ns) / 1e9, entry
+
+    def _put(self, entry: Entry) -> None:
+        """Publish an entry; where its stamp is to move and it has none, it is left out."""
+        message, output = entry.decode(), self._outputs[entry.name]
+        if self._restamp is None:
+            output.send(cast("StreamKind", entry.kind), entry.payload, message)
+        elif message is not None:
+            moved = self._restamp(message)
+            output.send(cast("StreamKind", entry.kind), encode(moved), moved)
+        else:
+            output.overrun()
+
+    def _skip(self, entry: Entry, *, counted: bool) -> None:
+        """Leave an entry out, but for truth, which holds whenever it comes; where `counted`, count it."""
+        if entry.kind == "truth":
+            self._put(entry)
+            return
+        if self._restamp is not None and (message := entry.decode()) is not None:
+            self._restamp.leave_out(message)
+        if counted:
+            self._outputs[entry.name].overrun()
+
+    def _reference_ns(self) -> int:
+        """Stamp of the start of the range on the clock of the sources.
+
+        It equals the time in the log unless the first stamp is more than 10 s from it, as in a recording of
+        replayed data with original stamps.
+        """
+        for entry in self._log.messages(frozenset({"obs"}), start_ns=self._start_ns):
+            batch = entry.decode()
+            if isinstance(batch, ObservationBatch):
+                offset = batch.stamp_ns - entry.log_ns
+                return self._start_ns + (offset if abs(offset) > _CLOCKS_AGREE_NS else 0)
+        return self._start_ns
 
     def _wait(self, due: float) -> bool:
         """Wait for an instant of the monotonic clock, which pauses delay; True if playback is to stop."""
@@ -137,4 +226,5 @@ class Player:
             pass
         seconds = self._clock.monotonic() - began
         self._paused_s += seconds
-        self._tape.delay(seconds)
+        if self._restamp is not None and self._schedule.stamps == "now":
+            self._restamp.target_ns += round(seconds * 1e9)

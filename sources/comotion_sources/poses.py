@@ -1,8 +1,6 @@
 """Pose of a carried camera at the stamp of a frame, from poses of its carrier over time."""
 
 import re
-from bisect import bisect_left
-from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from comotion_schemas.errors import KnownError
 from .bounded import read_text
 from .calibration.model import Extrinsics
 from .errors import InputError
+from .timed import Timed
 
 # A line has some 40 bytes: a day at 30 Hz.
 _MAX_BYTES = 100_000_000
@@ -22,7 +21,7 @@ _GAP_NS = 200_000_000
 """Poses are not interpolated across a longer gap."""
 
 
-class PoseBuffer:
+class PoseBuffer(Timed[Extrinsics]):
     """The last poses of a carrier, such as the link of a robot that a camera is mounted on.
 
     Parameters
@@ -34,43 +33,20 @@ class PoseBuffer:
     """
 
     def __init__(self, mount: Extrinsics | None = None, kept_ns: int | None = _KEPT_NS) -> None:
-        self._mount, self._kept_ns = mount, kept_ns
-        self._poses: deque[tuple[int, Extrinsics]] = deque()
-
-    @property
-    def newest_ns(self) -> int | None:
-        """Stamp of the newest pose; None before the first."""
-        return self._poses[-1][0] if self._poses else None
-
-    def add(self, stamp_ns: int, pose: Extrinsics) -> bool:
-        """Add a pose of the carrier; one that is not newer than the last is refused (False)."""
-        if self._poses and stamp_ns <= self._poses[-1][0]:
-            return False
-        self._poses.append((stamp_ns, pose))
-        while self._kept_ns is not None and self._poses[0][0] < stamp_ns - self._kept_ns:
-            self._poses.popleft()
-        return True
+        super().__init__(kept_ns, _GAP_NS)
+        self._mount = mount
 
     def at(self, stamp_ns: int) -> Extrinsics | None:
         """Pose of the camera at a stamp, interpolated; None beyond the stored poses and across a gap."""
-        after = bisect_left(self._poses, stamp_ns, key=lambda known: known[0])
-        if after == len(self._poses):
+        poses = self.around(stamp_ns)
+        if poses is None:
             return None
-        late_ns, late = self._poses[after]
-        if late_ns == stamp_ns:
-            return self._mounted(late)
-        if after == 0:
-            return None
-        early_ns, early = self._poses[after - 1]
-        if late_ns - early_ns > _GAP_NS:
-            return None
-        share = (stamp_ns - early_ns) / (late_ns - early_ns)
-        turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early.rotation, late.rotation])))
-        place = early.translation + share * (late.translation - early.translation)
-        return self._mounted(Extrinsics(turns([share]).as_matrix()[0], place, late.frame))
-
-    def _mounted(self, pose: Extrinsics) -> Extrinsics:
-        return pose if self._mount is None else pose.after(self._mount)
+        early, late, share = poses
+        if share:
+            turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early.rotation, late.rotation])))
+            place = early.translation + share * (late.translation - early.translation)
+            late = Extrinsics(turns([share]).as_matrix()[0], place, late.frame)
+        return late if self._mount is None else late.after(self._mount)
 
 
 def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:

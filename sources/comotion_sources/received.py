@@ -1,13 +1,17 @@
-"""Payloads of a subscription, from Zenoh's thread to that of a source."""
+"""What a source receives: from Zenoh's thread to its own, or when it asks."""
 
 import queue
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from typing import Any
 
 import zenoh
 
-from comotion_schemas.transport import SessionSettings, open_session
+from comotion_schemas import DecodeError, Message, decode_on
+from comotion_schemas.component import Component
+from comotion_schemas.keys import Kind
+from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
 
 from .runtime import SourcePublisher
 
@@ -65,3 +69,34 @@ def subscribed(
             session = stack.enter_context(open_session(settings))
         stack.callback(session.declare_subscriber(key, received.receive).undeclare)
         yield received
+
+
+class Polled:
+    """Messages of a key that are taken when they are asked for; of those that wait the oldest are dropped.
+
+    Parameters
+    ----------
+    component
+        Whose session is used.
+    key, kind
+        What is received; messages that are invalid or not of this key are left out.
+    capacity
+        Messages that wait.
+    """
+
+    def __init__(self, component: Component, key: str, kind: Kind, capacity: int) -> None:
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(capacity)
+        self._subscriber: Any = declare_subscriber(component.session, key, kind, ring)
+
+    def take(self) -> Iterator[Message]:
+        """Yield what has arrived since the last call."""
+        while (sample := self._subscriber.handler.try_recv()) is not None:
+            try:
+                message = decode_on(str(sample.key_expr), sample.payload.to_bytes())
+            except DecodeError:
+                continue
+            yield message
+
+    def close(self) -> None:
+        """End the subscription."""
+        self._subscriber.undeclare()

@@ -3,22 +3,21 @@
 import logging
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack, cast
 
-from comotion_schemas import Message
 from comotion_schemas.component import Where, new_session_id
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import Kind, StreamKind
+from comotion_schemas.keys import StreamKind
 from comotion_schemas.terminal import keyboard, reporting
 from comotion_schemas.text import counted
 
-from .player import Player, Progress
+from .player import KINDS, Log, Player, Progress
 from .recordings import Recording
 from .runtime import Source
+from .schedule import Schedule
 from .streams import Stream, StreamLog
-from .tape import KINDS, Log, Schedule, Tape
 
 if TYPE_CHECKING:
     from comotion_schemas.message_log import MessageLog
@@ -28,27 +27,7 @@ _BAR = 40  # characters of the bar on a terminal
 _log = logging.getLogger(__name__)
 
 
-class _Outputs:
-    """The sources of a log, as the outputs of a tape."""
-
-    def __init__(self, sources: Sequence[Source]) -> None:
-        self._sources = {source.name: source for source in sources}
-
-    def put(self, kind: Kind, name: str, payload: bytes, message: Message | None) -> None:
-        self._sources[name].send(cast("StreamKind", kind), payload, message)
-
-    def skipped(self, name: str) -> None:
-        self._sources[name].overrun()
-
-
-def play(
-    log: Log,
-    sources: Sequence[Source],
-    schedule: Schedule,
-    *,
-    progress: Progress | None = None,
-    keys: AbstractContextManager[Callable[[], str]] | None = None,
-) -> None:
+def play(log: Log, sources: Sequence[Source], schedule: Schedule, *, shown_as: str = "") -> None:
     """Publish a log until it ends, a signal arrives or the schedule ends.
 
     Parameters
@@ -59,23 +38,25 @@ def play(
         Those of the log; they are entered, and the last one says that all are ready.
     schedule
         When messages are due, and their stamps.
-    progress
-        Called at every message.
-    keys
-        Gives the keys by which playback is paused; None: it cannot be.
+    shown_as
+        Name of the recording, for a line of progress and a key for pauses; empty: neither.
 
     Raises
     ------
     ValueError
         If the log is shorter than the start of the schedule.
     """
-    tape = Tape(log, _Outputs(sources), schedule)
+    outputs = {source.name: source for source in sources}
+    progress, read_key = None, _no_key
     with ExitStack() as stack:
         for source in sources:
             stack.enter_context(source)
-        read_key = stack.enter_context(keys or nullcontext(lambda: ""))
+        if shown_as:
+            seconds = (log.end_ns - log.start_ns) / 1e9
+            progress = stack.enter_context(shown_progress(shown_as, seconds, schedule.start))
+            read_key = stack.enter_context(replay_keys())
         # Signals reach the component that was entered last.
-        player = Player(tape, schedule, sources[-1].stop, read_key=read_key, progress=progress)
+        player = Player(log, outputs, schedule, sources[-1].stop, read_key=read_key, progress=progress)
         sources[-1].ready()
         player.run()
         if not sources[-1].stop.is_set():
@@ -88,8 +69,7 @@ def play_streams(
     *,
     message: str,
     publish_sigma: bool = False,
-    progress: Progress | None = None,
-    keys: AbstractContextManager[Callable[[], str]] | None = None,
+    shown_as: str = "",
     **where: Unpack[Where],
 ) -> None:
     """:func:`play` the streams of simulations or recordings, each as a source.
@@ -98,7 +78,7 @@ def play_streams(
     ----------
     streams
         One per source, with different names.
-    schedule, progress, keys
+    schedule, shown_as
         As in :func:`play`.
     message
         One line for Status.
@@ -117,22 +97,13 @@ def play_streams(
         Source(stream.name, rate=stream.rate * schedule.speed, message=message, session_id=session, **where)
         for stream in streams
     ]
-    play(
-        StreamLog(streams, session, publish_sigma=publish_sigma),
-        sources,
-        schedule,
-        progress=progress,
-        keys=keys,
-    )
+    play(StreamLog(streams, session, publish_sigma=publish_sigma), sources, schedule, shown_as=shown_as)
 
 
 def replay_recording(
     recording: Recording, streams: Sequence[Stream], schedule: Schedule, **where: Unpack[Where]
 ) -> None:
-    """Play the streams of a recording of features, with a line of progress and a key for pauses.
-
-    The parameters and errors are those of :func:`play_streams`.
-    """
+    """:func:`play_streams` of a recording of features."""
     _log.info(
         "%s: %s at %.4g Hz, %d %s%s; as %s",
         recording.name,
@@ -143,16 +114,8 @@ def replay_recording(
         "" if recording.labels is None else " with truth",
         ", ".join(f"{stream.name} at {stream.rate * schedule.speed:.4g} Hz" for stream in streams),
     )
-    with shown_progress(recording.name, recording.length) as progress:
-        play_streams(
-            streams,
-            schedule,
-            publish_sigma=True,
-            message=f"replays {recording.name}",
-            progress=progress,
-            keys=replay_keys(),
-            **where,
-        )
+    message = f"replays {recording.name}"
+    play_streams(streams, schedule, message=message, publish_sigma=True, shown_as=recording.name, **where)
 
 
 def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None:
@@ -184,12 +147,7 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
     with MessageLog(path) as log:
         sources = _recorded_sources(log, f"replays {path.stem}", where)
         _log.info("%s: %.1f s; as %s", path.name, log.seconds, ", ".join(source.name for source in sources))
-        with shown_progress(path.stem, log.seconds) as progress:
-
-            def advance(number: int, t: float) -> None:
-                progress(number, schedule.start + t)
-
-            play(log, sources, schedule, progress=advance, keys=replay_keys())
+        play(log, sources, schedule, shown_as=path.stem)
     if left_out := sum(source.overruns for source in sources):
         _log.warning("%s left out: late, or invalid and so without a stamp", counted(left_out, "message"))
 
@@ -212,22 +170,22 @@ def _recorded_sources(log: "MessageLog", message: str, where: Where) -> list[Sou
 
 
 @contextmanager
-def shown_progress(what: str, length: float) -> Iterator[Progress]:
+def shown_progress(what: str, length: float, start: float = 0.0) -> Iterator[Progress]:
     """Show the progress of a replay on standard error; yields the function to call at every message.
 
     Parameters
     ----------
     what
         Name of the recording.
-    length
-        Seconds of one pass.
+    length, start
+        Seconds of the recording, and where in it a pass begins.
     """
     with reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S) as report:
 
         def advance(number: int, t: float) -> None:
             count = f", pass {number + 1}" if number else ""
-            done = round(_BAR * min(t / length, 1.0)) if sys.stderr.isatty() else 0
-            line = f"{what}{count}: {t:.1f} of {length:.1f} s"
+            done = round(_BAR * min((start + t) / length, 1.0)) if sys.stderr.isatty() else 0
+            line = f"{what}{count}: {start + t:.1f} of {length:.1f} s"
             report(lambda: f"{line} {'━' * done}" if done else line)
 
         yield advance
@@ -237,7 +195,11 @@ def shown_progress(what: str, length: float) -> Iterator[Progress]:
 def replay_keys() -> Iterator[Callable[[], str]]:
     """Yield a function that returns a pressed key, or "" without a key press or terminal."""
     if not sys.stderr.isatty():
-        yield lambda: ""
+        yield _no_key
         return
     with keyboard() as read_key:
         yield lambda: read_key(0.0)
+
+
+def _no_key() -> str:
+    return ""

@@ -3,7 +3,7 @@
 import logging
 import threading
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
@@ -53,6 +53,13 @@ class Source:
     where
         Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
+    Attributes
+    ----------
+    fault
+        One line while something is wrong, for Status, which is then ``degraded``.
+    more_counters
+        Called for further counters of Status.
+
     Raises
     ------
     ValueError
@@ -78,6 +85,8 @@ class Source:
         self._publishers: dict[StreamKind, Publisher] = {}
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
         self._message = message
+        self.fault = ""
+        self.more_counters: Callable[[], Mapping[str, int]] = dict
         self._feature_names: dict[str, str] = {}
         self.name_features(feature_names or {})
         self._exit = ExitStack()
@@ -162,13 +171,14 @@ class Source:
 
     def _status(self) -> StatusFields:
         age = None if self._last_put is None else time.monotonic() - self._last_put
+        stalled = age is not None and age > self._stalled_after_s
         return StatusFields(
-            state="stalled" if age is not None and age > self._stalled_after_s else "ok",
+            state="degraded" if self.fault else "stalled" if stalled else "ok",
             rates=self._rates.of({"obs": self._counters["batches"]}),
             ages={} if age is None else {"obs": age},
-            counters=dict(self._counters),
+            counters=self._counters | dict(self.more_counters()),
             rejected=dict(self._rejected),
-            message=self._message,
+            message=self.fault or self._message,
             feature_names=self._feature_names,
         )
 

@@ -1,4 +1,4 @@
-"""Streams: the frames of sources -> the messages that they publish, in time order.
+"""Puts the messages of several sources in one order of time, live and offline alike.
 
 Simulations and recordings of features are streams. They are pure, so a live process and an offline
 evaluation have the same content.
@@ -138,7 +138,7 @@ def merged(
 
 
 class StreamLog:
-    """Streams as a log for a tape; the parameters are those of :func:`merged`."""
+    """Streams as a log to play; the parameters are those of :func:`merged`."""
 
     gap_s = 0.0
     """Seconds between two passes, beyond the length."""

@@ -19,11 +19,12 @@ from comotion_sources.calibration import (
 )
 from comotion_sources.cameras import Frame
 from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt.carrier import Carrier, CarrierName
+from comotion_sources.klt.carrier import CarrierName, add_poses
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
 from comotion_sources.pair_calibration.session import calibrate_pair
+from comotion_sources.pair_calibration.solve import PairedView, relative_pose
 from comotion_sources.pair_calibration.targets import parse_target
 from comotion_sources.poses import PoseBuffer, read_trajectory
 
@@ -138,6 +139,21 @@ def test_a_target_seen_by_both_places_the_second_camera(target):
     assert result.extrinsics.frame == "world"
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_mirrored_pose_of_the_target_misleads_in_no_single_view(seed):
+    """A flat target fits two poses; in one view alone each pose in A has one in B that fits it."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([*np.mgrid[-4:5, -2:4].reshape(2, -1), np.zeros(54)]) * 0.025
+    b_in_a = pose((0.0, rng.uniform(0.2, 0.6), 0.0), (-0.5, 0.0, 0.1))
+    to_a = pose(tuple(rng.normal(0, 0.3, 3)), (0.0, 0.0, 0.9))
+    pixels = [
+        camera.project(seen.apply(points)) + rng.normal(0, 0.1, (54, 2))
+        for camera, seen in ((CAMERA_A, to_a), (CAMERA_B, b_in_a.inverse().after(to_a)))
+    ]
+    found = relative_pose(CAMERA_A, CAMERA_B, [PairedView(points, *pixels)]).b_to_a
+    assert Rotation.from_matrix(found.rotation.T @ b_in_a.rotation).magnitude() < np.deg2rad(3)
+
+
 def test_a_target_that_is_not_seen_is_told():
     blank = Frame(0, np.full((480, 640), 128, np.uint8)), Frame(0, np.full((600, 800), 128, np.uint8))
     with pytest.raises(CalibrationError, match="never seen by both"):
@@ -232,11 +248,10 @@ def test_a_trajectory_file_is_read_to_the_nanosecond(tmp_path):
 
 def test_the_carrier_takes_its_own_poses_only():
     buffer = PoseBuffer()
-    carrier = Carrier.__new__(Carrier)
-    carrier._name, carrier._poses = CarrierName.parse("robot:3"), buffer
     positions, turns = [[9, 9, 9], [1, 0, 0], [2, 0, 0]], [[0, 0, 0, 1]] * 3
     stamps = {"stamp_ns": 20, "stamps_ns": [20, 10, 20]}
-    carrier.add(batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps))
+    given = batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps)
+    add_poses(buffer, given, CarrierName.parse("robot:3").feature)
     assert buffer.at(10).translation == pytest.approx([1, 0, 0])
     assert buffer.newest_ns == 20
     with pytest.raises(ValueError, match="SOURCE:ID"):

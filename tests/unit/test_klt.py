@@ -8,7 +8,7 @@ from comotion_sources.calibration import Intrinsics
 from comotion_sources.cameras import Frame
 from comotion_sources.klt import Tracker, TrackerConfig
 from comotion_sources.klt.depth import look_up
-from comotion_sources.klt.publisher import reduced
+from comotion_sources.klt.preview import reduced
 
 SHAPE = (240, 320)
 CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 300.0, 300.0, 159.5, 119.5)

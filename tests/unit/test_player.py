@@ -2,6 +2,8 @@
 
 import threading
 from collections import defaultdict
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +16,8 @@ from comotion_sources.errors import RecordingError
 from comotion_sources.frames import Frame
 from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
 from comotion_sources.player import Clock, Player
+from comotion_sources.schedule import Restamp, Schedule, parse_start
 from comotion_sources.streams import Stream, StreamLog
-from comotion_sources.tape import Restamp, Schedule, Tape, parse_start
 
 from .. import builders
 from ..builders import SESSION, S
@@ -50,7 +52,10 @@ class Outputs:
         self.left_out = defaultdict(int)
         self.puts = []
 
-    def put(self, kind, name, payload, message):
+    def __getitem__(self, name):
+        return SimpleNamespace(send=partial(self.put, name), overrun=partial(self.skipped, name))
+
+    def put(self, name, kind, payload, message):
         self.puts.append((self.clock.passed, kind, name, payload, message))
         self.clock.passed += self.hold_up.pop(len(self.puts), 0.0)
 
@@ -142,8 +147,8 @@ def play(*streams, log=None, clock=None, hold_up=None, stop_at=None, read_key=la
         if (number, round(t, 6)) == stop_at:
             stop.set()
 
-    tape = Tape(log or StreamLog(list(streams) or [stream()], SESSION), outputs, when)
-    Player(tape, when, stop, read_key=read_key, progress=progress, clock=clock).run()
+    given = log or StreamLog(list(streams) or [stream()], SESSION)
+    Player(given, outputs, when, stop, read_key=read_key, progress=progress, clock=clock).run()
     return outputs
 
 

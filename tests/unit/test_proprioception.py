@@ -142,10 +142,10 @@ def test_batches_hold_several_instants_of_every_link() -> None:
     packs = [pack for k in range(200) if (pack := made.add(at(k / 200))) is not None]
     assert len(packs) == 50
     for pack in packs:
-        assert pack.ids.tolist() == [0, 1, 2, 3] * 4
-        assert pack.stamp_ns == pack.stamps_ns.max()
-        assert (np.diff(pack.stamps_ns[pack.ids == 2]) == 5_000_000).all()
-        assert np.linalg.norm(pack.quaternions, axis=1) == pytest.approx(1.0)
+        assert pack["ids"].tolist() == [0, 1, 2, 3] * 4
+        assert pack["stamp_ns"] == pack["stamps_ns"].max()
+        assert (np.diff(pack["stamps_ns"][pack["ids"] == 2]) == 5_000_000).all()
+        assert np.linalg.norm(pack["quaternions"], axis=1) == pytest.approx(1.0)
     assert made.flush() is None
 
 
@@ -154,7 +154,7 @@ def test_the_rate_is_a_limit_that_jitter_does_not_halve(given: int, rate: int) -
     made, at = packer(rate=rate, span=0.1)
     rng = np.random.default_rng(7)
     packs = [made.add(at(k / given + rng.uniform(0, 0.1) / given)) for k in range(2 * given)]
-    instants = sum(len(np.unique(p.stamps_ns)) for p in [*packs, made.flush()] if p is not None)
+    instants = sum(len(np.unique(p["stamps_ns"])) for p in [*packs, made.flush()] if p is not None)
     assert instants / 2 == pytest.approx(min(given, rate), rel=0.06)
 
 

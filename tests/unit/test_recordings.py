@@ -92,6 +92,12 @@ def test_a_truncated_c3d_is_one_clear_line(tmp_path, size, words):
     assert "\n" not in str(caught.value)
 
 
+def test_texts_of_c3d_may_be_filled_with_zeros(tmp_path):
+    positions = some_positions(markers=2)
+    path = write_c3d(tmp_path / "take.c3d", positions, unit="m\0\0\0", ANGLES=["M1\0\0"])
+    np.testing.assert_allclose(read_recording(path).positions, positions[:, [0]], rtol=1e-6)
+
+
 def test_a_c3d_with_another_unit_or_no_rate_is_refused(tmp_path):
     positions = some_positions()
     with pytest.raises(RecordingError, match="its unit is 'furlong'"):

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
-from comotion_schemas.ros_types import store
+from comotion_schemas.ros_types import store, topic_key
 from comotion_sources.errors import InputError
-from comotion_sources.proprioception.cdr import JOINT_STATE, decode_message, from_message, ros_key
 from comotion_sources.proprioception.joint_logs import read_bag
-from comotion_sources.proprioception.samples import JointSample
+from comotion_sources.proprioception.samples import JOINT_STATE, JointSample, ros_sample
 from comotion_sources.ros2.convert import CLOUD, KINDS, NAMED_POSES, TF, Converter, _ids, kind_of
 from comotion_sources.ros2.process import Ros2Source, _Relay
 from comotion_sources.runtime import SourcePublisher
@@ -138,21 +137,21 @@ def test_joint_states_round_trip_through_cdr(names, stamp_ns, data):
     numbers = st.floats(allow_nan=False, allow_infinity=False)
     positions = np.array(data.draw(st.lists(numbers, min_size=len(names), max_size=len(names))), np.float64)
     raw = encode_sample(JointSample(stamp_ns, names, positions), velocities=positions)
-    back = from_message(decode_message(raw), received_ns=5)
+    back = ros_sample(raw, received_ns=5)
     assert back.stamp_ns == stamp_ns
     assert list(back.names) == names
     assert np.array_equal(back.positions, positions)
 
 
 def test_what_rosbags_itself_serialises_big_endian_too_is_read():
-    message = decode_message(encode_sample(sample()))
+    message = store().deserialize_cdr(encode_sample(sample()), JOINT_STATE)
     for little in (True, False):
         raw = store().serialize_cdr(message, JOINT_STATE, little_endian=little)
-        assert from_message(decode_message(bytes(raw)), 0).positions.tolist() == sample().positions.tolist()
+        assert ros_sample(bytes(raw), 0).positions.tolist() == sample().positions.tolist()
 
 
 def read_joints(payload):
-    assert np.isfinite(from_message(decode_message(payload), 0).positions).all()
+    assert np.isfinite(ros_sample(payload, 0).positions).all()
 
 
 # A whole message of a kind, and what reads it.
@@ -212,8 +211,9 @@ def test_what_is_no_bag_is_one_clear_line(tmp_path):
 
 
 def test_the_key_is_that_of_rmw_zenoh():
-    assert ros_key("/joint_states") == "0/joint_states/sensor_msgs::msg::dds_::JointState_/*"
-    assert ros_key("ur5/joint_states/", 7) == "7/ur5/joint_states/sensor_msgs::msg::dds_::JointState_/*"
+    kind = "sensor_msgs::msg::dds_::JointState_"
+    assert topic_key("/joint_states", kind=kind) == f"0/joint_states/{kind}/*"
+    assert topic_key("ur5/joint_states/", 7) == "7/ur5/joint_states/*/*"
     for topic in ("", "/", "a//b", "a/**", "a b", "7up", "a/$*", "é"):
         with pytest.raises(InputError, match="is not a ROS topic"):
-            ros_key(topic)
+            topic_key(topic)

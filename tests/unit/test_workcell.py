@@ -19,10 +19,9 @@ from comotion_sources.klt import TrackerConfig  # noqa: E402
 from comotion_sources.poses import read_trajectory  # noqa: E402
 from comotion_sources.workcell import Scene, Viewpoint, open_camera, scene_names  # noqa: E402
 from comotion_sources.workcell.atlas import Atlas, build_atlas  # noqa: E402
-from comotion_sources.workcell.camera import WorkcellCamera, parse  # noqa: E402
+from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
 from comotion_sources.workcell.process import joint_states  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
-from comotion_sources.workcell.tum import write_tum  # noqa: E402
 
 
 @pytest.fixture(scope="module")

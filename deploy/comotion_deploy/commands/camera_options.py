@@ -179,11 +179,9 @@ class CameraSource(Camera, Process):
 
     def publish(self, options: "CameraOptions") -> None:
         """Publish what the camera sees until stopped, or to the end of its recording."""
-        from comotion_sources.klt.options import Connection
         from comotion_sources.klt.process import run
 
-        where = Connection(scene=self.scene, settings=self.settings(), ready_file=self.ready_file)
-        run(self.what, options, where)
+        run(self.what, options, **self.where())
 
 
 def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Calibration":

@@ -9,7 +9,7 @@ from ..options import Process, argument, option, setting
 
 if TYPE_CHECKING:
     from comotion_sources.calibration.model import Extrinsics
-    from comotion_sources.proprioception.joint_readers import JointReader
+    from comotion_sources.proprioception.joint_readers import Reader
 
 _WORKCELL = "workcell:"
 
@@ -74,11 +74,13 @@ Examples:
             **self.where(),
         )
 
-    def _joint_reader(self, default_joints: str | None) -> "JointReader":
+    def _joint_reader(self, default_joints: str | None) -> "Reader":
         """Open the input that is given, or the joint states of the workcell."""
+        from functools import partial
+
         from comotion_schemas.transport import SessionSettings
         from comotion_sources.proprioception.joint_logs import read_bag, read_csv
-        from comotion_sources.proprioception.joint_readers import LogPlayback, RosTopic, SceneJoints
+        from comotion_sources.proprioception.joint_readers import played, ros_topic, scene_joints
 
         inputs = {"--joints": self.joints, "--csv": self.csv, "--bag": self.bag, "--ros": self.ros}
         if all(value is None for value in inputs.values()):
@@ -87,14 +89,14 @@ Examples:
             raise UserError(f"name one input: {', '.join(inputs)}")
         if self.ros is not None:
             settings = None if self.ros_connect is None else SessionSettings(connect=(self.ros_connect,))
-            return RosTopic(self.ros, self.ros_domain, settings)
+            return partial(ros_topic, topic=self.ros, domain=self.ros_domain, settings=settings)
         log = self.csv or self.bag
         if log is None:
-            return SceneJoints(str(inputs["--joints"]))
+            return partial(scene_joints, name=str(inputs["--joints"]))
         if not log.exists():
             raise UserError(f"{log}: no such file")
         samples = read_csv(log) if log is self.csv else read_bag(log, self.topic)
-        return LogPlayback(samples, self.speed, self.original_stamps)
+        return partial(played, samples=samples, speed=self.speed, original_stamps=self.original_stamps)
 
 
 def _load(

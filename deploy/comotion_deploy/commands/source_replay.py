@@ -70,7 +70,7 @@ Examples:
         else:
             self.reject_flags(_MCAP_ONLY, "is only for a recorded scene (.mcap)")
         from comotion_sources import replay
-        from comotion_sources.tape import Schedule, parse_start
+        from comotion_sources.schedule import Schedule, parse_start
 
         schedule = Schedule(
             start_at=parse_start(self.start_at),

@@ -33,7 +33,7 @@ Examples:
         """Publish until stopped, or to the end of the scene."""
         from comotion_sources import simulator
         from comotion_sources.replay import play_streams
-        from comotion_sources.tape import Schedule, parse_start
+        from comotion_sources.schedule import Schedule, parse_start
 
         if self.list_:
             _print_scenes()

@@ -70,8 +70,7 @@ def _write(scene: str, camera: str, seed: int, duration: float | None, folder: P
     from dataclasses import replace
 
     from comotion_schemas.text import counted
-    from comotion_sources.workcell.camera import WorkcellCamera, parse
-    from comotion_sources.workcell.tum import write_tum
+    from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum
 
     spec = parse(f"{scene}/{camera}")
     spec = replace(spec, seed=seed or spec.seed, duration=duration or spec.duration)

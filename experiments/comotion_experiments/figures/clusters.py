@@ -42,7 +42,7 @@ def draw_bic(study: Study) -> Drawn:
             study.note(f"Gaussian mixtures at t = {t:g} s, seed {study.options.seeds[seed]}")
             fits.append(list(mixtures(_affinity(divisive, t, seed))))
         _bars(axes, t, fits[0])
-        best = count([min(found, key=lambda m: m.bic).components for found in fits])
+        best = count([min(fit, key=lambda m: m.bic).components for fit in fits])
         said = f"BIC {best}; divisive k-means {count_at(divisive, t)}"
         rows.append(
             Row(

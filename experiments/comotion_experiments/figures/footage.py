@@ -1,4 +1,4 @@
-"""Workcell footage: scene and seed -> tracked features, kept on disk, and still images."""
+"""Films scenes of the workcell and keeps their tracked features on disk; renders still images."""
 
 import hashlib
 from dataclasses import dataclass

@@ -1,17 +1,18 @@
 """Numbers that several figures report."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from comotion_schemas import UNDETERMINED
+from comotion_sources.simulator import load_scene
 
 from ..tables import spread
 from ..trace import rightly_assigned
 from .runs import SceneRuns
-from .study import DEFAULT, Row, Simulated, Study, spec_of
+from .study import DEFAULT, Row, Simulated, Study
 
 
 def count(values: Any) -> str:
@@ -84,19 +85,24 @@ def summary(takes: Mapping[str, SceneRuns]) -> tuple[str, str]:
     return f"{spread(takes[label].mean_nmi())} ({label})", spread(takes[DEFAULT].mean_nmi())
 
 
-def mean_rows(takes: Mapping[str, SceneRuns], said: Sequence[str]) -> list[Row]:
-    """Mean NMI of each take, with what the thesis says of each; the default method last."""
-    *tried, default = (spread(take.mean_nmi()) for take in takes.values())
+def rows_of_each(
+    quantity: str,
+    takes: Mapping[str, SceneRuns],
+    said: Iterable[str],
+    value: Callable[[SceneRuns], str] = lambda take: spread(take.mean_nmi()),
+) -> list[Row]:
+    """A value of each take, with what the thesis says of each; the default method last."""
+    *tried, default = map(value, takes.values())
     columns = zip(takes, said, tried, strict=False)
-    rows = [Row(f"{label}: mean NMI", text, mean, "") for label, text, mean in columns]
-    return [*rows, Row("mean NMI", "-", "", default)]
+    rows = [Row(f"{label}: {quantity}", text, here, "") for label, text, here in columns]
+    return [*rows, Row(quantity, "-", "", default)]
 
 
 def parameters(how: Simulated, study: Study, thesis: str = "", *, drawn: bool = True) -> dict[str, str]:
     """What a figure of a simulated scene was made with; `drawn`: it shows one seed of these."""
     seeds = study.options.seeds
     made_with = {
-        "scene": f"sim:{how.scene}, {spec_of(how.scene).rate:g} Hz",
+        "scene": f"sim:{how.scene}, {load_scene(how.scene).rate:g} Hz",
         "thesis method": thesis or next(iter(how.configs)).removeprefix("thesis method, "),
         "update every": f"{how.period:.3g} s",
         "seeds": ", ".join(map(str, seeds)),

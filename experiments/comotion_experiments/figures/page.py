@@ -1,4 +1,4 @@
-"""The page of all figures: results -> one self-contained HTML file."""
+"""The page of all figures, one HTML file that needs no other."""
 
 import base64
 import json

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED
 from comotion_schemas.colours import BACKGROUND, GREY, HUES, MARKERS, RGB, colour
-from comotion_sources.simulator import SceneSpec, simulate
+from comotion_sources.simulator import SceneSpec, load_scene, simulate
 
 from .. import plot
 from ..plot import Rgb, unit
 from ..trace import matched
 from .runs import SceneRuns, View
-from .study import DEFAULT, Study, spec_of
+from .study import DEFAULT, Study
 
 new_figure = partial(plot.new_figure, dpi=110)
 DEFAULT_COLOUR = "black"
@@ -84,7 +84,7 @@ def scene_panels(row: Sequence[Any], take: SceneRuns, scene: str, study: Study) 
     first = take.seeds[0]
     styles = Styles(first.names, first.votes())
     for axes, view in zip(row, first.views, strict=False):
-        _scene_panel(axes, view, styles, spec_of(scene), study.options.seeds[0])
+        _scene_panel(axes, view, styles, load_scene(scene), study.options.seeds[0])
 
 
 def _scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: int) -> None:

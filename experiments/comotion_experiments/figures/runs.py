@@ -1,4 +1,4 @@
-"""Runs for figures: messages -> scores over time, and detailed views of some moments."""
+"""Runs scenes for figures: scores over time, and detailed views of some moments."""
 
 from collections import Counter
 from collections.abc import Sequence

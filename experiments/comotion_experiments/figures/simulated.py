@@ -7,7 +7,7 @@ import numpy as np
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .numbers import format_times, mean_rows, parameters, perfect_from, right_rows, row_of
+from .numbers import format_times, parameters, perfect_from, right_rows, row_of, rows_of_each
 from .runs import SceneRuns, ViewRequest
 from .study import DEFAULT, Drawn, Row, Simulated, Study, alone
 
@@ -52,7 +52,8 @@ def draw_switches(study: Study) -> Drawn:
         panels.row_title(row[0], label)
     panels.affinity_bar(figure, image, list(axes[:, -1]))
     panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
-    return Drawn(figure, _perfect_rows(takes), _switch_parameters(study))
+    rows = rows_of_each("NMI is 1 from", takes, _SAID.values(), lambda take: format_times(perfect_from(take)))
+    return Drawn(figure, rows, _switch_parameters(study))
 
 
 def draw_switch_curves(study: Study) -> Drawn:
@@ -63,14 +64,7 @@ def draw_switch_curves(study: Study) -> Drawn:
     panels.switch_curves(axes, takes)
     panels.nmi_axes(axes, duration=10, legend="center right")
     axes.set_title(panels.spread_note(study.options.seeds), fontsize=10)
-    return Drawn(figure, mean_rows(takes, list(_SAID.values())), _switch_parameters(study), takes)
-
-
-def _perfect_rows(takes: dict[str, SceneRuns]) -> list[Row]:
-    *tried, default = (format_times(perfect_from(take)) for take in takes.values())
-    columns = zip(takes, _SAID.values(), tried, strict=False)
-    rows = [Row(f"{label}: NMI is 1 from", text, first, "") for label, text, first in columns]
-    return [*rows, Row("NMI is 1 from", "-", "", default)]
+    return Drawn(figure, rows_of_each("mean NMI", takes, _SAID.values()), _switch_parameters(study), takes)
 
 
 def _switch_parameters(study: Study) -> dict[str, str]:
@@ -103,18 +97,17 @@ def draw_weights(study: Study) -> Drawn:
 
 
 def _weight_rows(takes: dict[str, SceneRuns]) -> list[Row]:
-    said = {
-        "equal weights": "the baseline",
-        "v = 0.001": "not very different from equal weights",
-        "v = 0.1": "sooner, although the effect is quite small",
-    }
-    default = takes[DEFAULT]
-    what = "NMI is 1, after the start"
-    rows = [Row(f"{name}: {what}", text, _late(takes[name]), "") for name, text in said.items()]
-    rows.append(Row(what, "-", "", _late(default)))
-    at_rest = (take.nmi[:, take.t < _START].max() for take in (takes["equal weights"], default))
+    said = (
+        "the baseline",
+        "not very different from equal weights",
+        "sooner, although the effect is quite small",
+    )
+    at_rest = (take.nmi[:, take.t < _START].max() for take in (takes["equal weights"], takes[DEFAULT]))
     resting = (f"{value:.3f}" for value in at_rest)
-    return [*rows, Row("largest NMI before the start", "nothing has moved", *resting)]
+    return [
+        *rows_of_each("NMI is 1, after the start", takes, said, _late),
+        Row("largest NMI before the start", "nothing has moved", *resting),
+    ]
 
 
 def _late(take: SceneRuns) -> str:
@@ -137,8 +130,8 @@ def draw_respawning_curves(study: Study) -> Drawn:
     takes = study.simulated(_RESPAWNING)
     figure = panels.new_figure(9.5, 4.6)
     axes = figure.subplots()
-    (label, one), (_, default) = takes.items()
-    panels.curve(axes, one, label, colour="#d55e00")
+    (label, thesis_take), (_, default) = takes.items()
+    panels.curve(axes, thesis_take, label, colour="#d55e00")
     panels.curve(axes, default, DEFAULT, colour=panels.DEFAULT_COLOUR, width=2.2, order=5)
     for t in _RESPAWNS:
         axes.axvline(t, color="0.5", linewidth=1, linestyle=":")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from comotion import FusionConfig
-from comotion_sources.simulator import SceneSpec, batches, load_scene, simulate
+from comotion_sources.simulator import batches, load_scene, simulate
 
 from ..inputs import Message
 from ..processes import Progress, quiet
@@ -80,7 +80,7 @@ class Study:
 
     def simulated(self, how: Simulated) -> dict[str, SceneRuns]:
         """Run all seeds of a simulated scene, as :meth:`takes`."""
-        spec = spec_of(how.scene)
+        spec = load_scene(how.scene)
         return self.takes(how, lambda seed: list(batches(simulate(spec, seed=seed))), self.options.seeds)
 
     def takes(
@@ -99,11 +99,6 @@ class Study:
                 self._takes[key] = SceneRuns(runs)
             takes[label] = self._takes[key]
         return takes
-
-
-def spec_of(scene: str) -> SceneSpec:
-    """A scene that ships with the simulator."""
-    return load_scene(scene)
 
 
 def alone(config: FusionConfig) -> dict[str, FusionConfig]:

@@ -11,7 +11,7 @@ from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .footage import PICTURE, SECONDS, Shot, Stills, film_setup, filmed_messages
-from .numbers import best, mean_rows, right_rows, row_of
+from .numbers import best, right_rows, row_of, rows_of_each
 from .runs import SceneRuns, View, ViewRequest
 from .study import DEFAULT, Drawn, Row, Simulated, Study
 
@@ -67,7 +67,7 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
         panels.nmi_axes(axes, duration=SECONDS, columns=2)
         axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
         made_with = _parameters(study, shot, drawn=False)
-        return Drawn(figure, mean_rows(takes, "-" * len(SWITCHES)), made_with, takes)
+        return Drawn(figure, rows_of_each("mean NMI", takes, "-" * len(SWITCHES)), made_with, takes)
 
     return draw
 

@@ -111,15 +111,15 @@ def run_outcome(
 def _score_images(sequence: ImageSequence, parameters: PixelsConfig) -> dict[str, float]:
     """Group a sequence with one update at its end, K unknown; metrics by name."""
     labels, seconds = engine(sequence, parameters)
-    true, found = sequence.objects(), len(np.unique(labels[labels >= 0]))
+    true, count = sequence.objects(), len(np.unique(labels[labels >= 0]))
     ours = score(sequence, labels, seconds)
     return {
         "error": ours.error,
         "nmi": ours.nmi,
-        "exact": float(found == true),
-        "over": float(found > true),
-        "under": float(found < true),
-        "found": float(found),
+        "exact": float(count == true),
+        "over": float(count > true),
+        "under": float(count < true),
+        "found": float(count),
         "true": float(true),
         "given": score(sequence, spectral_interaction(sequence)).error,
         "one": score(sequence, one_object(sequence)).error,

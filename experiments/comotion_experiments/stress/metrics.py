@@ -115,11 +115,11 @@ def kept(moments: Sequence[Moment], event: Happening) -> float:
 
     An id that several bodies bear counts for one of them. NaN if no body was concerned.
     """
-    before = [m for m in moments if m.t < event.begin - _SAME_S and len(m.labels)]
-    after = [m for m in moments if event.end <= m.t <= event.end + _KEPT_AFTER_S and len(m.labels)]
-    if not before or not after:
+    earlier = [m for m in moments if m.t < event.begin - _SAME_S and len(m.labels)]
+    later = [m for m in moments if event.end <= m.t <= event.end + _KEPT_AFTER_S and len(m.labels)]
+    if not earlier or not later:
         return float("nan")
-    ids = [(majority(before[-1], body), majority(after[-1], body)) for body in event.bodies]
+    ids = [(majority(earlier[-1], body), majority(later[-1], body)) for body in event.bodies]
     same = {old for old, new in ids if old is not None and old == new}
     return len(same) / len(ids) if ids else float("nan")
 

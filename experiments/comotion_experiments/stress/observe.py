@@ -90,23 +90,21 @@ class _View:
         hidden = np.zeros((len(times), len(slot_bodies(scene.bodies))), np.bool_)
         for slot, begin, end in scene.hidden:
             hidden[(begin <= times) & (times < end), slot] = True
-        before: NDArray[np.intp] = np.empty(0, np.intp)
+        last_alive: NDArray[np.intp] = np.empty(0, np.intp)
         for number, t in enumerate(times.tolist()):
             session = int(np.searchsorted(self._begins, t, side="right")) - 1
             alive = self._alive(t, session)
             seen = alive[~hidden[number, scene.lives.slot[self._rows[alive]]]]
             positions = self._positions(seen, rotations[number], translations[number], t)
             if t >= scene.start and not any(begin <= t < end for begin, end in source.off):
-                lost = np.setdiff1d(before, alive)
+                lost = np.setdiff1d(last_alive, alive)
                 ended = self._id[lost[self._session[lost] == session]]
                 yield Arrived(self._batch(number, session, t, seen, positions, ended), in_ns(t))
-                before = alive
+                last_alive = alive
 
     def _alive(self, t: float, session: int) -> NDArray[np.intp]:
         """Indices into this view's rows."""
-        lives, at = self._scene.lives, t + 1e-9
-        alive = (lives.birth[self._rows] <= at) & (at < lives.death[self._rows]) & (self._session == session)
-        return np.flatnonzero(alive)
+        return np.flatnonzero(self._scene.lives.alive(self._rows, t) & (self._session == session))
 
     def _positions(self, seen: NDArray[np.intp], rotations: Array, translations: Array, t: float) -> Array:
         scene, rows = self._scene, self._rows[seen]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas.types import Unit
+from comotion_sources.simulator.actors import Features
 
 from .motion import Array, PoseAt
 
@@ -111,27 +112,6 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Lives:
-    """Features over time, a row each, in the order of birth.
-
-    Attributes
-    ----------
-    slot, body
-        intp [L]; the body is an index.
-    local
-        float64 [L, dim], place on the body.
-    birth, death
-        float64 [L], s; tracked while birth <= t < death.
-    """
-
-    slot: NDArray[np.intp]
-    body: NDArray[np.intp]
-    local: Array
-    birth: Array
-    death: Array
-
-
-@dataclass(frozen=True)
 class Slip:
     """Motion of features on their bodies: local + amplitude · sin(2π · frequency · t + phase) + drift · t.
 
@@ -191,7 +171,7 @@ class Scene:
     """
 
     bodies: list[Body]
-    lives: Lives
+    lives: Features
     sources: list[Source] = field(default_factory=lambda: [Source("simulator")])
     noise: Noise = field(default_factory=Noise)
     slip: Slip | None = None

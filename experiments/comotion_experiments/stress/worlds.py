@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comotion_sources.simulator.actors import Features
+
 from .motion import SWINGING, resting, simulated
-from .scene import Body, Lives, Scene, Source, rng_of, slot_bodies
+from .scene import Body, Scene, Source, rng_of, slot_bodies
 
 _BACKGROUND_SIZE = (1.6, 1.6, 1.0)
 _SMALLEST, _LARGEST = 0.12, 0.4
@@ -23,7 +25,7 @@ Cut: TypeAlias = tuple[float, float, NDArray[np.bool_]]
 """(lost, back, slots): features of these slots (bool [slots]) are lost; new ones come later or at once."""
 
 
-def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.random.Generator) -> Lives:
+def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.random.Generator) -> Features:
     """Give every life time of every slot a place of its own on the slot's body.
 
     Parameters
@@ -42,7 +44,7 @@ def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.rand
     rows.sort()
     slot = np.array([row[1] for row in rows], np.intp)
     half = np.array([body.size for body in bodies])[of_slot[slot]] / 2.0
-    return Lives(
+    return Features(
         slot=slot,
         body=of_slot[slot],
         local=rng.uniform(-1.0, 1.0, half.shape) * half,

@@ -195,12 +195,22 @@ def _numbers(value: Any) -> NDArray[np.float64]:
 
 def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | None) -> str:
     """Format a comotion TOML file; a part that is None is left out."""
-    parts = []
+    tables = []
     if intrinsics is not None:
-        parts.append(_intrinsics_text(intrinsics))
+        numbers = {name: repr(float(getattr(intrinsics, name))) for name in ("fx", "fy", "cx", "cy")}
+        lines = {"width": str(intrinsics.width), "height": str(intrinsics.height), **numbers}
+        if intrinsics.distortion.size:
+            lines["distortion"] = _list(intrinsics.distortion)
+        tables.append(("[intrinsics]", lines))
     if extrinsics is not None:
-        parts.append(_extrinsics_text(extrinsics))
-    return "\n".join(parts)
+        frame = extrinsics.frame.replace("\\", "\\\\").replace('"', '\\"')
+        lines = {"frame": f'"{frame}"', "translation": f"{_list(extrinsics.translation)}  # m"}
+        lines["quaternion"] = f"{_list(extrinsics.quaternion)}  # x y z w"
+        tables.append(("[extrinsics]  # camera (optical axes) to frame", lines))
+    texts = (
+        "\n".join([head, *(f"{name} = {value}" for name, value in lines.items())]) for head, lines in tables
+    )
+    return "\n\n".join(texts) + "\n"
 
 
 def format_camera_info(camera: Intrinsics) -> str:
@@ -220,24 +230,3 @@ def format_camera_info(camera: Intrinsics) -> str:
 
 def _list(values: Any) -> str:
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
-
-
-def _intrinsics_text(camera: Intrinsics) -> str:
-    lines = ["[intrinsics]", f"width = {camera.width}", f"height = {camera.height}"]
-    lines += [f"{name} = {float(getattr(camera, name))!r}" for name in ("fx", "fy", "cx", "cy")]
-    if camera.distortion.size:
-        lines.append(f"distortion = {_list(camera.distortion)}")
-    return "\n".join(lines) + "\n"
-
-
-def _extrinsics_text(extrinsics: Extrinsics) -> str:
-    frame = extrinsics.frame.replace("\\", "\\\\").replace('"', '\\"')
-    return "\n".join(
-        [
-            "[extrinsics]  # camera (optical axes) to frame",
-            f'frame = "{frame}"',
-            f"translation = {_list(extrinsics.translation)}  # m",
-            f"quaternion = {_list(extrinsics.quaternion)}  # x y z w",
-            "",
-        ]
-    )

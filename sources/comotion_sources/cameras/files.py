@@ -1,18 +1,17 @@
-"""Recorded images: video file or folder of images -> frames, stamped with media time from 0 on."""
+"""Reads video files and folders of images, stamped with media time from 0 on."""
 
 import logging
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from ..calibration.model import Extrinsics, Intrinsics
 from ..errors import InputError
 from ..poses import stamp_ns
-from .types import Frame, Image
+from .types import Camera, Frame, Image
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"})
 DEFAULT_RATE = 30.0
@@ -20,31 +19,12 @@ DEFAULT_RATE = 30.0
 _log = logging.getLogger(__name__)
 
 
-class RecordedCamera:
-    """What cameras have in common that are recorded: they can be read again, and know no calibration.
-
-    Parameters
-    ----------
-    rate
-        Frames per second.
-    frames
-        Number of frames; None: unknown.
-
-    Attributes
-    ----------
-    counters
-        Frames that were left out, by reason.
-    """
-
-    live = False
-    has_depth = False
-    intrinsics: Intrinsics | None = None
-    extrinsics: Extrinsics | None = None
-    objects: Mapping[int, str] = {}
+class RecordedCamera(Camera):
+    """What cameras have in common that are recorded: they can be read again."""
 
     def __init__(self, rate: float | None, frames: int | None) -> None:
-        self.rate, self.frames = rate, frames
-        self.counters = {"unreadable": 0}
+        super().__init__(rate, frames)
+        self.counters["unreadable"] = 0
         self._closed = False
 
     def close(self) -> None:

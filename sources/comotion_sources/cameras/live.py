@@ -1,16 +1,16 @@
-"""Live cameras: device or network stream -> newest frame; older unread frames are dropped."""
+"""Reads devices and network streams in a thread, so that the newest frame is there and no older one waits."""
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
-from ..calibration.model import Extrinsics, Intrinsics
+from ..calibration.model import Intrinsics
 from ..errors import InputError
-from .types import Frame
+from .types import Camera, Frame
 
 READ_TIMEOUT_MS = 5_000
 """How long a driver may wait for a frame or a connection."""
@@ -30,7 +30,7 @@ class Device(Protocol):
         """Free the device."""
 
 
-class LiveCamera:
+class LiveCamera(Camera):
     """Reads a device in a thread and yields the newest frame; counts the frames it drops.
 
     Parameters
@@ -44,8 +44,6 @@ class LiveCamera:
     """
 
     live = True
-    extrinsics: Extrinsics | None = None
-    objects: Mapping[int, str] = {}
 
     def __init__(
         self,
@@ -56,10 +54,9 @@ class LiveCamera:
         rate: float | None = None,
         intrinsics: Intrinsics | None = None,
     ) -> None:
-        self.has_depth = has_depth
-        self.rate = rate
-        self.intrinsics = intrinsics
-        self.counters = {"skipped": 0}
+        super().__init__(rate)
+        self.has_depth, self.intrinsics = has_depth, intrinsics
+        self.counters["skipped"] = 0
         self._what = what
         self._device = device
         self._newest: Frame | None = None

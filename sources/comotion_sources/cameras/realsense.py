@@ -1,4 +1,4 @@
-"""Intel RealSense camera -> frames with registered depth; needs pyrealsense2."""
+"""Reads an Intel RealSense camera, with depth registered to colour; needs pyrealsense2."""
 
 import time
 from typing import Any

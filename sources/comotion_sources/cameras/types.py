@@ -1,14 +1,12 @@
-"""The camera interface: what camera adapters yield and trackers use."""
+"""The base of all cameras, and what they yield."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-import zenoh
 from numpy.typing import NDArray
 
-from comotion_schemas import Keys
+from comotion_schemas.component import Component
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..errors import InputError
@@ -38,12 +36,11 @@ class Frame:
     objects: NDArray[np.int32] | None = None
 
 
-@runtime_checkable
-class Camera(Protocol):
-    """A stream of frames with the properties of its camera.
+class Camera:
+    """A stream of frames with the properties of its camera; the base of all cameras.
 
     Iteration yields frames and ends when the stream ends; a live camera that fails raises
-    :class:`InputError`. `close` frees the device; it may be called at any time and repeatedly.
+    :class:`InputError`.
 
     Attributes
     ----------
@@ -51,33 +48,34 @@ class Camera(Protocol):
         Frames come at the rate of the device; they can neither be slowed down nor repeated.
     has_depth
         Frames have depth, although single frames may lack it.
-    rate
-        Nominal frames per second; None: unknown.
+    rate, frames
+        Nominal frames per second, and their number; None: unknown.
     intrinsics, extrinsics
         Calibration that the camera reports; None: unknown. A file from the user takes precedence.
     objects
         Names of the true objects by number; empty without truth.
+    counters
+        Frames that were left out, by reason.
     """
 
-    live: bool
-    has_depth: bool
-    rate: float | None
-    intrinsics: Intrinsics | None
-    extrinsics: Extrinsics | None
-    objects: Mapping[int, str]
+    live = False
+    has_depth = False
+    intrinsics: Intrinsics | None = None
+    extrinsics: Extrinsics | None = None
+    objects: Mapping[int, str] = {}
 
-    def __iter__(self) -> Iterator[Frame]: ...
+    def __init__(self, rate: float | None = None, frames: int | None = None) -> None:
+        self.rate, self.frames = rate, frames
+        self.counters: dict[str, int] = {}
+
+    def __iter__(self) -> Iterator[Frame]:
+        raise NotImplementedError
 
     def close(self) -> None:
-        """Free the device."""
+        """End the stream and free the device; it may be called at any time and repeatedly."""
 
-
-@runtime_checkable
-class SceneCamera(Camera, Protocol):
-    """A camera that receives the state of the scene over Zenoh, such as a simulated camera."""
-
-    def attach(self, session: zenoh.Session, keys: Keys) -> None:
-        """Use this session; called once, before the first frame is read."""
+    def attach(self, component: Component) -> None:
+        """Follow the state of a scene, as a simulated camera does; called once, before the first frame."""
 
 
 CameraError = InputError

@@ -1,19 +1,20 @@
-"""Poses of the link that carries a camera: observations of another source -> pose buffer."""
+"""Follows the link that carries a camera, by what another source publishes of it."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self, cast
+from typing import Self, cast
 
 import numpy as np
-import zenoh
 
-from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_on
+from comotion_schemas import ObservationBatch
+from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError
 from comotion_schemas.types import is_name
 
 from ..calibration.model import Extrinsics
 from ..poses import PoseBuffer
+from ..received import Polled
 
 _RING = 1024
 _POLL_S = 0.004
@@ -44,51 +45,32 @@ class CarrierName:
 
 
 class Carrier:
-    """Fills a pose buffer from the observations of a source.
+    """Fills a pose buffer from the poses of a feature that another source of the scene publishes."""
 
-    Parameters
-    ----------
-    session, keys
-        An open session, and the keys of the scene.
-    name
-        The feature that carries the camera.
-    poses
-        Gets its poses.
-    """
-
-    def __init__(self, session: zenoh.Session, keys: Keys, name: CarrierName, poses: PoseBuffer) -> None:
+    def __init__(self, component: Component, name: CarrierName, poses: PoseBuffer) -> None:
         self._name, self._poses = name, poses
-        key = keys.stream("obs", name.source)
-        self._subscriber: Any = session.declare_subscriber(key, zenoh.handlers.RingChannel(_RING))
-        self.invalid = 0
+        self._batches = Polled(component, component.keys.stream("obs", name.source), "obs", _RING)
+        self.close = self._batches.close
 
     def wait_for(self, stamp_ns: int, wait: Callable[[float], object]) -> None:
         """Take in poses until one is as new as a stamp, at most for :data:`MAX_LAG_S`."""
         end = time.monotonic() + MAX_LAG_S
         while True:
-            self._drain()
+            for batch in self._batches.take():
+                add_poses(self._poses, cast("ObservationBatch", batch), self._name.feature)
             newest = self._poses.newest_ns
             if (newest is not None and newest >= stamp_ns) or time.monotonic() >= end:
                 return
             wait(_POLL_S)
 
-    def close(self) -> None:
-        """Undeclare the subscription."""
-        self._subscriber.undeclare()
 
-    def _drain(self) -> None:
-        while (sample := self._subscriber.try_recv()) is not None:
-            try:
-                self.add(cast("ObservationBatch", decode_on(str(sample.key_expr), sample.payload.to_bytes())))
-            except DecodeError:
-                self.invalid += 1
-
-    def add(self, batch: ObservationBatch) -> None:
-        """Take the poses of the carrier out of a batch."""
-        if batch.quaternions is None or batch.dim != 3:
-            return
-        rows = np.flatnonzero((batch.ids == self._name.feature) & np.isfinite(batch.quaternions[:, 0]))
-        for row in rows.tolist():
-            stamp = batch.stamp_ns if batch.stamps_ns is None else int(batch.stamps_ns[row])
-            pose = Extrinsics.from_quaternion(batch.quaternions[row], batch.positions[row], batch.space)
-            self._poses.add(stamp, pose)
+def add_poses(poses: PoseBuffer, batch: ObservationBatch, feature: int) -> None:
+    """Add the poses of a feature in a batch to a buffer."""
+    if batch.quaternions is None or batch.dim != 3:
+        return
+    rows = np.flatnonzero((batch.ids == feature) & np.isfinite(batch.quaternions[:, 0]))
+    for row in rows.tolist():
+        stamp = batch.stamp_ns if batch.stamps_ns is None else int(batch.stamps_ns[row])
+        poses.add(
+            stamp, Extrinsics.from_quaternion(batch.quaternions[row], batch.positions[row], batch.space)
+        )

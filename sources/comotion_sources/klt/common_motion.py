@@ -12,24 +12,24 @@ _LEAST = 6
 _TINY = 1e-6
 
 
-def common_motion(before: Floats, after: Floats, usable: NDArray[np.bool_]) -> Floats:
+def common_motion(start: Floats, end: Floats, usable: NDArray[np.bool_]) -> Floats:
     """Move points as most of them have moved: a rigid motion, by least squares with Cauchy weights.
 
     Parameters
     ----------
-    before, after
+    start, end
         float64 [N, 3], NaN where unknown.
     usable
         bool [N], which points the motion may be fitted to.
 
     Returns
     -------
-    float64 [N, 3]; `before` itself where too few points are known.
+    float64 [N, 3]; `start` itself where too few points are known.
     """
-    chosen = usable & np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    chosen = usable & np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     if chosen.sum() < _LEAST:
-        return before
-    source, target = before[chosen], after[chosen]
+        return start
+    source, target = start[chosen], end[chosen]
     turn, shift = Rotation.identity(), np.median(target - source, axis=0)
     for _ in range(_ITERATIONS):
         left = np.linalg.norm(turn.apply(source) + shift - target, axis=1)
@@ -38,4 +38,4 @@ def common_motion(before: Floats, after: Floats, usable: NDArray[np.bool_]) -> F
         middle, goal = (np.average(points, axis=0, weights=weight) for points in (source, target))
         turn, _ = Rotation.align_vectors(target - goal, source - middle, weights=weight)
         shift = goal - turn.apply(middle)
-    return np.asarray(turn.apply(before) + shift)
+    return np.asarray(turn.apply(start) + shift)

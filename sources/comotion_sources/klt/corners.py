@@ -1,4 +1,4 @@
-"""Detects new features: image and existing features -> Shi-Tomasi corners, spread over the image."""
+"""Finds new features, spread over the image: Shi-Tomasi corners where there are none yet."""
 
 from collections.abc import Callable
 
@@ -51,10 +51,10 @@ def new_corners(grey: Image, present: Pixels, config: TrackerConfig, usable: Usa
 def _corners(grey: Image, config: TrackerConfig) -> Pixels:
     """Find all corners of the image, best first, ignoring the existing features."""
     everywhere = np.full(grey.shape, 255, np.uint8)
-    found, quality = cv2.goodFeaturesToTrackWithQuality(grey, 0, config.quality, 0.0, everywhere)
-    if found is None:
+    corners, quality = cv2.goodFeaturesToTrackWithQuality(grey, 0, config.quality, 0.0, everywhere)
+    if corners is None:
         return np.empty((0, 2), np.float32)
-    corners = found.reshape(-1, 2)[np.asarray(quality).ravel() >= config.quality_floor]
+    corners = corners.reshape(-1, 2)[np.asarray(quality).ravel() >= config.quality_floor]
     height, width = grey.shape
     border = config.window // 2 + 1
     x, y = corners[:, 0], corners[:, 1]

@@ -1,4 +1,4 @@
-"""Depth of features: depth image and pixels -> depth and noise.
+"""Looks up the depth of features and its noise.
 
 A plane is fitted to the neighbourhood of a feature, which averages noise. The inverse depth of a plane
 is linear in the pixel coordinates for every tilt; a deviation from it is a depth edge, where the image

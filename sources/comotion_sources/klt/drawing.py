@@ -1,4 +1,4 @@
-"""Annotated images: frames, tracks and hypotheses -> features in colours, ids, boxes and a legend."""
+"""Draws features in the colours of their hypotheses into images, with ids, boxes and a legend."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -74,15 +74,15 @@ class Annotator:
         self._palette.see(hypotheses)
         colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
         canvas = np.asarray(cv2.convertScaleAbs(colour, alpha=_DIMMED), np.uint8)
-        labels = np.array([hypothesis(one) for one in tracks.ids.tolist()], np.uint32)
+        labels = np.array([hypothesis(feature) for feature in tracks.ids.tolist()], np.uint32)
         listed = {h.id: h for h in hypotheses}
         bodies = self._bodies(tracks, labels)
-        for one in bodies:
-            if one in listed and listed[one].state != "static":
-                self._draw_box(canvas, listed[one])
+        for number in bodies:
+            if number in listed and listed[number].state != "static":
+                self._draw_box(canvas, listed[number])
         self._draw_features(canvas, tracks, labels)
-        for one, (x, y) in bodies.items():
-            _write(canvas, named(one, self._names), (x - 8, y + 8), self._bgr(one), _ID_SCALE, 2)
+        for number, (x, y) in bodies.items():
+            _write(canvas, named(number, self._names), (x - 8, y + 8), self._bgr(number), _ID_SCALE, 2)
         self._draw_legend(canvas, labels, listed)
         return canvas
 
@@ -93,12 +93,12 @@ class Annotator:
     def _bodies(self, tracks: Tracks, labels: NDArray[np.uint32]) -> dict[int, tuple[int, int]]:
         """Hypotheses that are seen, without the background, and the middle of their features, px."""
         shown, counts = np.unique(labels[labels != UNDETERMINED], return_counts=True)
-        found = {}
-        for one in shown[counts >= _SHOWN].tolist():
-            if self._palette.colour(one) != BACKGROUND:
-                x, y = np.median(tracks.pixels[labels == one], axis=0)
-                found[one] = (round(float(x)), round(float(y)))
-        return found
+        middles = {}
+        for number in shown[counts >= _SHOWN].tolist():
+            if self._palette.colour(number) != BACKGROUND:
+                x, y = np.median(tracks.pixels[labels == number], axis=0)
+                middles[number] = (round(float(x)), round(float(y)))
+        return middles
 
     def _draw_features(self, canvas: Image, tracks: Tracks, labels: NDArray[np.uint32]) -> None:
         places = np.rint(tracks.pixels).astype(int).tolist()
@@ -114,10 +114,10 @@ class Annotator:
             cv2.circle(canvas, (x, y), radius, shade, -1, cv2.LINE_AA)
         self._tails = tails
 
-    def _draw_box(self, canvas: Image, one: Hypothesis) -> None:
-        if self._space is None or one.box is None or one.space != self._space.name:
+    def _draw_box(self, canvas: Image, body: Hypothesis) -> None:
+        if self._space is None or body.box is None or body.space != self._space.name:
             return
-        corners = _corners(one.box)
+        corners = _corners(body.box)
         edges = [(0, 1), (1, 3), (3, 2), (2, 0)] if len(corners) == 4 else _EDGES
         places = _pixels(corners, self._space)
         if places is None:
@@ -126,18 +126,18 @@ class Annotator:
         places = np.clip(places, -limit, limit)
         for a, b in edges:
             ends = [tuple(np.rint(places[k]).astype(int).tolist()) for k in (a, b)]
-            cv2.line(canvas, ends[0], ends[1], self._bgr(one.id), 1, cv2.LINE_AA)
+            cv2.line(canvas, ends[0], ends[1], self._bgr(body.id), 1, cv2.LINE_AA)
 
     def _draw_legend(self, canvas: Image, labels: NDArray[np.uint32], listed: dict[int, Hypothesis]) -> None:
         shown, counts = np.unique(labels, return_counts=True)
         order = np.argsort(-counts, kind="stable")[:_LEGEND_ROWS]
         rows = []
         for k in order.tolist():
-            one = int(shown[k])
-            known = listed.get(one)
-            name = f"{named(one, self._names)} {known.state if known else ''}"
-            name = "undetermined" if one == UNDETERMINED else name
-            rows.append((self._bgr(one), f"{name.strip()}, {counts[k]}"))
+            number = int(shown[k])
+            body = listed.get(number)
+            name = f"{named(number, self._names)} {body.state if body else ''}"
+            name = "undetermined" if number == UNDETERMINED else name
+            rows.append((self._bgr(number), f"{name.strip()}, {counts[k]}"))
         if not rows:
             return
         width = 24 + max(cv2.getTextSize(text, _FONT, _LEGEND_SCALE, 1)[0][0] for _, text in rows) + 8

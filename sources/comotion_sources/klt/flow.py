@@ -1,4 +1,4 @@
-"""Pyramidal Lucas-Kanade with forward-backward check: two images and positions -> new positions."""
+"""Tracks features from one image to the next by pyramidal Lucas-Kanade, forward and backward."""
 
 from dataclasses import dataclass
 
@@ -64,35 +64,37 @@ def forward_backward(
     return error_sq < allowed, np.sqrt(error_sq)
 
 
-def track(before: Image, after: Image, pixels: Pixels, config: TrackerConfig) -> Flow:
+def track(earlier: Image, later: Image, pixels: Pixels, config: TrackerConfig) -> Flow:
     """Track features from one grey image to the next and back.
 
     Parameters
     ----------
-    before, after
+    earlier, later
         uint8 [H, W], of the same size.
     pixels
-        float32 [N, 2], positions in `before`.
+        float32 [N, 2], positions in `earlier`.
     """
     if not len(pixels):
         return Flow(pixels, np.empty(0, np.float32), np.empty(0, bool))
-    there, found, difference = _lucas_kanade(before, after, pixels, config)
-    back, found_back, texture = _lucas_kanade(after, before, there, config, cv2.OPTFLOW_LK_GET_MIN_EIGENVALS)
+    there, tracked, difference = _lucas_kanade(earlier, later, pixels, config)
+    back, tracked_back, texture = _lucas_kanade(
+        later, earlier, there, config, cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
+    )
     kept, error = forward_backward(pixels, there, back, config.fb_relative, config.fb_absolute)
-    kept &= found & found_back & _inside(there, after.shape, config.window // 2)
+    kept &= tracked & tracked_back & _inside(there, later.shape, config.window // 2)
     # Cramér-Rao: σ = σ_image / sqrt(n λ_min), λ_min of the mean structure tensor.
     share = _NOISE_SCALE / config.window * difference / np.sqrt(np.maximum(texture, _MIN_EIGENVALUE))
     return Flow(there, np.hypot(share, error / 2).astype(np.float32), kept)
 
 
 def _lucas_kanade(
-    before: Image, after: Image, pixels: Pixels, config: TrackerConfig, flags: int = 0
+    start: Image, end: Image, pixels: Pixels, config: TrackerConfig, flags: int = 0
 ) -> tuple[Pixels, NDArray[np.bool_], NDArray[np.float32]]:
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, config.iterations, config.epsilon)
     points = np.ascontiguousarray(pixels[:, None])
     moved, status, measure = cv2.calcOpticalFlowPyrLK(
-        before,
-        after,
+        start,
+        end,
         points,
         np.empty_like(points),
         winSize=(config.window, config.window),
@@ -102,9 +104,9 @@ def _lucas_kanade(
     )
     positions = moved.reshape(-1, 2)
     # OpenCV leaves arbitrary numbers for a lost feature; replace them.
-    found = (status.ravel() == 1) & np.isfinite(positions).all(axis=1)
-    residual = np.where(found, measure.ravel(), 0.0).astype(np.float32)
-    return np.where(found[:, None], positions, pixels).astype(np.float32), found, residual
+    tracked = (status.ravel() == 1) & np.isfinite(positions).all(axis=1)
+    residual = np.where(tracked, measure.ravel(), 0.0).astype(np.float32)
+    return np.where(tracked[:, None], positions, pixels).astype(np.float32), tracked, residual
 
 
 def _inside(pixels: Pixels, shape: tuple[int, ...], border: int) -> NDArray[np.bool_]:

@@ -1,29 +1,20 @@
 """Publishes the markers in a camera's images as a separate, metric source."""
 
-from typing import Any
+from typing import Unpack
 
 import numpy as np
+
+from comotion_schemas.component import Where
 
 from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
 from ..markers.detector import MarkerDetector, MarkerOptions
-from .publisher import CameraPublisher
+from ..runtime import SourcePublisher
 
 
 class MarkerOutput:
-    """Detects markers and publishes their poses.
-
-    Parameters
-    ----------
-    name
-        Name of the source.
-    markers
-        Dictionary and size of the markers.
-    intrinsics, extrinsics
-        Of the camera; the poses are in the target frame of the extrinsics.
-    options
-        Further arguments of :class:`CameraPublisher`.
+    """Detects markers and publishes their poses, in the target frame of the extrinsics of the camera.
 
     Raises
     ------
@@ -37,21 +28,22 @@ class MarkerOutput:
         markers: MarkerOptions,
         intrinsics: Intrinsics | None,
         extrinsics: Extrinsics,
-        **options: Any,
+        *,
+        rate: float,
+        **where: Unpack[Where],
     ) -> None:
         if intrinsics is None:
             raise CalibrationError("markers need the camera's intrinsics: --calibration FILE")
         self._detector = MarkerDetector(markers, intrinsics)
         self._extrinsics = extrinsics
-        self._counters = {"refused": 0}
-        self.publisher = CameraPublisher(
+        self.source = SourcePublisher(
             name,
-            lambda: self._counters,
             space=extrinsics.frame,
             unit="m",
             dim=3,
+            rate=rate,
             message=f"{markers.dictionary} markers of {markers.size:g} m",
-            **options,
+            **where,
         )
 
     def publish(self, frame: Frame) -> None:
@@ -60,11 +52,11 @@ class MarkerOutput:
         The empty batch keeps the watermark of the scene moving.
         """
         markers = self._detector.detect(frame.image)
-        self._counters["refused"] += markers.refused
+        self.source.count("refused", markers.refused)
         poses = [self._extrinsics.after(pose) for pose in markers.poses]
         count = len(poses)
-        self.publisher.name_features({number: f"marker {number}" for number in markers.numbers.tolist()})
-        self.publisher.observe(
+        self.source.name_features({number: f"marker {number}" for number in markers.numbers.tolist()})
+        self.source.observe(
             stamp_ns=frame.stamp_ns,
             ids=markers.numbers,
             positions=np.array([pose.translation for pose in poses]).reshape(count, 3),

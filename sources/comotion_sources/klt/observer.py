@@ -1,4 +1,4 @@
-"""Tracks of one camera -> messages of one source. Pure: a live process and offline runs send the same."""
+"""Makes the messages of a camera's tracks. Pure: a live process and offline runs send the same."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -35,6 +35,12 @@ class CameraSpace:
     dim: int
     intrinsics: Intrinsics | None = None
     extrinsics: Extrinsics | None = None
+
+    def builder(self, source: str, session: str, *, moving: bool = False) -> MessageBuilder:
+        """Build the messages of one session of a source in this space."""
+        return MessageBuilder(
+            source=source, session=session, space=self.name, unit=self.unit, dim=self.dim, moving=moving
+        )
 
 
 def choose_space(
@@ -163,5 +169,5 @@ def objects_under(objects: NDArray[np.int32], pixels: NDArray[np.float32]) -> ND
     height, width = objects.shape
     column, row = np.rint(pixels).astype(np.int64).T
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    found = objects[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
-    return np.where(inside, found, AMBIGUOUS).astype(np.int32)
+    nearest = objects[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    return np.where(inside, nearest, AMBIGUOUS).astype(np.int32)

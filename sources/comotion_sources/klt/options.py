@@ -3,9 +3,6 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.transport import SessionSettings
-
 from ..calibration.files import Calibration, CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Camera
@@ -70,15 +67,6 @@ class CameraOptions:
     def posed(self) -> bool:
         """Whether the pose of every frame is known."""
         return self.poses is not None or self.carrier is not None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Connection:
-    """Scene and router of a source, and the file that signals readiness."""
-
-    scene: str = DEFAULT_SCENE
-    settings: SessionSettings | None = None
-    ready_file: Path | None = None
 
 
 def space_of(

@@ -1,4 +1,4 @@
-"""Pacing: stamps of frames -> when they are due, which are left out, and their published stamps."""
+"""Decides when frames are due, which are left out, and with which stamps they are published."""
 
 import time
 from collections.abc import Callable

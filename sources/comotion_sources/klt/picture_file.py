@@ -1,4 +1,4 @@
-"""Images -> a video file, H.264 where there is an encoder, or PNG files in a folder."""
+"""Writes images to a video file, H.264 where there is an encoder, or as PNG files to a folder."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -20,7 +20,7 @@ def frames_in(path: Path) -> list[Path]:
     """Images in a folder that an earlier run has written there; none for a video."""
     if path.suffix.lower() in VIDEO_SUFFIXES or not path.is_dir():
         return []
-    return sorted(one for one in path.glob("[0-9]" * 6 + ".png"))
+    return sorted(path.glob("[0-9]" * 6 + ".png"))
 
 
 class PictureFile:

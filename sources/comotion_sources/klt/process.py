@@ -1,27 +1,29 @@
-"""The process of a camera source: camera -> tracker -> publisher."""
+"""The process of a camera source: reads a camera, tracks its features and publishes them."""
 
 import logging
 import threading
 import time
 from contextlib import ExitStack
+from typing import Unpack
 
 import cv2
+
+from comotion_schemas.component import Where
 
 from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
-from ..cameras.types import Camera, CameraError, Frame, SceneCamera
+from ..cameras.types import Camera, CameraError, Frame
 from ..poses import PoseBuffer, read_trajectory
+from ..runtime import SourcePublisher
 from .carrier import Carrier
 from .drawing import Annotator
-from .feed import HypothesisFeed
 from .marker_output import MarkerOutput
 from .observer import Observer
-from .options import CameraOptions, Connection, space_of
+from .options import CameraOptions, space_of
 from .pacing import Pacer
 from .picture_file import NO_ENCODER, PictureFile
-from .preview import DelayedPreview
-from .publisher import CameraPublisher, PreviewStream
+from .preview import DelayedPreview, HypothesisFeed, PreviewStream
 from .tracker import Tracker, Tracks
 
 _RETRY_S = 1.0  # between two attempts to reopen a lost device
@@ -30,7 +32,7 @@ _DEFAULT_RATE = 30.0
 _log = logging.getLogger(__name__)
 
 
-def run(what: str, options: CameraOptions, connection: Connection) -> None:
+def run(what: str, options: CameraOptions, **where: Unpack[Where]) -> None:
     """Publish the observations of a camera until it ends or a signal arrives.
 
     Parameters
@@ -39,8 +41,8 @@ def run(what: str, options: CameraOptions, connection: Connection) -> None:
         The camera, as in :func:`open_frames`.
     options
         Options of the source.
-    connection
-        Scene and router.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -52,14 +54,14 @@ def run(what: str, options: CameraOptions, connection: Connection) -> None:
         If the name of the scene or source is not valid.
     """
     cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-    CameraProcess(what, open_frames(what, options.pacing.rate), options, connection).run()
+    CameraProcess(what, open_frames(what, options.pacing.rate), options, where).run()
 
 
 class CameraProcess:
     """One camera source; see :func:`run`."""
 
-    def __init__(self, what: str, camera: Camera, options: CameraOptions, connection: Connection) -> None:
-        self._what, self._camera, self._options, self._connection = what, camera, options, connection
+    def __init__(self, what: str, camera: Camera, options: CameraOptions, where: Where) -> None:
+        self._what, self._camera, self._options, self._where = what, camera, options, where
         given = options.calibration
         self._intrinsics = given.intrinsics or camera.intrinsics
         self._extrinsics = given.extrinsics or camera.extrinsics
@@ -73,7 +75,6 @@ class CameraProcess:
         self._stamp_ns: int | None = None
         self._markers: MarkerOutput | None = None
         self._preview: DelayedPreview | None = None
-        self._feed: HypothesisFeed | None = None
         self._stream: PreviewStream | None = None
 
     def run(self) -> None:
@@ -95,62 +96,52 @@ class CameraProcess:
         return PoseBuffer(self._extrinsics)
 
     def _connect(self, stack: ExitStack) -> None:
-        options, connection = self._options, self._connection
-        rate = options.pacing.rate or self._camera.rate or _DEFAULT_RATE
+        options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
+            frame = self._extrinsics or Extrinsics(frame=f"{options.name}/optical")
             self._markers = MarkerOutput(
                 f"{options.name}-markers",
                 options.markers,
                 self._intrinsics,
-                self._extrinsics or Extrinsics(frame=f"{options.name}/optical"),
-                scene=connection.scene,
-                settings=connection.settings,
+                frame,
                 rate=rate,
+                **(self._where | {"ready_file": None}),
             )
-            stack.enter_context(self._markers.publisher)
+            stack.enter_context(self._markers.source)
         # Signals reach the component that was entered last.
         self._publisher = stack.enter_context(
-            CameraPublisher(
+            SourcePublisher(
                 options.name,
-                self._counters,
                 space=self._space.name,
                 unit=self._space.unit,
                 dim=self._space.dim,
-                scene=connection.scene,
-                settings=connection.settings,
-                ready_file=connection.ready_file,
                 rate=rate,
                 message=f"{self._what} in {self._space.name}",
                 moving=options.tracker.moving and not options.posed,
+                **self._where,
             )
         )
-        component = self._publisher.component
-        if options.carrier is not None and self._poses is not None:
-            self._carrier = Carrier(component.session, component.keys, options.carrier, self._poses)
-            stack.callback(self._carrier.close)
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
-        identity = (options.name, component.session_id)
+        self._publisher.more_counters = self._counters
+        if options.carrier is not None and self._poses is not None:
+            self._carrier = Carrier(self._publisher.component, options.carrier, self._poses)
+            stack.callback(self._carrier.close)
         if options.share_preview > 0:
-            key = component.keys.stream("preview", options.name)
-            self._stream = PreviewStream(component.session, key, *identity, options.share_preview)
+            self._stream = PreviewStream(self._publisher, options.share_preview)
             stack.callback(self._stream.close)
         if options.preview is not None:
-            self._feed = HypothesisFeed(component.session, component.keys, *identity)
-            stack.callback(self._feed.close)
             file = PictureFile(options.preview, rate)
             if file.codec == "mpeg4":
                 _log.warning("%s: %s", options.preview, NO_ENCODER)
-            self._preview = DelayedPreview(file, Annotator(self._space), self._feed)
+            self._preview = DelayedPreview(file, Annotator(self._space), HypothesisFeed(self._publisher))
             stack.callback(self._preview.close)
         self._attach()
         # Closing the camera ends its wait for a frame.
         threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
 
     def _attach(self) -> None:
-        if isinstance(self._camera, SceneCamera):
-            component = self._publisher.component
-            self._camera.attach(component.session, component.keys)
-            self._pacer.live = self._camera.live
+        self._camera.attach(self._publisher.component)
+        self._pacer.live = self._camera.live
 
     def _close_camera(self) -> None:
         self._camera.close()  # read here: a lost camera was replaced
@@ -163,7 +154,7 @@ class CameraProcess:
         self._publisher.stop.wait(seconds)
 
     def _counters(self) -> dict[str, int]:
-        camera = dict(getattr(self._camera, "counters", {}))
+        camera = dict(self._camera.counters)
         camera.pop("depth_missing", None)  # self._events counts it for every kind of camera
         unposed = {} if self._poses is None else {"unposed": self._observer.unposed}
         return {"tracks": self._tracker.count} | unposed | camera | self._pacer.counters | self._events
@@ -235,16 +226,14 @@ class CameraProcess:
     def _show(self, frame: Frame, tracks: Tracks) -> None:
         if self._stream is not None:
             self._stream.offer(frame.image, tracks)
-        if self._preview is not None and self._feed is not None:
-            self._feed.poll()
+        if self._preview is not None:
             self._preview.add(frame.image, tracks)
 
     def _flush_preview(self) -> None:
         """Wait for the hypotheses of the last frames, unless a signal ends the process."""
         end = time.monotonic() + _FLUSH_S
-        while self._preview is not None and self._feed is not None and time.monotonic() < end:
-            self._feed.poll()
-            if not self._preview.waiting or self._publisher.stop.wait(0.02):
+        while self._preview is not None and self._preview.is_waiting() and time.monotonic() < end:
+            if self._publisher.stop.wait(0.02):
                 return
 
     def _end_features(self) -> None:

@@ -1,4 +1,4 @@
-"""Template alignment: image, predicted positions and templates -> drift-free positions of features.
+"""Aligns features with what they looked like at first, so that small errors do not add up.
 
 Tracking from frame to frame accumulates small errors, and a feature may slide along an edge or follow a
 passing outline. Therefore each frame the template of a feature, its image patch at birth, is aligned
@@ -198,5 +198,5 @@ def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Ali
 def _sampled(image: Floats, centre: Pixels, shape: Floats, offsets: Floats) -> Floats:
     """Interpolate grey values float32 [N, P] at centre + shape · offset."""
     x, y = (shape @ offsets.T + centre[:, :, None]).transpose(1, 0, 2).astype(np.float32)
-    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found, np.float32)
+    values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values, np.float32)

@@ -1,4 +1,4 @@
-"""The KLT tracker: frames -> tracks. Pure: no device, no clock, no I/O.
+"""The KLT tracker of one camera. Pure: no device, no clock, no I/O.
 
 Steps per frame (thesis, section 4.2):
 
@@ -136,11 +136,11 @@ class Tracker:
         if self._grey is not None and frame.image.shape[:2] != self._grey.shape:
             raise KnownError("the image size must not change; reset the tracker first")
         grey = _grey(frame.image)
-        before = self._features.ids
+        earlier_ids = self._features.ids
         self._follow(grey)
         self._lift(frame)
         kept = len(self._features.ids)
-        ended = np.setdiff1d(before, self._features.ids, assume_unique=True)
+        ended = np.setdiff1d(earlier_ids, self._features.ids, assume_unique=True)
         if self._frames % self._config.respawn_every == 0:
             self._spawn(grey, frame)
         self._frames += 1
@@ -158,13 +158,13 @@ class Tracker:
         if self._grey is None or not len(features.ids):
             return
         flow = track(self._grey, grey, features.pixels, self._config)
-        found = align(grey, flow.pixels, features.templates, self._config.window)
-        strayed = np.abs(found.pixels - flow.pixels).max(axis=1) > self._config.anchor_reach
-        features.pixels = found.pixels
-        features.templates = replace(features.templates, shape=found.shape)
-        noise = np.hypot(flow.noise, found.noise)
+        aligned = align(grey, flow.pixels, features.templates, self._config.window)
+        strayed = np.abs(aligned.pixels - flow.pixels).max(axis=1) > self._config.anchor_reach
+        features.pixels = aligned.pixels
+        features.templates = replace(features.templates, shape=aligned.shape)
+        noise = np.hypot(flow.noise, aligned.noise)
         features.noise = np.sqrt(_NOISE_DECAY * features.noise**2 + (1 - _NOISE_DECAY) * noise**2)
-        features = features.select(flow.kept & ~strayed & (found.correlation > self._config.likeness))
+        features = features.select(flow.kept & ~strayed & (aligned.correlation > self._config.likeness))
         self._features = features.select(~crowded(features.pixels, self._config.min_distance))
 
     def _lift(self, frame: Frame) -> None:
@@ -187,12 +187,12 @@ class Tracker:
         """Mask of features whose step since the last known point is longer than allowed."""
         gap = np.clip(stamp_ns - self._features.seen_ns, _NOMINAL_PERIOD_NS, _LONGEST_GAP_NS)
         limit = self._config.max_step * gap / _NOMINAL_PERIOD_NS + 4.0 * depth_sigma(z, self._config)
-        before = self._features.points
+        last = self._features.points
         if self._config.moving:
             # A longer gap than one frame means another common motion.
             fresh = self._features.seen_ns == self._features.seen_ns.max()
-            before = common_motion(before, points, fresh)
-        step = np.linalg.norm(points - before, axis=1)
+            last = common_motion(last, points, fresh)
+        step = np.linalg.norm(points - last, axis=1)
         return np.asarray(step > limit)  # False where there is no point
 
     def _spawn(self, grey: Image, frame: Frame) -> None:

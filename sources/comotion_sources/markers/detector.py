@@ -1,4 +1,4 @@
-"""Marker detection: image -> numbers and poses of fiducial markers."""
+"""Finds fiducial markers and their poses in an image."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -90,6 +90,11 @@ def make_detector(dictionary: Any) -> Any:
     return cv2.aruco.ArucoDetector(dictionary, parameters)
 
 
+def corners_of(size: float) -> Floats:
+    """Corners of a marker by its edge in m, float64 [4, 3]: clockwise from the upper left, x right, y up."""
+    return size / 2 * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+
+
 @dataclass
 class MarkerDetector:
     """Detects the markers of one dictionary and size in the images of one camera.
@@ -105,8 +110,7 @@ class MarkerDetector:
 
     def __post_init__(self) -> None:
         self._detector = make_detector(find_dictionary(self.options.dictionary))
-        half = self.options.size / 2
-        self._square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+        self._square = corners_of(self.options.size)
 
     def detect(self, image: Image) -> Markers:
         """Find the markers in an image, uint8 [H, W] or [H, W, 3] (BGR)."""

@@ -1,4 +1,4 @@
-"""Calibrates a pair of cameras: frames of both -> views of a target -> extrinsics of camera B."""
+"""Calibrates the second of two cameras by a target that both see."""
 
 import time
 from collections.abc import Iterator

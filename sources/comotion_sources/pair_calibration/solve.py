@@ -1,5 +1,6 @@
 """Estimates the pose of camera B in the frame of camera A from common views of a target."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -57,22 +58,39 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
     """
     if not views:
         raise InputError("the target was never seen by both cameras")
-    poses_a = [_poses(camera_a, view.points, view.pixels_a) for view in views]
-    poses_b = [_poses(camera_b, view.points, view.pixels_b) for view in views]
+    poses_a = [planar_poses(camera_a, view.points, view.pixels_a) for view in views]
+    poses_b = [planar_poses(camera_b, view.points, view.pixels_b) for view in views]
     candidates = [
-        a.after(b.inverse()) for pa, pb in zip(poses_a, poses_b, strict=True) for a in pa for b in pb
+        a.after(b.inverse()) for pa, pb in zip(poses_a, poses_b, strict=True) for _, a in pa for _, b in pb
     ]
     if not candidates:
         raise InputError("no pose fits the images of the target; is its size right?")
     chosen = candidates[:: max(1, len(candidates) // _MAX_CANDIDATES)]
-    scored = [(_score(c, camera_b, views, poses_a), i) for i, c in enumerate(chosen)]
-    start = chosen[min(scored)[1]]
-    targets = [_best_target(start, camera_b, view, poses) for view, poses in zip(views, poses_a, strict=True)]
-    return _refine(camera_a, camera_b, views, start, targets)
+    fits = [_fits(candidate, camera_b, views, poses_a) for candidate in chosen]
+    errors = [np.median([fit[0] for fit in tried if fit is not None]) for tried in fits]
+    best = int(np.argmin(errors))
+    used = [(view, fit[1]) for view, fit in zip(views, fits[best], strict=True) if fit is not None]
+    return _refine(camera_a, camera_b, used, chosen[best])
 
 
-def _poses(camera: Intrinsics, points: Floats, pixels: Floats) -> list[Extrinsics]:
-    return [pose for _, pose in planar_poses(camera, points, pixels)]
+def _fits(
+    b_to_a: Extrinsics,
+    camera_b: Intrinsics,
+    views: Sequence[PairedView],
+    poses_a: Sequence[Sequence[tuple[float, Extrinsics]]],
+) -> list[tuple[float, Extrinsics] | None]:
+    """Of each view the pose of the target in A that fits both images best, with its error; None without any.
+
+    A mirrored pose fits one image nearly as well, and in a single view any pose in A has one in B.
+    """
+    a_to_b = b_to_a.inverse()
+    fits: list[tuple[float, Extrinsics] | None] = []
+    for view, poses in zip(views, poses_a, strict=True):
+        in_b = [reprojection(camera_b, a_to_b.after(pose), view.points, view.pixels_b) for _, pose in poses]
+        errors = [math.hypot(in_a, rms(part)) for (in_a, _), part in zip(poses, in_b, strict=True)]
+        best = int(np.argmin(errors)) if errors else 0
+        fits.append((errors[best], poses[best][1]) if errors else None)
+    return fits
 
 
 def _pose(values: Floats) -> Extrinsics:
@@ -83,36 +101,12 @@ def _vector(pose: Extrinsics) -> Floats:
     return np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation])
 
 
-def _error_in_b(b_to_a: Extrinsics, camera: Intrinsics, view: PairedView, target: Extrinsics) -> float:
-    return rms(reprojection(camera, b_to_a.inverse().after(target), view.points, view.pixels_b))
-
-
-def _best_target(
-    b_to_a: Extrinsics, camera_b: Intrinsics, view: PairedView, poses: list[Extrinsics]
-) -> Extrinsics | None:
-    return min(poses, key=lambda pose: _error_in_b(b_to_a, camera_b, view, pose), default=None)
-
-
-def _score(
-    b_to_a: Extrinsics, camera_b: Intrinsics, views: Sequence[PairedView], poses_a: list[list[Extrinsics]]
-) -> float:
-    errors = []
-    for view, poses in zip(views, poses_a, strict=True):
-        target = _best_target(b_to_a, camera_b, view, poses)
-        if target is not None:
-            errors.append(_error_in_b(b_to_a, camera_b, view, target))
-    return float(np.median(errors))
-
-
 def _refine(
     camera_a: Intrinsics,
     camera_b: Intrinsics,
-    views: Sequence[PairedView],
+    used: Sequence[tuple[PairedView, Extrinsics]],
     start: Extrinsics,
-    targets: list[Extrinsics | None],
 ) -> RelativePose:
-    used = [(view, target) for view, target in zip(views, targets, strict=True) if target is not None]
-
     def errors(values: Floats) -> tuple[Floats, Floats]:
         a_to_b = _pose(values[:6]).inverse()
         of_a, of_b = [], []

@@ -1,4 +1,4 @@
-"""Calibration targets: image -> points of a chessboard, ChArUco board or single marker."""
+"""Finds the points of a chessboard, ChArUco board or single marker in an image."""
 
 from typing import Any, Protocol
 
@@ -10,7 +10,7 @@ from comotion_schemas.errors import KnownError
 
 from ..cameras.types import Image
 from ..errors import InputError
-from ..markers.detector import DEFAULT_DICTIONARY, find_dictionary, make_detector
+from ..markers.detector import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector
 
 Floats = NDArray[np.float64]
 TargetPoints = dict[str, dict[int, tuple[Floats, Floats]]]
@@ -140,8 +140,7 @@ class SingleMarkers:
     """Markers of one size; each marker is a separate target."""
 
     def __init__(self, size: float, dictionary: str = DEFAULT_DICTIONARY) -> None:
-        half = size / 2
-        self._points = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+        self._points = corners_of(size)
         self._detector: Any = make_detector(find_dictionary(dictionary))
 
     def find(self, image: Image) -> TargetPoints:

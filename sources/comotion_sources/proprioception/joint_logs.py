@@ -1,4 +1,4 @@
-"""Joint logs: CSV file or ROS 2 bag -> joint samples.
+"""Reads logs of joints: CSV files and ROS 2 bags.
 
 The header of a CSV log names the time first, as ``stamp_ns`` (integer nanoseconds) or as ``time``,
 ``t``, ``stamp`` or ``timestamp`` (seconds), then one column per joint with the joint's name (rad or m).
@@ -14,8 +14,7 @@ from comotion_schemas.ros_types import store
 from comotion_schemas.time_units import seconds
 
 from ..errors import InputError
-from .cdr import JOINT_STATE, decode_message, from_message
-from .samples import JointSample, joint_sample
+from .samples import JOINT_STATE, JointSample, joint_sample, ros_sample
 
 _MAX_LINE = 100_000
 _MAX_JOINTS = 1000
@@ -121,6 +120,6 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
                 called = f" named {topic}" if topic else ""
                 raise InputError(f"{path}: topics with joint states{called}: {which}")
             for _, recorded_ns, raw in reader.messages(connections=connections):
-                yield from_message(decode_message(raw), recorded_ns)
+                yield ros_sample(raw, recorded_ns)
     except (AnyReaderError, OSError) as error:
         raise InputError(f"{path}: {error}") from None

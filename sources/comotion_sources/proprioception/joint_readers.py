@@ -1,80 +1,61 @@
-"""Joint readers: a stream of the scene, a ROS 2 topic over Zenoh, or a log -> joint samples.
+"""Joint samples as they arrive: of a stream of the scene, a ROS 2 topic over Zenoh, or a log.
 
-A reader yields samples as they arrive. While none arrives it yields None every 0.1 s, so that the
-caller can send samples that it holds back. Malformed samples are counted and left out.
+While none arrives, a reader yields None every 0.1 s, so that the caller can send samples that it holds back.
+Malformed samples are counted and left out.
 """
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Protocol, TypeAlias, cast
+from typing import TypeAlias, cast
 
 from comotion_schemas import DecodeError, JointStates, decode_on
+from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
 from ..received import Received, subscribed
 from ..runtime import SourcePublisher
-from .cdr import decode_message, from_message, ros_key
-from .samples import JointSample, joint_sample
+from .samples import JointSample, joint_sample, ros_sample
 
-_Read: TypeAlias = Callable[[str, bytes, int], JointSample]
-
-
-class JointReader(Protocol):
-    """A source of joint samples."""
-
-    def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Yield samples, or None while none arrives, until the stream ends or the source stops."""
-        ...
+Readings: TypeAlias = Iterator[JointSample | None]
+Reader: TypeAlias = Callable[[SourcePublisher], Readings]
+"""Reads until the stream ends or the source stops."""
 
 
-@dataclass(frozen=True)
-class SceneJoints:
-    """Reads the joint states of the scene from the key ``joints/<name>``.
+def scene_joints(source: SourcePublisher, *, name: str) -> Readings:
+    """Read the joint states of the scene from the key ``joints/<name>``."""
+    with subscribed(source, source.component.keys.stream("joints", name)) as received:
+        yield from _samples(received, source, _from_wire)
 
-    Attributes
+
+def ros_topic(
+    source: SourcePublisher, *, topic: str, domain: int = 0, settings: SessionSettings | None = None
+) -> Readings:
+    """Read ``sensor_msgs/msg/JointState`` live from a ROS 2 network that uses rmw_zenoh.
+
+    Parameters
     ----------
-    name
-        Name of the stream.
-    """
-
-    name: str
-
-    def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Yield samples of the stream until the source stops."""
-        with subscribed(source, source.component.keys.stream("joints", self.name)) as received:
-            yield from _samples(received, source, _from_wire)
-
-
-@dataclass(frozen=True)
-class RosTopic:
-    """Reads ``sensor_msgs/msg/JointState`` live from a ROS 2 network that uses rmw_zenoh.
-
-    Attributes
-    ----------
+    source
+        Counts what is lost or malformed.
     topic, domain
         ROS topic and domain id.
     settings
         How to connect to the router of that network; None: use the session of the source.
     """
-
-    topic: str
-    domain: int = 0
-    settings: SessionSettings | None = None
-
-    def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Yield samples of the topic until the source stops."""
-        with subscribed(source, ros_key(self.topic, self.domain), self.settings) as received:
-            yield from _samples(received, source, _from_ros)
+    key = topic_key(topic, domain, "sensor_msgs::msg::dds_::JointState_")
+    with subscribed(source, key, settings) as received:
+        yield from _samples(received, source, lambda _, raw, received_ns: ros_sample(raw, received_ns))
 
 
-@dataclass(frozen=True)
-class LogPlayback:
-    """Plays the samples of a log at the times they were recorded.
+def played(
+    source: SourcePublisher, *, samples: Iterable[JointSample], speed: float, original_stamps: bool
+) -> Readings:
+    """Play the samples of a log at the times they were recorded.
 
-    Attributes
+    Parameters
     ----------
+    source
+        Ends it when it stops.
     samples
         The samples of the log, in order.
     speed
@@ -82,25 +63,20 @@ class LogPlayback:
     original_stamps
         Keep the stamps of the log; else a sample gets the wall clock time at which it is played.
     """
-
-    samples: Iterable[JointSample]
-    speed: float = 1.0
-    original_stamps: bool = False
-
-    def readings(self, source: SourcePublisher) -> Iterator[JointSample | None]:
-        """Yield samples when they are due until the log ends or the source stops."""
-        begin_wall, begin = time.time_ns(), time.monotonic()
-        first: int | None = None
-        for sample in self.samples:
-            first = sample.stamp_ns if first is None else first
-            elapsed = (sample.stamp_ns - first) / self.speed
-            if source.stop.wait(max(0.0, begin + elapsed * 1e-9 - time.monotonic())):
-                return
-            stamp = sample.stamp_ns if self.original_stamps else begin_wall + round(elapsed)
-            yield JointSample(stamp, sample.names, sample.positions)
+    begin_wall, begin = time.time_ns(), time.monotonic()
+    first: int | None = None
+    for sample in samples:
+        first = sample.stamp_ns if first is None else first
+        elapsed = (sample.stamp_ns - first) / speed
+        if source.stop.wait(max(0.0, begin + elapsed * 1e-9 - time.monotonic())):
+            return
+        stamp = sample.stamp_ns if original_stamps else begin_wall + round(elapsed)
+        yield JointSample(stamp, sample.names, sample.positions)
 
 
-def _samples(received: Received, source: SourcePublisher, read: _Read) -> Iterator[JointSample | None]:
+def _samples(
+    received: Received, source: SourcePublisher, read: Callable[[str, bytes, int], JointSample]
+) -> Readings:
     """Read what is received; what is malformed is counted and left out."""
     for arrival in received:
         if arrival is None:
@@ -117,7 +93,3 @@ def _samples(received: Received, source: SourcePublisher, read: _Read) -> Iterat
 def _from_wire(key: str, payload: bytes, _received_ns: int) -> JointSample:
     message = cast("JointStates", decode_on(key, payload))
     return joint_sample(message.stamp_ns, message.names, message.positions)
-
-
-def _from_ros(_key: str, payload: bytes, received_ns: int) -> JointSample:
-    return from_message(decode_message(payload), received_ns)

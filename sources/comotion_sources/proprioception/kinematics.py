@@ -1,4 +1,4 @@
-"""Forward kinematics: joint positions -> poses of chosen links with their noise. Pure."""
+"""Forward kinematics: poses of chosen links with their noise. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Robot models for kinematics: MJCF or URDF file -> MuJoCo model."""
+"""Loads a robot from an MJCF or URDF file, as far as kinematics needs it."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path

@@ -1,36 +1,14 @@
-"""Joint samples -> batches with the link poses of several instants. Pure: time is in the samples."""
+"""Packs the link poses of several instants into one batch. Pure: time is in the samples."""
 
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .kinematics import Kinematics, LinkPoses
 from .samples import JointSample
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pack:
-    """The columns of one batch: one row per instant and link, oldest first.
-
-    `ids` uint64 [N], the numbers of the links; `positions` [N, 3]; `quaternions` [N, 4]; `sigma` [N];
-    `stamps_ns` int64 [N].
-    """
-
-    ids: np.ndarray
-    positions: np.ndarray
-    quaternions: np.ndarray
-    sigma: np.ndarray
-    stamps_ns: np.ndarray
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the newest instant."""
-        return int(self.stamps_ns[-1])
-
-    def columns(self) -> dict[str, Any]:
-        """What it says of a batch, by the names of :class:`~comotion_schemas.ObservationBatch`."""
-        return {"stamp_ns": self.stamp_ns} | {each.name: getattr(self, each.name) for each in fields(self)}
+Columns: TypeAlias = dict[str, Any]
+"""What a batch says, one row per instant and link, oldest first, by names of :class:`ObservationBatch`."""
 
 
 class Packer:
@@ -62,7 +40,7 @@ class Packer:
         self._due = 0
         self.stale = self.thinned = 0
 
-    def add(self, sample: JointSample) -> Pack | None:
+    def add(self, sample: JointSample) -> Columns | None:
         """Add a sample; returns a batch when one is full, else None.
 
         Raises
@@ -83,19 +61,21 @@ class Packer:
         full = sample.stamp_ns - self._pending[0][0] + 5 * self._period_ns // 4 >= self._span_ns
         return self.flush() if full else None
 
-    def flush(self) -> Pack | None:
+    def flush(self) -> Columns | None:
         """Return the pending instants as a batch; None if there are none."""
         pending, self._pending = self._pending, []
         if not pending:
             return None
         links = len(self._kinematics.links)
-        return Pack(
-            ids=np.tile(np.arange(links, dtype=np.uint64), len(pending)),
-            positions=np.concatenate([poses.positions for _, poses in pending]),
-            quaternions=np.concatenate([poses.quaternions for _, poses in pending]),
-            sigma=np.concatenate([poses.sigma for _, poses in pending]),
-            stamps_ns=np.repeat(np.array([stamp for stamp, _ in pending], np.int64), links),
-        )
+        stamps, poses = zip(*pending, strict=True)
+        return {
+            "stamp_ns": stamps[-1],
+            "ids": np.tile(np.arange(links, dtype=np.uint64), len(pending)),
+            "positions": np.concatenate([instant.positions for instant in poses]),
+            "quaternions": np.concatenate([instant.quaternions for instant in poses]),
+            "sigma": np.concatenate([instant.sigma for instant in poses]),
+            "stamps_ns": np.repeat(np.array(stamps, np.int64), links),
+        }
 
     def restart(self) -> None:
         """Discard pending instants and the last stamp: the clock of the samples was set back."""

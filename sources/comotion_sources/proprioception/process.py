@@ -1,4 +1,4 @@
-"""Runs the proprioception source: joint samples -> observations of the 6-DoF poses of links."""
+"""Publishes the links of a robot as 6-DoF features."""
 
 import logging
 from collections.abc import Mapping
@@ -10,9 +10,9 @@ from comotion_schemas.component import Where
 
 from ..errors import InputError
 from ..runtime import SourcePublisher
-from .joint_readers import JointReader
+from .joint_readers import Reader
 from .kinematics import Kinematics
-from .packer import Pack, Packer
+from .packer import Columns, Packer
 from .samples import JointSample
 
 _SET_BACK_NS = 1_000_000_000
@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 def run(
     kinematics: Kinematics,
-    reader: JointReader,
+    reader: Reader,
     *,
     rate: float = 200.0,
     span: float = 0.02,
@@ -64,17 +64,22 @@ def run(
         **where,
     )
     with source:
-        relay = _Relay(source, Packer(kinematics, rate=rate, span=span))
         if truth is not None:
-            _publish_truth(source, kinematics, truth)
+            known = [(index, *truth[link]) for index, link in enumerate(kinematics.links) if link in truth]
+            source.tell_truth(
+                ids=np.array([index for index, _, _ in known], np.uint64),
+                objects=[number for _, number, _ in known],
+                names={number: called for _, number, called in known},
+            )
         source.ready()
-        for sample in reader.readings(source):
+        relay = _Relay(source, Packer(kinematics, rate=rate, span=span))
+        for sample in reader(source):
             relay.pass_on(sample)
         relay.pass_on(None)
 
 
 class _Relay:
-    """Passes samples through the packer to the publisher and counts the rejected ones."""
+    """Passes samples through the packer to the source and counts the rejected ones."""
 
     def __init__(self, source: SourcePublisher, packer: Packer) -> None:
         self._source, self._packer = source, packer
@@ -82,39 +87,22 @@ class _Relay:
 
     def pass_on(self, sample: JointSample | None) -> None:
         """Handle a sample; None: no sample arrived, publish the pending instants."""
-        if sample is None:
-            self._publish(self._packer.flush())
-            return
+        columns = self._packer.flush() if sample is None else self._packed(sample)
+        if columns is not None:
+            self._source.observe(**columns)
+
+    def _packed(self, sample: JointSample) -> Columns | None:
         if sample.stamp_ns < self._newest - _SET_BACK_NS:
-            self._restart()
+            # A simulation or a log has begun again.
+            _log.warning("the stamps went back by more than a second: a new session begins")
+            self._packer.restart()
+            self._source.new_session()
         self._newest = sample.stamp_ns
         stale = self._packer.stale
         try:
-            pack = self._packer.add(sample)
+            columns = self._packer.add(sample)
         except InputError as error:
             self._source.reject("schema", str(error))
-            return
-        if self._packer.stale > stale:
-            self._source.count("late")
-        self._publish(pack)
-
-    def _restart(self) -> None:
-        """Begin a new session: the clock of the samples was set back (simulation or log restarted)."""
-        _log.warning("the stamps went back by more than a second: a new session begins")
-        self._packer.restart()
-        self._source.new_session()
-
-    def _publish(self, pack: Pack | None) -> None:
-        if pack is not None:
-            self._source.observe(**pack.columns())
-
-
-def _publish_truth(
-    source: SourcePublisher, kinematics: Kinematics, truth: Mapping[str, tuple[int, str]]
-) -> None:
-    known = [(index, *truth[link]) for index, link in enumerate(kinematics.links) if link in truth]
-    source.tell_truth(
-        ids=np.array([index for index, _, _ in known], np.uint64),
-        objects=[number for _, number, _ in known],
-        names={number: name for _, number, name in known},
-    )
+            return None
+        self._source.count("late", self._packer.stale - stale)
+        return columns

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.ros_types import from_cdr, stamp_of
+
 from ..errors import InputError
 
 Vector = NDArray[np.float64]
+JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,3 +51,15 @@ def joint_sample(stamp_ns: int, names: Sequence[str], positions: object) -> Join
     if not 0 <= stamp_ns < 2**63:
         raise InputError(f"stamp {stamp_ns} is out of range")
     return JointSample(stamp_ns, tuple(names), values)
+
+
+def ros_sample(raw: bytes, received_ns: int) -> JointSample:
+    """Read a ROS 2 JointState in CDR; one without a stamp gets the time of its receipt.
+
+    Raises
+    ------
+    InputError
+        If it is none, names and positions do not match, or a number is not finite.
+    """
+    message = from_cdr(raw, JOINT_STATE)
+    return joint_sample(stamp_of(message.header, received_ns), message.name, message.position)

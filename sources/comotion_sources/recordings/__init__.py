@@ -1,4 +1,4 @@
-"""Readers of recordings: file -> observations, for replay and offline evaluation."""
+"""Reads recordings of features, for replay and offline evaluation."""
 
 import logging
 from pathlib import Path
@@ -7,8 +7,7 @@ from comotion_schemas.doubts import doubts
 from comotion_schemas.recording import SUFFIX
 
 from ..errors import RecordingError
-from .recording import Recording
-from .streams import recording_batches, recording_streams
+from .recording import Recording, recording_batches, recording_streams
 
 __all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
 
@@ -49,12 +48,9 @@ def _read(path: Path, fps: float | None) -> Recording:
 
     if path.stat().st_size == 0:
         raise RecordingError("the file is empty")
-    suffix = path.suffix.lower()
-    if suffix == ".c3d":
-        return read_c3d(path)
-    readers = {".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
-    reader = readers.get(suffix)
+    readers = {".c3d": read_c3d, ".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
+    reader = readers.get(path.suffix.lower())
     if reader is None:
         # A recorded scene has readers of its own; it is accepted wherever these are.
-        raise RecordingError(f"its ending is not one of {', '.join(('.c3d', *readers, SUFFIX))}")
+        raise RecordingError(f"its ending is not one of {', '.join((*readers, SUFFIX))}")
     return reader(path, fps)

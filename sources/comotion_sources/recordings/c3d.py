@@ -19,12 +19,14 @@ _MAGIC = 0x50
 _SATURATED = 0xFFFF
 # Ten minutes of 300 markers at 200 Hz take 0.6 GB.
 _MAX_BYTES = 1 << 30
+# Writers fill texts with either.
+_PADDING = " \0"
 # Model outputs in the list of points that are not positions.
 _OTHER_QUANTITIES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
-def read_c3d(path: Path) -> Recording:
-    """Read a C3D recording.
+def read_c3d(path: Path, fps: float | None = None) -> Recording:  # noqa: ARG001
+    """Read a C3D recording, which has a frame rate of its own.
 
     Lengths are converted to metres; a file without a unit is in mm, the convention of the format.
     Markers with a negative residual, with NaN or exactly at the origin are unobserved.
@@ -60,7 +62,7 @@ def _recording(name: str, reader: Any) -> Recording:
     rate, unit = float(reader.point_rate), reader.get("POINT:UNITS")
     if not 1 / LONGEST_STEP_S <= rate < np.inf:
         raise RecordingError(f"its frame rate is {rate:g} Hz")
-    unit = unit.string_value.strip() if unit else ""
+    unit = unit.string_value.strip(_PADDING) if unit else ""
     scale = METRES.get(unit.lower() or "mm")
     if scale is None:
         raise RecordingError(f"its unit is {unit[:20]!r}, not one of {', '.join(METRES)}")
@@ -93,6 +95,6 @@ def _points(reader: Any) -> np.ndarray:
 def _are_positions(reader: Any) -> np.ndarray:
     """Which of the points are positions, bool [N]."""
     groups = [reader.get(f"POINT:{name}") for name in _OTHER_QUANTITIES]
-    others = {str(label).strip() for group in groups if group for label in group.string_array.ravel()}
-    labels = [str(label).strip() for label in reader.point_labels[: reader.point_used]]
+    others = {str(label).strip(_PADDING) for group in groups if group for label in group.string_array.ravel()}
+    labels = [str(label).strip(_PADDING) for label in reader.point_labels[: reader.point_used]]
     return np.array([label not in others for label in labels] + [True] * (reader.point_used - len(labels)))

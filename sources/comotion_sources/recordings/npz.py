@@ -12,6 +12,8 @@ import math
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -62,19 +64,12 @@ def read_npz(path: Path, fps: float | None = None) -> Recording:
     OSError
         If it cannot be opened.
     """
-    try:
-        with path.open("rb") as file:
-            # Loading pickled arrays would execute code from the file.
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise RecordingError("it is not an .npz archive")
-            return _recording(path.stem, archive, fps)
-    except RecordingError:
-        raise
-    except _DAMAGED as error:
-        raise RecordingError(
-            f"it is not an .npz archive, or is damaged or truncated ({type(error).__name__})"
-        ) from None
+    with _refused("it is not an .npz archive, or is damaged or truncated"), path.open("rb") as file:
+        # Loading pickled arrays would execute code from the file.
+        archive = np.load(file, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise RecordingError("it is not an .npz archive")
+        return _recording(path.stem, archive, fps)
 
 
 def read_npy(path: Path, fps: float | None = None) -> Recording:
@@ -87,15 +82,20 @@ def read_npy(path: Path, fps: float | None = None) -> Recording:
     OSError
         If it cannot be opened.
     """
-    try:
+    with _refused("it is not an array of numbers, or is damaged"):
         # A mapped array is not allocated: its header may announce more than the file holds.
         return tracks_recording(path.stem, {"tracks": np.load(path, mmap_mode="r", allow_pickle=False)}, fps)
+
+
+@contextmanager
+def _refused(what: str) -> Iterator[None]:
+    """Raise what NumPy raises of damaged files as a RecordingError."""
+    try:
+        yield
     except RecordingError:
         raise
     except _DAMAGED as error:
-        raise RecordingError(
-            f"it is not an array of numbers, or is damaged ({type(error).__name__})"
-        ) from None
+        raise RecordingError(f"{what} ({type(error).__name__})") from None
 
 
 def _recording(name: str, archive: Any, fps: float | None) -> Recording:

@@ -1,4 +1,4 @@
-"""Recordings: positions of every marker or track at every instant, with the truth if known -> frames."""
+"""What every reader of recordings gives, and how its markers become the streams of sources."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,6 +10,10 @@ from comotion_schemas.types import Unit
 
 from ..errors import RecordingError
 from ..frames import AMBIGUOUS, Frame
+from ..parts import Part, rate_of
+from ..streams import Published, Stream, merged, numbered
+
+DEFAULT_NAME = "replay"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -174,16 +178,67 @@ def clean_labels(labels: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.where(labels >= 1, labels, AMBIGUOUS)
 
 
-def split_markers(count: int, parts: int) -> Sequence[NDArray[np.intp]]:
-    """Divide markers among sources in turn, so that every source observes every body.
+def recording_streams(
+    recording: Recording,
+    *,
+    split: int = 1,
+    rates: Sequence[float] | None = None,
+    source: str = DEFAULT_NAME,
+) -> list[Stream]:
+    """Divide the markers of a recording among sources in turn, so that every source observes every body.
 
     Parameters
     ----------
-    count, parts
-        Number of markers; number of sources.
+    recording
+        The recording.
+    split
+        Number of sources; each gets every `split`-th marker.
+    rates
+        Hz, one for all sources or one for each, obtained by dropping frames. None: the k-th source
+        has 1/k of the rate of the recording.
+    source
+        Name of the source; with several sources, the k-th is ``<source>-k``.
 
-    Returns
-    -------
-    Per source intp [M], its markers.
+    Raises
+    ------
+    RecordingError
+        If a rate is above that of the recording.
+    ValueError
+        If the number of rates is neither one nor the number of sources.
     """
-    return [np.arange(part, count, parts) for part in range(parts)]
+    streams = []
+    for part in range(split):
+        rate = recording.rate / (part + 1) if rates is None else rate_of(Part(part, split), rates)
+        # The first source has every frame, however uneven the times are.
+        instants = decimate(recording.times, None if rates is None and part == 0 else rate)
+        markers = np.arange(part, recording.positions.shape[1], split)
+        streams.append(
+            Stream(
+                name=numbered(source, part, split),
+                space=recording.space,
+                unit=recording.unit,
+                dim=recording.dim,
+                objects=recording.label_names,
+                rate=rate,
+                length=recording.length,
+                frames=RecordedFrames(recording, markers=markers, instants=instants),
+            )
+        )
+    return streams
+
+
+def recording_batches(
+    recording: Recording,
+    *,
+    split: int = 1,
+    rates: Sequence[float] | None = None,
+    epoch_ns: int = 0,
+) -> Iterator[Published]:
+    """Yield the messages that a replay of the recording publishes, in time order.
+
+    `recording`, `split`, `rates` and the errors are those of :func:`recording_streams`; `epoch_ns` is the
+    stamp of the first instant.
+    """
+    return merged(
+        recording_streams(recording, split=split, rates=rates), epoch_ns=epoch_ns, publish_sigma=True
+    )

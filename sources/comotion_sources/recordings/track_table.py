@@ -1,4 +1,4 @@
-"""Tables of point trackers (CSV) -> recordings: a row per point and frame."""
+"""Reads tables of point trackers (CSV), with a row per point and frame."""
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Arrays and tables of point trackers (CoTracker, TAPIR, TAP-Vid and the like) -> recordings.
+"""Reads what point trackers (CoTracker, TAPIR, TAP-Vid and the like) say of their tracks.
 
 Arrays have the names that the trackers give them: positions ``tracks``, ``pred_tracks``, ``points``,
 ``trajs_2d`` or ``tracks_XYZ``, [T, N, 2 or 3] or [N, T, 2 or 3]; whether a point is seen ``visibility``,
@@ -62,7 +62,7 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     RecordingError
         If there are no positions or no times, or shapes do not fit.
     """
-    place = _points(_one(arrays, POSITIONS))
+    place = _points(_first(arrays, POSITIONS))
     if place is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
     if place.shape[2] == 2 and _within_one(place):
@@ -71,7 +71,7 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     confidence = _per_point(arrays, CONFIDENCE, place) * (
         1 - _per_point(arrays, UNCERTAIN, place, missing=0.0)
     )
-    sigma = _one(arrays, SIGMA)
+    sigma = _first(arrays, SIGMA)
     if _points_first(arrays, place, probability > 0.5):
         place, probability, confidence = place.swapaxes(0, 1), probability.T, confidence.T
         sigma = sigma.T if sigma is not None and sigma.ndim == 2 else sigma
@@ -86,7 +86,7 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     )
 
 
-def _one(arrays: Arrays, names: Sequence[str]) -> NDArray[np.float64] | None:
+def _first(arrays: Arrays, names: Sequence[str]) -> NDArray[np.float64] | None:
     """The first array of these names, without an axis of one batch."""
     array = next((arrays[name] for name in names if name in arrays), None)
     if array is None:
@@ -117,7 +117,7 @@ def _per_point(
     arrays: Arrays, names: Sequence[str], place: NDArray[np.float64], missing: float = 1.0
 ) -> NDArray[np.float64]:
     """An array as probabilities of each position; `missing` where there is none."""
-    value, shape = _one(arrays, names), place.shape[:2]
+    value, shape = _first(arrays, names), place.shape[:2]
     if value is None:
         return np.full(shape, missing)
     if value.size != shape[0] * shape[1] or tuple(n for n in value.shape if n > 1) != tuple(
@@ -160,7 +160,7 @@ def _times(arrays: Arrays, frames: int, fps: float | None) -> NDArray[np.float64
             return seconds(given)
         except KnownError as error:
             raise RecordingError(str(error)) from None
-    rate = _one(arrays, RATE)
+    rate = _first(arrays, RATE)
     if rate is not None and rate.size == 1:
         fps = float(rate.reshape(-1)[0])
     if fps is None:

@@ -1,4 +1,4 @@
-"""ROS 2 messages of trackers -> observations. Pure; the types come from rosbags (extra ``ros``)."""
+"""Reads observations out of ROS 2 messages of trackers. Pure; the types come from rosbags (extra ``ros``)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.ros_types import from_cdr
+from comotion_schemas.ros_types import from_cdr, stamp_of
 
 from ..errors import InputError
 
@@ -90,7 +90,7 @@ class Converter:
                 number = self.ids.setdefault(name, len(self.ids))
                 where = [place.x, place.y, place.z]
                 row = (number, where, [turn.x, turn.y, turn.z, turn.w])
-                poses.setdefault((_stamp(header, received_ns), header.frame_id), []).append(row)
+                poses.setdefault((stamp_of(header, received_ns), header.frame_id), []).append(row)
         return [_together(stamp, frame, rows) for (stamp, frame), rows in sorted(poses.items())]
 
 
@@ -142,7 +142,7 @@ def _cloud(message: Any, received_ns: int) -> Observed:
     points = np.frombuffer(data, kind, count)
     positions = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=1)
     ids = _ids(points[name])
-    return Observed(_stamp(message.header, received_ns), message.header.frame_id, ids, positions)  # type: ignore[arg-type]
+    return Observed(stamp_of(message.header, received_ns), message.header.frame_id, ids, positions)  # type: ignore[arg-type]
 
 
 def _ids(numbers: NDArray[Any]) -> NDArray[np.int64]:
@@ -151,7 +151,3 @@ def _ids(numbers: NDArray[Any]) -> NDArray[np.int64]:
     with np.errstate(invalid="ignore"):
         whole = (np.abs(values) < _LARGEST_ID) & (values == np.floor(values))
     return np.where(whole, values, -1.0).astype(np.int64)
-
-
-def _stamp(header: Any, received_ns: int) -> int:
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec) or received_ns

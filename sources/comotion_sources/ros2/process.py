@@ -1,9 +1,10 @@
-"""Runs the ROS 2 source: messages of a topic of rmw_zenoh -> observations of the scene."""
+"""Publishes what a ROS 2 topic says of features in a scene."""
 
 from dataclasses import dataclass
 from typing import Unpack
 
 from comotion_schemas.component import Where
+from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
@@ -58,7 +59,7 @@ def run(
         message=f"ROS topic {followed.topic}",
         **where,
     )
-    key = f"{followed.domain}/{followed.topic.strip('/')}/*/*"
+    key = topic_key(followed.topic, followed.domain)
     with source, subscribed(source, key, followed.ros) as received:
         source.ready()
         relay = _Relay(source, followed)

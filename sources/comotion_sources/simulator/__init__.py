@@ -1,8 +1,7 @@
 """The simulator: scenes of rigid bodies with known truth."""
 
 from .motion import Poses
-from .offline import batches, streams
-from .simulation import Simulation, Split, simulate
+from .simulation import Simulation, Split, batches, simulate, streams
 from .spec import SceneSpec, load_scene, scene_names
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Draws the features of a scene: seed and specification -> body, position, birth and death of each.
+"""Draws the features of a scene: body, position, birth and death of each.
 
 The draw depends on the seed alone. Sources that observe parts of one scene in separate processes
 therefore simulate the same world, including replaced features.
@@ -30,9 +30,37 @@ def stream(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng([seed, *key])
 
 
-@dataclass(frozen=True, eq=False)
-class Actors:
-    """All features of a scene, one row each; the id of a feature is its row.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Features:
+    """Features over time, one row each, in the order of birth.
+
+    Attributes
+    ----------
+    body
+        intp [N], index of the body.
+    slot
+        intp [N]: a feature has the slot of the one it replaces, so the same source observes it.
+    local
+        float64 [N, dim], position in the frame of the body.
+    birth, death
+        float64 [N], seconds; observed while birth <= t < death.
+    """
+
+    body: NDArray[np.intp]
+    slot: NDArray[np.intp]
+    local: Array
+    birth: Array
+    death: Array
+
+    def alive(self, rows: NDArray[np.intp], t: float) -> NDArray[np.bool_]:
+        """Which of some features exist at a time, occluded ones too, bool [rows]."""
+        at = t + 1e-9
+        return (self.birth[rows] <= at) & (at < self.death[rows])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Actors(Features):
+    """All features of a simulated scene; the id of a feature is its row.
 
     Attributes
     ----------
@@ -40,14 +68,8 @@ class Actors:
         The motion of each body; outliers are bodies of one feature.
     camera
         The motion of the observing frame, or None.
-    body, object
-        intp [N] index into `paths`; int32 [N] number of the true object.
-    slot
-        intp [N]: a feature has the slot of the one it replaces, so the same source observes it.
-    local
-        float64 [N, dim], position in the frame of the body.
-    birth, death
-        float64 [N], seconds; observed while birth <= t < death.
+    object
+        int32 [N], number of the true object.
     gap
         float64 [N, 2], seconds: begin and end of the occlusion (equal: none).
     sigma, pose_sigma
@@ -59,12 +81,7 @@ class Actors:
 
     paths: list[Path]
     camera: Path | None
-    body: NDArray[np.intp]
     object: NDArray[np.int32]
-    slot: NDArray[np.intp]
-    local: Array
-    birth: Array
-    death: Array
     gap: Array
     sigma: Array
     pose_sigma: Array

@@ -1,4 +1,4 @@
-"""Motion of bodies: motion specification, random numbers and times -> poses."""
+"""Moves the bodies of a simulated scene."""
 
 from dataclasses import dataclass
 from typing import TypeAlias

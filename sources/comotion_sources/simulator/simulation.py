@@ -1,4 +1,4 @@
-"""Simulates one source of a scene: specification and seed -> frames, one at a time."""
+"""Simulates what each source observes of a scene, frame by frame."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -10,11 +10,13 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..frames import Frame
 from ..parts import WHOLE, Part, rate_of
+from ..streams import Published, Stream, merged, numbered
 from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
 from .spec import SceneSpec, frame_count
 
 Split = Literal["features", "objects"]
+DEFAULT_NAME = "simulator"
 # Real sources do not sample at the same instants. Each source is this fraction of a period behind the
 # one before: up to eight sources stay at least a tenth of a period apart.
 _PHASE_STEP = 0.37
@@ -89,7 +91,7 @@ class Simulation:
     def __iter__(self) -> Iterator[Frame]:
         alive_before = np.zeros(len(self._mine), bool)
         for number in range(len(self)):
-            alive = self._alive(self._time(number))
+            alive = self._actors.alive(self._mine, self._time(number) * self.time_scale)
             yield self._frame(number, alive, alive_before & ~alive)
             alive_before = alive
 
@@ -124,12 +126,6 @@ class Simulation:
 
     def _time(self, number: int) -> float:
         return (number + self._phase) / self.rate
-
-    def _alive(self, t: float) -> NDArray[np.bool_]:
-        """Mask [n] of this source's features that exist at its time t, including occluded ones."""
-        at = t * self.time_scale + 1e-9
-        actors, mine = self._actors, self._mine
-        return (actors.birth[mine] <= at) & (at < actors.death[mine])
 
     def _frame(self, number: int, alive: NDArray[np.bool_], ended: NDArray[np.bool_]) -> Frame:
         t = self._time(number)
@@ -217,3 +213,39 @@ def simulate(
         )
         for each, rate in chosen
     ]
+
+
+def streams(simulations: Sequence[Simulation], name: str | None = None) -> list[Stream]:
+    """Build the streams of simulated sources, to be played live or offline.
+
+    Parameters
+    ----------
+    simulations
+        The sources.
+    name
+        Name of the source; with several sources, the k-th is ``<name>-k``. None: ``simulator``, or
+        ``simulator-k`` for part k of several.
+    """
+    return [
+        Stream(
+            name=numbered(DEFAULT_NAME, simulation.part.index, simulation.part.count)
+            if name is None
+            else numbered(name, k, len(simulations)),
+            space=simulation.spec.space,
+            unit=simulation.spec.unit,
+            dim=simulation.spec.dim,
+            objects=simulation.object_names,
+            rate=simulation.rate,
+            length=simulation.duration,
+            frames=simulation,
+        )
+        for k, simulation in enumerate(simulations)
+    ]
+
+
+def batches(
+    simulations: Simulation | Sequence[Simulation], *, epoch_ns: int = 0, publish_sigma: bool = False
+) -> Iterator[Published]:
+    """Yield the messages of one simulated source, or of several of a scene, as :func:`merged` does."""
+    chosen = [simulations] if isinstance(simulations, Simulation) else simulations
+    return merged(streams(chosen), epoch_ns=epoch_ns, publish_sigma=publish_sigma)

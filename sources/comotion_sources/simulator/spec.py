@@ -1,4 +1,4 @@
-"""Scene specification: TOML file -> validated description of a simulated scene.
+"""Checks the description of a simulated scene that a TOML file gives.
 
 Lengths are in the unit of the scene, angles in rad, times in seconds. The package contains scenes in
 ``comotion_sources/scenes``.

@@ -1,4 +1,4 @@
-"""Texture atlas: model and seed -> one image with mipmaps that holds the textures of all faces.
+"""Packs the textures of all faces of a model into one image with mipmaps.
 
 With a single image one call of cv2.remap samples every pixel.
 """

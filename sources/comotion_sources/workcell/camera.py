@@ -1,4 +1,4 @@
-"""The camera ``workcell:SCENE/CAMERA``: joint states or time -> rendered RGB-D frames.
+"""The camera ``workcell:SCENE/CAMERA``, rendered as the scene moves.
 
 The camera has two modes with the same renderer:
 
@@ -14,20 +14,23 @@ In both modes the time of the scene is the stamp modulo the period.
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import parse_qsl
 
 import zenoh
 from pydantic import Field, TypeAdapter
 
-from comotion_schemas import DecodeError, JointStates, Keys, decode
+from comotion_schemas import DecodeError, JointStates, decode
+from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import Name
 
-from ..cameras.types import Frame
+from ..cameras.tum import TumWriter
+from ..cameras.types import Camera, Frame
 from ..errors import InputError
 from .history import JointHistory
 from .scene import Scene, Vector
@@ -118,8 +121,8 @@ _OPTIONS: dict[str, Callable[[str], Any]] = {
 }
 
 
-class WorkcellCamera:
-    """A simulated RGB-D camera; see :class:`comotion_sources.cameras.SceneCamera`.
+class WorkcellCamera(Camera):
+    """A simulated RGB-D camera.
 
     Raises
     ------
@@ -131,25 +134,23 @@ class WorkcellCamera:
         self.spec = spec
         self.scene = Scene.named(spec.scene, spec.seed)
         self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
-        self.live = False
+        super().__init__(spec.rate)
         self.has_depth = True
-        self.rate: float | None = spec.rate
         self.intrinsics = self.viewpoint.intrinsics
         # That of a carried camera changes.
         self.extrinsics = None if self.viewpoint.carried else self.viewpoint.extrinsics
-        self.objects: Mapping[int, str] = self.scene.objects
-        self.skipped = 0
+        self.objects = self.scene.objects
+        self.counters["skipped"] = 0
         self._closed = threading.Event()
         self._news = threading.Condition()
         self._history = JointHistory(self.scene.joints)
         self._subscriber: Any = None
 
-    def attach(self, session: zenoh.Session, keys: Keys) -> None:
+    def attach(self, component: Component) -> None:
         """Follow the joint states of a scene."""
         self.live = True
-        self._subscriber = declare_subscriber(
-            session, keys.stream("joints", self.spec.follow), "joints", self._receive
-        )
+        key = component.keys.stream("joints", self.spec.follow)
+        self._subscriber = declare_subscriber(component.session, key, "joints", self._receive)
 
     def __iter__(self) -> Iterator[Frame]:
         return self._follow() if self.live else self._run()
@@ -182,7 +183,7 @@ class WorkcellCamera:
             if state is not None:
                 yield self._frame(state, stamp)
             due = max(index + 1, time.time_ns() // period_ns)
-            self.skipped += due - index - 1
+            self.counters["skipped"] += due - index - 1
             index = due
 
     def _frame(self, configuration: Vector, stamp_ns: int) -> Frame:
@@ -221,8 +222,27 @@ class WorkcellCamera:
             return
         if isinstance(message, JointStates):
             with self._news:
-                self._history.add(message)
+                self._history.take(message)
                 self._news.notify_all()
+
+
+def write_tum(camera: WorkcellCamera, folder: Path) -> int:
+    """Write all frames of an unattached camera as a TUM RGB-D folder, with truth; returns their number.
+
+    Raises
+    ------
+    InputError
+        If the folder exists and is not empty.
+    OSError
+        If it cannot be written.
+    """
+    count = 0
+    with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
+        for frame in camera:
+            configuration = camera.scene.configuration(frame.stamp_ns * 1e-9)
+            writer.write(frame, camera.viewpoint.pose(configuration))
+            count += 1
+    return count
 
 
 def open_camera(text: str) -> WorkcellCamera:

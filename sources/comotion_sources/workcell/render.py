@@ -1,4 +1,4 @@
-"""CPU renderer by ray casting: configuration -> image, depth and geom of every pixel.
+"""Renders a scene on the CPU by ray casting: image, depth and geom of every pixel.
 
 ``mujoco.mj_multiRay`` casts one ray per pixel without OpenGL, GPU or display. Hit points are
 transformed to the frame of their geom, so that textures are fixed to the bodies, and looked up in the

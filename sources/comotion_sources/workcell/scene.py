@@ -1,4 +1,4 @@
-"""Workcell scene: MJCF file and time -> configuration of the joints, and the object of each body.
+"""Moves the joints of a workcell scene by the time, and numbers its true objects.
 
 Scenes are MJCF files with these conventions in ``<custom>``:
 

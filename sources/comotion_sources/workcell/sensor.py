@@ -1,4 +1,4 @@
-"""Sensor model: ideal image and depth -> those of an RGB-D sensor, with blur, noise and dropouts."""
+"""Makes an ideal image and depth look like those of an RGB-D sensor: blur, noise and dropouts."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Surfaces of geoms: points -> face, position on the face and cosine to the light."""
+"""Finds face, place on the face and cosine to the light of points on a geom."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Cameras of a scene: calibration, and configuration -> RGB-D frame with sensor noise and truth."""
+"""Cameras of a scene: their true calibration, and frames with sensor noise and truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
