@@ -6,7 +6,6 @@ that is right. What is said must stay until the source is right, and must not be
 """
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -22,7 +21,7 @@ from comotion_sources.runtime import SourcePublisher
 
 PLACES = np.random.default_rng(0).uniform(-1, 1, (30, 3))
 RATE_HZ = 20
-SECONDS = float(os.environ.get("SECONDS_EACH", "8"))
+SECONDS = 8.0
 
 
 def positions(k: int) -> np.ndarray:
@@ -66,6 +65,10 @@ def scene(folder: Path) -> Iterator[str]:
         yield endpoint
 
 
+def _status(endpoint: str) -> list[str]:
+    return [sys.executable, "-m", "comotion_deploy", "status", "--json", "--connect", endpoint]
+
+
 def said(endpoint: str, make: Callable[[int], dict[str, object]], *, alone: bool) -> list[str]:
     """Problems that status names after some seconds of a wrong source, alone or beside a right one."""
     kinds = {"wrong": make} if alone else {"wrong": make, "other": right}
@@ -74,17 +77,15 @@ def said(endpoint: str, make: Callable[[int], dict[str, object]], *, alone: bool
             name: stack.enter_context(SourcePublisher(name, space="world", unit="m", dim=3, connect=endpoint))
             for name in kinds
         }
-        begun = time.monotonic()
-        for k in range(round(SECONDS * RATE_HZ)):
+        begun, k, looking = time.monotonic(), 0, None
+        while looking is None or looking.poll() is None:
             for name, source in sources.items():
                 source.observe(ids=np.arange(30), **kinds[name](k))
-            time.sleep(max(0.0, begun + (k + 1) / RATE_HZ - time.monotonic()))
-            if k == round((SECONDS - 3) * RATE_HZ):
-                looked = subprocess.Popen(
-                    [sys.executable, "-m", "comotion_deploy", "status", "--json", "--connect", endpoint],
-                    stdout=subprocess.PIPE,
-                )
-        out, _ = looked.communicate()
+            k += 1
+            time.sleep(max(0.0, begun + k / RATE_HZ - time.monotonic()))
+            if looking is None and time.monotonic() - begun > SECONDS:
+                looking = subprocess.Popen(_status(endpoint), stdout=subprocess.PIPE)
+        out, _ = looking.communicate()
     return [str(one) for one in json.loads(out)["problems"]]
 
 

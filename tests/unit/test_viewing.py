@@ -203,7 +203,7 @@ def test_curves_carry_the_colours_of_the_features() -> None:
     assert one(shapes, Number, "sizes/8") == Number("sizes/8", 2, "hypothesis 8", colour(8))
     assert one(shapes, Number, "sizes/undetermined").value == 1
     assert one(shapes, Points, "legend/words").labels == ("8 moving, 2",)
-    assert "Data of **00:00:01 UTC**" in one(shapes, Document, "summary").text
+    assert "Data of **00:00:01.0 UTC**" in one(shapes, Document, "summary").text
     assert one(shapes, Points, "legend/dots").colours.tolist() == [list(colour(8))]
 
 

@@ -119,15 +119,10 @@ Examples:
             open_frames(self.what, self.rate).close()
         from comotion_experiments.labelled import SegmentOptions
 
-        return SegmentOptions(
-            out=self.out,
-            csv=self.csv,
-            sheet=self.sheet,
-            masks=self.masks,
-            masks_every=self.masks_every,
+        return self.taken(
+            SegmentOptions,
             tracker=self.tracker_config(moving=self.moving),
             fusion=self.fusion_config(),
-            rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
             given=read,
