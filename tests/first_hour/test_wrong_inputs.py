@@ -114,8 +114,15 @@ def test_nothing_is_certain_where_ids_change_hands(every):
 
 
 @pytest.mark.filterwarnings("ignore:at")
-def test_nothing_is_certain_of_white_noise():
-    found = comotion.group(np.random.default_rng(1).normal(0, 1, P.shape), TIMES)
+@pytest.mark.parametrize("made_of", ["white noise", "random walks", "shuffled ids"])
+def test_nothing_is_certain_of_data_that_makes_no_sense(made_of):
+    rng = np.random.default_rng(1)
+    positions = {
+        "white noise": rng.normal(0, 1, P.shape),
+        "random walks": P[0] + np.cumsum(rng.normal(0, 0.1, P.shape), axis=0),
+        "shuffled ids": np.stack([rng.permutation(one) for one in P]),
+    }
+    found = comotion.group(positions[made_of], TIMES)
     assert found.updates[-1].track_confidence.max() < 0.5
 
 

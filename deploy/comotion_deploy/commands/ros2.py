@@ -71,5 +71,5 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
         self.require_ros()
         how = self.taken(Ros2Options, ros=self.ros_settings(), network=self.bag is None, names=self.names())
         sent = run(self.scene, self.settings(), how)
-        for topic, count in sorted(sent.messages.items()):
+        for topic, count in sorted(sent.items()):
             print(f"{topic}: {count}")
