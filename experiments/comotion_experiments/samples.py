@@ -8,7 +8,7 @@ import argparse
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import foxglove
 from foxglove import layouts
@@ -82,7 +82,7 @@ def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> It
 
 def at_noon(message: Stamped) -> Stamped:
     """A message whose stamps count from :data:`NOON_NS`."""
-    moved: dict[str, object] = {"stamp_ns": message.stamp_ns + NOON_NS}
+    moved: dict[str, Any] = {"stamp_ns": message.stamp_ns + NOON_NS}
     if isinstance(message, ObservationBatch) and message.stamps_ns is not None:
         moved["stamps_ns"] = message.stamps_ns + NOON_NS
     return replace(message, **moved)
