@@ -30,8 +30,6 @@ from .plot import new_figure
 from .segment import SegmentOptions, segment
 
 WORKCELL = "workcell:truck-tower/a?rate=10&size=640x480&duration=7"
-NAMES = {2: "gripper", 3: "tower", 4: "truck", 6: "rod"}
-"""What its hypotheses are: ids are the same on every run, until something changes."""
 STILL = 50
 """Frame of the workcell that is the still picture: all bodies have moved."""
 SCENES = {"truck": 3.0, "truck-tower": 5.0, "shelf": 6.0, "arm": 3.0}
@@ -124,7 +122,7 @@ def _affinity(path: Path) -> Path:
 
 def _workcell(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as temporary:
-        segment(WORKCELL, SegmentOptions(out=Path(temporary), names=NAMES))
+        segment(WORKCELL, SegmentOptions(out=Path(temporary)))
         read = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
     images = [np.asarray(image, np.uint8) for image in read if image is not None]
     with closing(open_frames(WORKCELL, None)) as camera:
