@@ -20,7 +20,7 @@ from comotion_schemas import (
 )
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import OF_BODIES, EventKind
-from comotion_schemas.naming import Names, named
+from comotion_schemas.naming import Names, event_words, named
 from comotion_schemas.rigid import rotation
 
 from .feature_names import HypothesisNames
@@ -234,6 +234,7 @@ class SceneModel(ComponentsModel):
                 e.hypothesis,
                 list(e.others),
                 {number: self.names[number] for number in (e.hypothesis, *e.others) if number in self.names},
+                event_words(e, self.names),
             )
             for e in newest_first
         ]

@@ -64,7 +64,10 @@ class HypothesisRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event, `ago` s before the newest update; `names` of those of its hypotheses that have one."""
+    """One event, `ago` s before the newest update; `names` of those of its hypotheses that have one.
+
+    `words`: it as a sentence.
+    """
 
     stamp_ns: int
     ago: float
@@ -72,6 +75,7 @@ class EventRow:
     hypothesis: int
     others: list[int]
     names: Names = field(default_factory=dict)
+    words: str = ""
 
 
 @dataclass(frozen=True)

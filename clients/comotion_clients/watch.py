@@ -14,14 +14,14 @@ from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.component import Component, viewer
-from comotion_schemas.naming import Names
+from comotion_schemas.naming import Names, event_words
 from comotion_schemas.terminal import keyboard
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .feed import BATCHES_KEPT, SceneFeed
 from .scene_model import SceneModel
-from .scene_rows import EventRow, Snapshot
-from .watch_view import SORTS, WHOLE, Sort, as_json, describe, plain_line, render
+from .scene_rows import Snapshot
+from .watch_view import SORTS, WHOLE, Sort, as_json, plain_line, render
 
 REFRESH_S = 0.25  # of the screen
 PLAIN_PERIOD_S = 1.0  # between two plain lines
@@ -144,10 +144,7 @@ def _lines(feed: _Watched, component: Component, options: WatchOptions) -> None:
             _emit(json.dumps(as_json(snapshot)))
             continue
         for event in events:
-            names = feed.model.names
-            row = EventRow(event.stamp_ns, 0.0, event.kind, event.hypothesis, event.others, names)
-            words = describe(row)
-            _emit(f"{_clock()} {snapshot.scene} {words.plain}")
+            _emit(f"{_clock()} {snapshot.scene} {event_words(event, feed.model.names)}")
         _emit(f"{_clock()} {plain_line(snapshot)}")
 
 

@@ -1,6 +1,7 @@
 """The tables of a terminal: columns and rows -> cells. Texts are no markup."""
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
@@ -51,6 +52,13 @@ def table(rows: Iterable[Row], columns: Sequence[Column[Row]], width: int | None
         # A table takes a plain string for markup.
         drawn.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
     return drawn
+
+
+def markdown(rows: Iterable[Row], columns: Sequence[Column[Row]]) -> list[str]:
+    """Lines of the same table in Markdown; cells are shown as they are, without links, images and HTML."""
+    lines = [[column.title for column in columns], ["---"] * len(columns)]
+    lines += [[re.sub(r"([^\w\s])", r"\\\1", str(column.cell(row))) for column in columns] for row in rows]
+    return [f"|{'|'.join(line)}|" for line in lines]
 
 
 def lost(count: int, *, losing: bool) -> Text:

@@ -8,7 +8,6 @@ from rich.table import Table
 from rich.text import Text
 
 from comotion_schemas.colours import GREY, as_hex
-from comotion_schemas.naming import named
 from comotion_schemas.plain import plain
 from comotion_schemas.text import counted, counter_words
 
@@ -168,16 +167,13 @@ def _table(
 
 def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:
     title = Text("last events" if events else "no events yet", style="bold dim")
-    return [title, *(Text.assemble(f"{duration(e.ago):>8} ago  ", describe(e)) for e in events[:height_left])]
-
-
-def describe(event: EventRow) -> Text:
-    """Format an event."""
-    others = ", ".join(named(other, event.names) for other in event.others)
-    words = {"split": f" from {others}", "released": f" from {others}"}.get(event.kind, "")
-    words = words or {"merged": f" with {others}", "joined": f" with {others}"}.get(event.kind, "")
-    name = named(event.hypothesis, event.names)
-    return Text.assemble((event.kind, _EVENT_STYLES.get(event.kind, "")), f" {name}{words}")
+    return [
+        title,
+        *(
+            Text.assemble(f"{duration(e.ago):>8} ago  ", (e.words, _EVENT_STYLES.get(e.kind, "")))
+            for e in events[:height_left]
+        ),
+    ]
 
 
 def _cropped(lines: Sequence[Text], width: int) -> list[Text]:

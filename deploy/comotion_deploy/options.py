@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
 
 import typer
 
@@ -23,9 +23,12 @@ from .errors import UserError
 from .network import OPEN_METRICS, require_closed, session_settings
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from comotion_schemas.component import Where
     from comotion_schemas.transport import SessionSettings
 
+Options = TypeVar("Options", bound="DataclassInstance")
 _FROM_NAME = "COMOTION_"
 _VALUES: dict[object, str] = {int: "N", float: "NUMBER", str: "TEXT", Path: "PATH"}
 """What stands for a value of a type in the help, unless an option says more."""
@@ -75,6 +78,20 @@ class Command:
     def run(self) -> None:
         """Do the work."""
         raise NotImplementedError
+
+    def taken(self, kind: type[Options], **others: Any) -> Options:
+        """Return the options of a process: those of our fields that it has too, and `others`.
+
+        Parameters
+        ----------
+        kind
+            A dataclass.
+        others
+            What is not simply one of our fields.
+        """
+        own = {member.name for member in fields(self)}
+        same = {one.name: getattr(self, one.name) for one in fields(kind) if one.name in own}
+        return kind(**(same | others))
 
     def reject_flags(self, names: tuple[str, ...], why: str) -> None:
         """Reject options on the command line that have no effect; environment and files may set them.

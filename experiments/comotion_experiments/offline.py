@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from comotion import Fusion, FusionConfig
 from comotion.config import ThesisConfig
 from comotion.event_time.faults import warn_of
+from comotion.library.compiling import compile_ahead
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
@@ -166,6 +167,8 @@ def run_offline(
     first = next(batches, None)
     if first is None:
         raise KnownError("there is no observation")
+    # Whether more sources come is not known yet; two need few kernels more than one.
+    compile_ahead(config.method, first.batch.unit, first.batch.dim, sources=2)
     start_ns = _start(first.batch)
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
     offline = _Offline(fusion or Fusion(config), Tally(truth), on_update, start_ns, period)

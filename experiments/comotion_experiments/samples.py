@@ -6,7 +6,9 @@ layout, and for Rerun. Needs the extras `foxglove` and `view`.
 
 import argparse
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import foxglove
 from foxglove import layouts
@@ -16,13 +18,16 @@ from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
 from comotion_clients.viewing.process import view_messages
 from comotion_clients.viewing.sink import Destination, RerunSink
-from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status
 
 from .inputs import Arrived, Incoming, find_inputs
 from .offline import run_offline
 
 SCENE = "sim:3d_5"
 SECONDS = 6.0
+NOON_NS = 1_767_268_800_000_000_000
+"""Noon of a day: a viewer writes the date instead of the time where a scene begins at midnight."""
+Stamped = TypeVar("Stamped", ObservationBatch, Preview, Status)
 _SPACE = "world"
 
 
@@ -52,19 +57,20 @@ def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
 
 
 def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Message]]:
-    """Messages of sources, and between them the updates that the core makes of them."""
+    """Messages of sources, their stamps counted from noon, and between them the updates of the core."""
+    moved = (at_noon(message) if isinstance(message, ObservationBatch) else message for message in given)
     messages: list[tuple[int, Message]] = []
 
     def on_update(update: HypothesisUpdate, score: Score) -> None:
         del score
         messages.append((update.published_ns, update))
 
-    run_offline(_noted(given, messages), FusionConfig(), duration=seconds, on_update=on_update)
+    run_offline(_noted(moved, messages), FusionConfig(), duration=seconds, on_update=on_update)
     return messages
 
 
 def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> Iterator[Incoming]:
-    newest_ns = 0
+    newest_ns = NOON_NS
     for message in given:
         if isinstance(message, Arrived):
             newest_ns = max(newest_ns, message.now_ns)
@@ -72,6 +78,14 @@ def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> It
             newest_ns = max(newest_ns, message.stamp_ns)
         messages.append((newest_ns, message.batch if isinstance(message, Arrived) else message))
         yield message
+
+
+def at_noon(message: Stamped) -> Stamped:
+    """A message whose stamps count from :data:`NOON_NS`."""
+    moved: dict[str, Any] = {"stamp_ns": message.stamp_ns + NOON_NS}
+    if isinstance(message, ObservationBatch) and message.stamps_ns is not None:
+        moved["stamps_ns"] = message.stamps_ns + NOON_NS
+    return replace(message, **moved)
 
 
 def layout() -> layouts.Layout:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from comotion.library.compiling import compile_ahead
 from comotion_schemas import UNDETERMINED, Hypothesis, Pose
 from comotion_schemas.naming import joint_words
 from comotion_sources.cameras.opening import open_frames
@@ -100,7 +101,7 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
     CameraError
         If it cannot be read, is a live camera, or an output cannot be written.
     """
-    begun, result, digest = time.perf_counter(), Segmented(), hashlib.sha256()
+    result, digest = Segmented(), hashlib.sha256()
     camera = _camera(what, options)
     total = camera.frames
     with ExitStack() as stack:
@@ -108,6 +109,8 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
         # The arrays of one update are too small to be worth waking other cores for.
         stack.enter_context(threadpool_limits(limits=1))
         run = LabelledFrames(camera, options)
+        compile_ahead(options.fusion.method, run.space.unit, run.space.dim)
+        begun = time.perf_counter()
         outputs = _Outputs(options, camera.rate or options.rate or _DEFAULT_RATE, run.space)
         stack.callback(outputs.close)
         first_ns: int | None = None

@@ -18,7 +18,7 @@ from comotion_sources.workcell import Scene
 from comotion_sources.workcell.camera import CameraSpec
 
 from .rendered import Filmed, filmed
-from .samples import received
+from .samples import NOON_NS, at_noon, received
 
 _SIZE = (480, 360)
 _CAMERAS = {"a": (10.0, 150), "b": (5.0, 120)}
@@ -35,13 +35,14 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
         If MuJoCo is not installed (extra ``sim3d``).
     """
     scene = Scene.named(name, 0)
-    messages: list[tuple[int, Message]] = [(0, _links(scene))]
+    messages: list[tuple[int, Message]] = [(NOON_NS, at_noon(_links(scene)))]
     given = list(_robot(scene, seconds))
     for camera, (rate, features) in _CAMERAS.items():
         source = f"klt-{camera}"
         spec = CameraSpec(scene=name, camera=camera, size=_SIZE, rate=rate, duration=seconds)
         for shot in filmed(spec, source, TrackerConfig(max_features=features)):
-            messages.append((shot.frame.stamp_ns, _preview(source, shot)))
+            preview = at_noon(_preview(source, shot))
+            messages.append((preview.stamp_ns, preview))
             given += [(shot.frame.stamp_ns, message) for message in shot.messages]
     in_time_order = (message for _, message in sorted(given, key=lambda stamped: stamped[0]))
     messages += received(in_time_order, seconds)

@@ -41,14 +41,8 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
     instants = np.unique(np.linspace(0, len(positions) - 1, _MOST_INSTANTS).astype(np.intp))
     seen = sampled[instants]
     seen = seen[np.isfinite(seen[..., 0])]
-    spread = 2 * float(np.quantile(np.linalg.norm(seen - np.median(seen, axis=0), axis=1), 0.9))
-    if unit == "m" and spread > _WIDEST_M:
-        yield (
-            f"positions span {spread:.4g} m; if they are millimetres, divide them by 1000: all lengths and "
-            "velocities found are in the unit given"
-        )
-    if unit == "px" and spread < _NARROWEST_PX:
-        yield (f"positions span {spread:.4g} px; if they are shares of the image, multiply them by its size")
+    if scaled := other_unit(seen, unit):
+        yield scaled
     if far := coarse(seen):
         yield far
     trades = [k for k in instants[:-1].tolist() if trading(sampled[k], sampled[k + 1]) > _JUMPING]
@@ -59,6 +53,21 @@ def doubts(positions: NDArray[np.float64], unit: Unit) -> Iterator[str]:
         )
     else:
         yield from _made_up(sampled)
+
+
+def other_unit(positions: NDArray[np.floating], unit: Unit) -> str | None:
+    """Say that positions [n, dim] span more than metres, or less than pixels, usually do."""
+    if len(positions) < _LEAST_FEATURES:
+        return None
+    spread = 2 * float(np.quantile(np.linalg.norm(positions - np.median(positions, axis=0), axis=1), 0.9))
+    if unit == "m" and spread > _WIDEST_M:
+        return (
+            f"positions span {spread:.4g} m; if they are millimetres, divide them by 1000: all lengths and "
+            "velocities found are in the unit given"
+        )
+    if unit == "px" and spread < _NARROWEST_PX:
+        return f"positions span {spread:.4g} px; if they are shares of the image, multiply them by its size"
+    return None
 
 
 def coarse(positions: NDArray[np.floating]) -> str | None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from .errors import KnownError
-from .hypotheses import Joint, JointKind
+from .hypotheses import Event, EventKind, Joint, JointKind
 
 Names = Mapping[int, str]
 """Name by id of a hypothesis."""
@@ -15,6 +15,7 @@ _WORDS: dict[JointKind, str] = {
     "revolute": "turns on",
     "free": "moves freely against",
 }
+_BETWEEN: dict[EventKind, str] = {"split": "from", "released": "from", "merged": "with", "joined": "with"}
 _MOST_CHARACTERS = 40
 
 
@@ -38,6 +39,14 @@ def read_names(pairs: Iterable[str]) -> dict[int, str]:
 def named(number: int, names: Names) -> str:
     """Name of a hypothesis; its id where it has none."""
     return names.get(number, str(number))
+
+
+def event_words(event: Event, names: Names) -> str:
+    """An event in words: "drawer split from shelf", "hypothesis 2 born"."""
+    who, words = names.get(event.hypothesis, f"hypothesis {event.hypothesis}"), _BETWEEN.get(event.kind)
+    if words is None or not event.others:
+        return f"{who} {event.kind}"
+    return f"{who} {event.kind} {words} {', '.join(named(other, names) for other in event.others)}"
 
 
 def joint_words(joint: Joint, names: Names | None = None) -> str:

@@ -4,12 +4,14 @@ One source that measures in another unit, or whose numbers are wild, must not sp
 body fitted across 1e9 m has no millimetres left. What lies many times farther out than all that the other
 sources see is refused. What they see is measured by medians over sources, so that one cannot move it; of two,
 the one that came first is believed. Of many the first ones count: what a batch costs does not grow with
-the number of sources.
+the number of sources. Where all agree on a unit that is hardly metres, nothing is refused, but it is told.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from comotion_schemas.doubts import other_unit
 
 from .arrays import Bools, Floats, Slots
 from .config import Unit
@@ -52,11 +54,14 @@ class ExtentCheck:
         How many times as far as the others see a position may be; 0: any.
     refused
         By session number: how many times as far its last refused row was.
+    doubts
+        By session number: that what it sees looks as if it was in another unit.
     """
 
     unit: Unit
     most: float
     refused: dict[int, float] = field(default_factory=dict)
+    doubts: dict[int, str] = field(default_factory=dict)
     _views: dict[int, _View] = field(default_factory=dict)
     _known: dict[int, tuple[Floats, float]] = field(default_factory=dict)
     _looks: int = 0
@@ -77,6 +82,9 @@ class ExtentCheck:
             for number in present
             for mine in (positions[owners == number],)
         }
+        first = list(self._views.items())[:_MAX_VIEWS]
+        said = {number: other_unit(view.positions, self.unit) for number, view in first}
+        self.doubts = {number: text for number, text in said.items() if text}
 
     def fits(self, session: int, positions: Floats) -> Bools | None:
         """Which rows float64 [n, dim] of a session may be places of the scene, bool [n]; None: all."""

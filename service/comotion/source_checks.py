@@ -4,7 +4,8 @@ Three mistakes make data useless though each batch is well formed:
 
 - `ids-short-lived`: a detector without a tracker numbers what it sees anew; nothing is seen twice.
 - `ids-reused`: an id comes back after its end, or ids are places in a list, so that features trade them.
-- `scale`: positions are hundreds of times farther out than those of others (:mod:`.extent_check`).
+- `scale`: positions are hundreds of times farther out than those of others, or those of a lone source span
+  more than metres usually do (:mod:`.extent_check`).
 """
 
 from dataclasses import dataclass
@@ -41,13 +42,15 @@ _TRADED = 0.5
 class Stored(NamedTuple):
     """What became of an instant: whether it `fits` into the scene, rows with new ids, and with ended ones.
 
-    `factor` is how many times as far out it was as others see; 0: not far out.
+    `factor` is how many times as far out it was as others see, 0: not far out; `doubt` says that all that its
+    source sees looks as if it was in another unit.
     """
 
     fits: bool = True
     fresh: int = 0
     ended: int = 0
     factor: float = 0.0
+    doubt: str = ""
 
 
 @dataclass
@@ -72,7 +75,7 @@ class SourceChecks:
     troubles
         What is wrong is noted there, with a number that says how much: the instants that an id lasts, the
         share of features that jump (0: ended ids come back), how many times as far out as others see
-        positions are.
+        positions are, or what they look like.
     """
 
     def __init__(self, troubles: Troubles) -> None:
@@ -82,8 +85,8 @@ class SourceChecks:
     def note(self, where: Where, source: str, stored: Stored) -> None:
         """Take note of what became of an instant of a source."""
         record = self._records.setdefault(where, _Record())
-        if stored.factor:
-            self._troubles.note("scale", source, stored.factor)
+        if stored.factor or stored.doubt:
+            self._troubles.note("scale", source, stored.factor or stored.doubt)
         if stored.ended:
             record.returns += 1
             if record.returns >= _LEAST_RETURNS:

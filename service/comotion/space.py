@@ -121,7 +121,8 @@ class Space:
         self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(keep))
         if keep.any():
             self._insert(instants, slots[keep], rows[keep], stamps[keep])
-        return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0))
+        doubt = self.extent.doubts.get(session, "")
+        return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0), doubt)
 
     def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
         """Put rows of a batch into the window, each with its slot and stamp."""

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 TOP = Path(__file__).resolve().parents[2]
+WRONG_INPUTS = Path(__file__).with_name("wrong_inputs.py")
 _DATA = """
 import cv2, numpy as np
 t = np.arange(90) / 30
@@ -112,6 +113,7 @@ def commands(folder: Path) -> dict[str, list[str]]:
         "import comotion": [python, "-c", "import comotion"],
         "comotion.group, first": [python, "-c", _GROUP],
         "comotion.group, again": [python, "-c", _GROUP],
+        "wrong inputs": [python, "-c", WRONG_INPUTS.read_text()],
         "comotion evaluate mine.npz": [comotion, "evaluate", "mine.npz"],
         "comotion evaluate ms.npz": [comotion, "evaluate", "ms.npz"],
         "comotion segment mine.avi": [comotion, "segment", "mine.avi", "--out", "out.mp4"],
@@ -138,8 +140,8 @@ def report(steps: list[Step]) -> str:
     table = ["| step | s | CPU s | first line, s | status |", "|---|---|---|---|---|", *rows, ""]
     head = ["# The first hour", "", *table]
     for one in steps:
-        shown = one.lines if len(one.lines) <= 30 else [*one.lines[:20], (0.0, "..."), *one.lines[-9:]]
-        head += [f"## {one.name}", "", "```", *(f"{at:6.1f} {text}"[:160] for at, text in shown), "```", ""]
+        shown = one.lines if len(one.lines) <= 40 else [*one.lines[:20], (0.0, "..."), *one.lines[-9:]]
+        head += [f"## {one.name}", "", "```", *(f"{at:6.1f} {text}"[:320] for at, text in shown), "```", ""]
     return "\n".join(head)
 
 

@@ -102,6 +102,16 @@ def test_ids_that_come_back_after_their_end_are_reused() -> None:
     assert "ended" in found["odd", "ids-reused"]
 
 
+def test_a_lone_source_in_millimetres_is_told_until_it_ends() -> None:
+    fusion, found = Fusion(), []
+    for k in range(180):
+        fusion.ingest(batch(k, IDS + (1000 if k >= 90 else 0), good(k) * (1000 if k < 90 else 1)))
+        (fusion.advance if k % 4 else fusion.update)(T0 + k * S // RATE, T0 + k * S // RATE)
+        found.append(problems.of_fusion(fusion))
+    assert all("if they are millimetres, divide them by 1000" in one["odd", "scale"] for one in found[60:90])
+    assert found[-1] == {}
+
+
 def test_a_majority_is_believed_whoever_came_first() -> None:
     fusion = Fusion()
     run(fusion, lambda k: None, range(0))

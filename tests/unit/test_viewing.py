@@ -188,7 +188,7 @@ def test_curves_carry_the_colours_of_the_features():
     assert one(drawn, shapes.Number, "sizes/8") == shapes.Number("sizes/8", 2, "hypothesis 8", colour(8))
     assert one(drawn, shapes.Number, "sizes/undetermined").value == 1
     assert one(drawn, Points, "legend/words").labels == ("8 moving, 2",)
-    assert "Data of **00:00:01 UTC**" in one(drawn, shapes.Document, "summary").text
+    assert "Data of **00:00:01.0 UTC**" in one(drawn, shapes.Document, "summary").text
     assert one(drawn, Points, "legend/dots").colours.tolist() == [list(colour(8))]
 
 

@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Joint, Preview, Status
 from comotion_schemas.colours import Palette
-from comotion_schemas.naming import Names, joint_words, named
+from comotion_schemas.naming import Names, event_words, joint_words, named
 from comotion_schemas.rigid import rotation, three
 
 from ..joint_lines import joint_lines
@@ -192,9 +192,12 @@ def image(preview: Preview) -> CompressedImage:
 
 def event_line(event: Event, names: Names) -> Log:
     """Format an event."""
-    others = ", ".join(named(other, names) for other in event.others)
-    text = f"{named(event.hypothesis, names)} {event.kind}" + (f" ({others})" if others else "")
-    return Log(timestamp=_time(event.stamp_ns), level=LogLevel.Info, message=text, name="comotion")
+    return Log(
+        timestamp=_time(event.stamp_ns),
+        level=LogLevel.Info,
+        message=event_words(event, names),
+        name="comotion",
+    )
 
 
 def health_line(status: Status) -> Log:

@@ -36,17 +36,6 @@ _NO_COVARIANCE = np.zeros(36)
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-@dataclass(frozen=True)
-class Topics:
-    """The topics of a scene."""
-
-    scene: str
-
-    def named(self, name: str) -> str:
-        """Full name of a topic."""
-        return f"/comotion/{topic_chunk(self.scene)}/{name}"
-
-
 class Converter:
     """Converts the updates of one scene, in order.
 
@@ -59,14 +48,14 @@ class Converter:
     """
 
     def __init__(self, scene: str, names: Names | None = None) -> None:
-        self._scene, self._topics = scene, Topics(scene)
+        self._scene = scene
         self._palette = Palette()
         self.names = HypothesisNames(names)
         self._last_ns: int | None = None
 
     def kinds(self) -> dict[str, str]:
         """Type of each topic."""
-        named = self._topics.named
+        named = self._topic
         return {
             "/tf": TF,
             named("detections"): DETECTIONS,
@@ -85,7 +74,7 @@ class Converter:
         self._last_ns, update = update.stamp_ns, poses_in_space(update)
         tracks = _tracks_by_space(update)
         placed = bodies(update.hypotheses, set(tracks))
-        named = self._topics.named
+        named = self._topic
         for space, rows in tracks.items():
             here = [body for body in placed if body.hypothesis.space == space]
             yield named("features"), CLOUD, self._cloud(update, space, rows)
@@ -97,6 +86,9 @@ class Converter:
             yield "/tf", TF, make(TF)(transforms=list(self._transforms(update, placed)))
         if any(joint.position is not None for joint in update.joints):
             yield named("joints"), JOINTS, self._joints(update)
+
+    def _topic(self, name: str) -> str:
+        return f"/comotion/{topic_chunk(self._scene)}/{name}"
 
     def _frame(self, hypothesis: int) -> str:
         return f"comotion/{self._scene}/{hypothesis}"

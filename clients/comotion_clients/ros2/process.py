@@ -3,6 +3,7 @@
 import logging
 import secrets
 import time
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,23 +55,12 @@ class Ros2Options:
     names: Names = field(default_factory=dict)
 
 
-@dataclass
-class Sent:
-    """Numbers of messages by topic."""
-
-    messages: dict[str, int] = field(default_factory=dict)
-
-    def count(self, topic: str) -> None:
-        """Count a message."""
-        self.messages[topic] = self.messages.get(topic, 0) + 1
-
-
 def run(
     scene: str = DEFAULT_SCENE,
     settings: SessionSettings | None = None,
     options: Ros2Options | None = None,
-) -> Sent:
-    """Pass a scene on until a signal arrives.
+) -> Counter[str]:
+    """Pass a scene on until a signal arrives; returns the number of messages by topic.
 
     Raises
     ------
@@ -81,12 +71,13 @@ def run(
     ValueError
         If the name of the scene is not valid.
     """
-    options, sent, converter = options or Ros2Options(), Sent(), Converter(scene, options.names)
+    options, sent = options or Ros2Options(), Counter[str]()
+    converter = Converter(scene, options.names)
     presence = viewer(
         "ros2",
         scene,
         settings,
-        status=lambda: StatusFields(counters={"messages": sum(sent.messages.values())}),
+        status=lambda: StatusFields(counters={"messages": sent.total()}),
         ready_file=options.ready_file,
     )
     with ExitStack() as stack:
@@ -114,7 +105,7 @@ def _pass_on(
     statuses: Subscription[Status],
     converter: Converter,
     outputs: list[Any],
-    sent: Sent,
+    sent: Counter[str],
     duration: float | None,
 ) -> None:
     end = None if duration is None else time.monotonic() + duration
@@ -131,7 +122,7 @@ def _pass_on(
             raw = to_cdr(message, kind)
             for output in outputs:
                 output.write(topic, kind, raw, update.published_ns)
-            sent.count(topic)
+            sent[topic] += 1
 
 
 class Network:
@@ -151,7 +142,7 @@ class Network:
         self._session, self._domain, self._kinds = session, domain, kinds
         self._node = Node(domain, str(session.info.zid()), f"comotion_{topic_chunk(scene)}")
         self._publishers: dict[str, Any] = {}
-        self._sequence: dict[str, int] = {}
+        self._sequence = Counter[str]()
         self._gids = {topic: secrets.token_bytes(16) for topic in kinds}
         self._stack = ExitStack()
 
@@ -178,8 +169,9 @@ class Network:
 
     def write(self, topic: str, kind: str, raw: bytes, stamp_ns: int) -> None:  # noqa: ARG002
         """Publish a message; the time of sending is now."""
-        sequence = self._sequence[topic] = self._sequence.get(topic, 0) + 1
-        self._publishers[topic].put(raw, attachment=attachment(sequence, time.time_ns(), self._gids[topic]))
+        self._sequence[topic] += 1
+        number = attachment(self._sequence[topic], time.time_ns(), self._gids[topic])
+        self._publishers[topic].put(raw, attachment=number)
 
     def _token(self, stack: ExitStack, key: str) -> Any:
         token = self._session.liveliness().declare_token(key)

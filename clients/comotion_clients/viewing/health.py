@@ -1,19 +1,18 @@
 """Health views: scene snapshots -> curves of rates, lags and sizes, a summary page, and a log. Pure."""
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from comotion_schemas import Event
 from comotion_schemas.colours import GREY, HUES, RGB, Palette, legible
-from comotion_schemas.naming import Names, named
+from comotion_schemas.naming import Names, event_words
 from comotion_schemas.text import counted
 
-from ..scene_rows import HypothesisRow, Snapshot, SourceRow
-from ..watch_columns import duration, number
+from ..scene_rows import HypothesisRow, Snapshot
+from ..watch_columns import HYPOTHESIS_COLUMNS, SOURCE_COLUMNS, duration, markdown, number
 from .hypotheses import labels
-from .paths import Paths
+from .paths import Paths, clock
 from .shapes import LEGEND, Document, Entry, Level, Number, Points, Shape
 
 PERIOD_S = 0.5
@@ -100,14 +99,7 @@ class Health:
 
 def event_entry(event: Event, palette: Palette, names: Names) -> Entry:
     """Build the log entry of an event, in the colour of its hypothesis."""
-    others = ", ".join(named(other, names) for other in event.others)
-    words = {"split": f" from {others}", "merged": f" with {others}"}.get(event.kind, "")
-    text = f"{_called(event.hypothesis, names)} {event.kind}{words}"
-    return Entry(_LOG, text, colour=palette.legible(event.hypothesis))
-
-
-def _called(number: int, names: Names) -> str:
-    return names.get(number) or f"hypothesis {number}"
+    return Entry(_LOG, event_words(event, names), colour=palette.legible(event.hypothesis))
 
 
 def _sizes(snapshot: Snapshot) -> list[Shape]:
@@ -146,37 +138,10 @@ def summary(snapshot: Snapshot) -> str:
         f"lag {duration(service.lag)}, {service.lost} lost; "
         f"{counted(snapshot.tracks, 'feature')}, {snapshot.undetermined} undetermined",
         "",
-        f"Data of **{_time_of_day(snapshot.stamp_ns)} UTC**. If that is many seconds ago, this display is "
+        f"Data of **{clock(snapshot.stamp_ns)} UTC**. If that is many seconds ago, this display is "
         "too slow: a browser without a graphics card, for one. Look at fewer views, or at a file (--save).",
         "",
     ]
-    lines += _table("source|state|rate|lag|lost|features|space", map(_source, snapshot.sources[:ROWS]))
-    hypotheses = map(_hypothesis, snapshot.hypotheses[:ROWS])
-    lines += _table("hypothesis|state|features|age|confidence|speed", hypotheses)
+    lines += [*markdown(snapshot.sources[:ROWS], SOURCE_COLUMNS), ""]
+    lines += markdown(snapshot.hypotheses[:ROWS], HYPOTHESIS_COLUMNS[1:])  # the colours are in the legend
     return "\n".join(lines)
-
-
-def _time_of_day(stamp_ns: int) -> str:
-    seconds = stamp_ns // 1_000_000_000 % 86400
-    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
-
-
-def _table(head: str, rows: "map[list[str]]") -> list[str]:
-    body = ["|".join(row) for row in rows]
-    return [f"|{head}|", "|" + "---|" * (head.count("|") + 1), *(f"|{row}|" for row in body), ""]
-
-
-def _hypothesis(row: HypothesisRow) -> list[str]:
-    speed = "-" if row.speed is None else f"{number(row.speed, 3)} {row.unit}/s"
-    return [row.name, row.state, str(row.size), duration(row.age), number(row.confidence, 2), speed]
-
-
-def _source(row: SourceRow) -> list[str]:
-    state = row.state if row.state == "ok" else f"**{row.state}**"
-    rate, lag = f"{number(row.rate, 1)} Hz", duration(row.lag)
-    return [row.name, state, rate, lag, str(row.lost), str(row.tracks), _escaped(row.space)]
-
-
-def _escaped(text: str) -> str:
-    """A text as it is, in Markdown: without links, images and HTML."""
-    return re.sub(r"([^\w\s])", r"\\\1", text)

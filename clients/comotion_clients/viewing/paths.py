@@ -30,3 +30,10 @@ class Paths:
 def plain(text: str) -> str:
     """Replace characters outside Latin-1: a missing glyph has crashed the viewer. Cut what is too long."""
     return shown(text, _MOST).encode("latin-1", "replace").decode("latin-1")
+
+
+def clock(stamp_ns: int) -> str:
+    """Format the time of day in UTC to a tenth of a second."""
+    tenths = stamp_ns // 100_000_000
+    seconds = tenths // 10 % 86400
+    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{tenths % 10}"

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from ..recording.disk import create
 from .blueprint import TIMELINE, blueprint, prepare
-from .paths import plain
+from .paths import clock, plain
 from .program import Program
 from .shapes import (
     Arrows,
@@ -255,13 +255,6 @@ def _boxes(shape: Boxes) -> Any:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], np.float32)
     around = corners * shape.halves[:, None] @ np.swapaxes(shape.turns, 1, 2) + shape.centers[:, None]
     return rr.LineStrips2D(around, colors=shape.colours, radii=radius)
-
-
-def clock(stamp_ns: int) -> str:
-    """Format the time of day in UTC to a tenth of a second."""
-    tenths = stamp_ns // 100_000_000
-    seconds = tenths // 10 % 86400
-    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{tenths % 10}"
 
 
 def page_url(port: int, data_uri: str) -> str:

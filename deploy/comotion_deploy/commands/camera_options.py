@@ -14,7 +14,6 @@ from .source_options import Stamps
 if TYPE_CHECKING:
     from comotion_sources.calibration import Calibration
     from comotion_sources.klt import TrackerConfig
-    from comotion_sources.klt.options import CameraOptions
 
 
 @dataclass(kw_only=True)
@@ -158,29 +157,30 @@ class CameraSource(Camera, Process):
         0.0, "Added to every stamp, for a camera with a known clock offset.", metavar="SECONDS"
     )
 
-    def camera_options(self, *, moving: bool) -> "CameraOptions":
-        """Build the options of the camera's process."""
+    def publish(self, *, moving: bool, **others: Any) -> None:
+        """Publish what the camera sees until stopped, or to the end of its recording.
+
+        Parameters
+        ----------
+        moving
+            Whether the camera is carried.
+        others
+            Options of the camera's process that are not simply fields of the command.
+        """
         from comotion_sources.klt.options import CameraOptions
         from comotion_sources.klt.pacing import Pacing
-
-        offset_ns = round(self.clock_offset * 1e9)
-        return CameraOptions(
-            name=self.name or "",
-            tracker=self.tracker_config(moving=moving),
-            pacing=Pacing(realtime=self.realtime, stamps=self.stamps, rate=self.rate, offset_ns=offset_ns),
-            calibration=read_calibration(self.calibration, self.extrinsics),
-            use_depth=self.depth,
-            space=self.space,
-            loop=self.loop,
-            reconnect=self.reconnect,
-            preview=self.preview,
-            share_preview=self.share_preview,
-        )
-
-    def publish(self, options: "CameraOptions") -> None:
-        """Publish what the camera sees until stopped, or to the end of its recording."""
         from comotion_sources.klt.process import run
 
+        self.clear_frames(self.preview)
+        offset_ns = round(self.clock_offset * 1e9)
+        options = self.taken(
+            CameraOptions,
+            tracker=self.tracker_config(moving=moving),
+            pacing=self.taken(Pacing, offset_ns=offset_ns),
+            calibration=read_calibration(self.calibration, self.extrinsics),
+            use_depth=self.depth,
+            **others,
+        )
         run(self.what, options, **self.where())
 
 

@@ -87,10 +87,8 @@ Examples:
         seeds = parse_seeds(self.seeds)
         inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
         # What is wrong with the inputs has been said: the core takes longer to load.
-        from comotion.library.compiling import compile_ahead
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
 
-        compile_ahead(config.method)
         results = evaluate_inputs(
             inputs,
             config,

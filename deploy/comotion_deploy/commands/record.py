@@ -61,10 +61,7 @@ To play a recording: comotion source replay take.mcap
             max_seconds=self.max_time,
             reserve_bytes=round(self.reserve * 2**20),
         )
-        options = RecordOptions(
-            series=series, name=self.name, duration=self.duration, ready_file=self.ready_file
-        )
-        result = record(options, self.scene, self.settings())
+        result = record(self.taken(RecordOptions, series=series), self.scene, self.settings())
         self.show(result, *result.lines())
 
     def _repair_or_export(self) -> None:

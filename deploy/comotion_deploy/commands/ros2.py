@@ -69,15 +69,7 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
         from comotion_clients.ros2.process import Ros2Options, run
 
         self.require_ros()
-        how = Ros2Options(
-            domain=self.domain,
-            ros=self.ros_settings(),
-            network=self.bag is None,
-            bag=self.bag,
-            duration=self.duration,
-            ready_file=self.ready_file,
-            names=self.names(),
-        )
+        how = self.taken(Ros2Options, ros=self.ros_settings(), network=self.bag is None, names=self.names())
         sent = run(self.scene, self.settings(), how)
-        for topic, count in sorted(sent.messages.items()):
+        for topic, count in sorted(sent.items()):
             print(f"{topic}: {count}")

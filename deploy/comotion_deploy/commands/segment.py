@@ -90,7 +90,7 @@ Examples:
         from comotion_sources.klt.picture_file import NO_ENCODER
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-        with _progress(str(self.what or self.tracks), options.fusion.method) as progress:
+        with _progress(str(self.what or self.tracks)) as progress:
             result = segment(self.what, options, progress)
         if self.trajectory is not None:
             _write_trajectory(self.trajectory, result)
@@ -119,15 +119,10 @@ Examples:
             open_frames(self.what, self.rate).close()
         from comotion_experiments.labelled import SegmentOptions
 
-        return SegmentOptions(
-            out=self.out,
-            csv=self.csv,
-            sheet=self.sheet,
-            masks=self.masks,
-            masks_every=self.masks_every,
+        return self.taken(
+            SegmentOptions,
             tracker=self.tracker_config(moving=self.moving),
             fusion=self.fusion_config(),
-            rate=self.rate,
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
             given=read,
@@ -187,12 +182,10 @@ def _summary(result: "Segmented") -> list[str]:
 
 
 @contextmanager
-def _progress(what: str, method: str) -> "Iterator[Progress]":
+def _progress(what: str) -> "Iterator[Progress]":
     """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
-    from comotion.library.compiling import compile_ahead
     from comotion_schemas.terminal import reporting
 
-    compile_ahead(method, "px", 2)
     name = Path(what).name
     with reporting() as report:
         yield lambda done, total: report(

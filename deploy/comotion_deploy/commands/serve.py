@@ -87,19 +87,14 @@ Examples:
         kept = self.state or default_path(f"{self.scene}{replica}", endpoints)
         settings = self.settings()
         server.serve(
-            server.ServeOptions(
+            self.taken(
+                server.ServeOptions,
                 config=with_cameras(self.fusion_config(), self.camera),
-                scene=self.scene,
                 name=name,
                 settings=settings,
-                clock=self.clock,
                 state=None if self.no_state else kept,
                 resume=self.resume or self.state is not None,
-                state_interval=self.state_interval,
-                ready_file=self.ready_file,
                 etcd=urls(self.etcd),
                 etcd_tls=settings.tls,
-                lease=self.lease,
-                correct_clocks=self.correct_clocks,
             )
         )

@@ -1,6 +1,6 @@
 """``comotion source external-camera``: a fixed camera, with markers as 6-DoF features."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..options import setting
 from .camera_options import CameraSource
@@ -31,6 +31,5 @@ Examples:
         """Publish until stopped, or to the end of the recording."""
         from comotion_sources.markers import MarkerOptions
 
-        self.clear_frames(self.preview)
         markers = None if self.marker_size is None else MarkerOptions(self.marker_size, self.dictionary)
-        self.publish(replace(self.camera_options(moving=False), fixed=True, markers=markers))
+        self.publish(moving=False, fixed=True, markers=markers)

@@ -1,6 +1,6 @@
 """``comotion source klt``: features of a camera, tracked by Lucas-Kanade."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..options import setting
@@ -39,7 +39,6 @@ Examples:
         """Publish until stopped, or to the end of the recording."""
         from comotion_sources.klt.carrier import CarrierName
 
-        self.clear_frames(self.preview)
         carrier = None if self.carried_by is None else CarrierName.parse(self.carried_by)
         moving = self.moving or self.poses is not None or carrier is not None
-        self.publish(replace(self.camera_options(moving=moving), poses=self.poses, carrier=carrier))
+        self.publish(moving=moving, carrier=carrier)

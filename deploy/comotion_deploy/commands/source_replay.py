@@ -72,15 +72,7 @@ Examples:
         from comotion_sources import replay
         from comotion_sources.schedule import Schedule, parse_start
 
-        schedule = Schedule(
-            start_at=parse_start(self.start_at),
-            loop=self.loop,
-            speed=self.speed,
-            stamps=self.stamps,
-            duration=self.duration,
-            start=self.start,
-            end=self.end,
-        )
+        schedule = self.taken(Schedule, start_at=parse_start(self.start_at))
         if is_scene:
             replay.replay_scene(self.file, schedule, **self.where())
             return

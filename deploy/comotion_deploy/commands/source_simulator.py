@@ -51,7 +51,7 @@ Examples:
         )
         play_streams(
             simulator.streams(simulations, self.name),
-            Schedule(start_at=parse_start(self.start_at), loop=self.loop, duration=self.duration),
+            self.taken(Schedule, start_at=parse_start(self.start_at)),
             message=f"simulates {simulations[0].spec.title}",
             publish_sigma=self.publish_sigma,
             **self.where(),

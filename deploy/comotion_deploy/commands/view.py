@@ -86,13 +86,12 @@ Examples:
         window = not self.web and self.save is None
         if window and not _has_display():
             raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
-        return Destination(
+        return self.taken(
+            Destination,
             window=window,
             web_port=self.port if self.web else None,
-            data_port=self.data_port,
             open_browser=self.browser and _has_display(),
             file=self.save,
-            memory=self.memory,
         )
 
     def _serve_foxglove(self) -> None:
@@ -105,7 +104,7 @@ Examples:
         with FoxgloveDisplay(self.foxglove_port, self.names()) as display:
             print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
             if self.recording is None:
-                how = ViewOptions(duration=self.duration, ready_file=self.ready_file)
+                how = self.taken(ViewOptions)
                 self._print_viewed(follow(display, self.scene, settings, how))
                 return
             from comotion_schemas.message_log import MessageLog
@@ -125,13 +124,7 @@ Examples:
         from comotion_clients.viewing.sink import RerunSink
         from comotion_schemas import Keys
 
-        how = ViewOptions(
-            duration=self.duration,
-            rate=self.rate,
-            ready_file=self.ready_file,
-            dense=self.regions,
-            names=self.names(),
-        )
+        how = self.taken(ViewOptions, dense=self.regions, names=self.names())
         settings = self.settings()
         Keys(self.scene)  # checks the name before a window opens
         with RerunSink(where) as sink:

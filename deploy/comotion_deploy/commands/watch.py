@@ -54,14 +54,5 @@ Examples:
         """Show it until stopped."""
         from comotion_clients.watch import WatchOptions, watch
 
-        how = WatchOptions(
-            once=self.once,
-            json=self.json_,
-            sort=self.sort,
-            pose=self.pose,
-            timeout=self.timeout,
-            ready_file=self.ready_file,
-            names=self.names(),
-            all_events=self.all_events,
-        )
+        how = self.taken(WatchOptions, json=self.json_, names=self.names())
         watch(self.scene, self.settings(), how)

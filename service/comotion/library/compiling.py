@@ -2,21 +2,25 @@
 
 import sys
 import time
+from functools import cache
 
 # Between two lines.
 _LINE_S = 3.0
+# Kernels that take long enough to say how long.
+_MANY = 40
 
 
-def compile_ahead(method: str, unit: str = "", dim: int = 0, sources: int = 1) -> None:
-    """Compile on every core what a kind of scene needs and the disk has not; without a unit, of any scene."""
+@cache  # once a process
+def compile_ahead(method: str, unit: str, dim: int, sources: int = 1) -> None:
+    """Compile on every core what a kind of scene needs and the disk has not."""
     from .. import precompiling  # noqa: PLC0415 - takes a second
 
     begun_s = reported_s = time.monotonic()
-    scene = precompiling.kinds_of_scene(method, unit, dim, sources)
-    for done, total in precompiling.compile_ahead(scene if unit else precompiling.kinds_of_method(method)):
+    for done, total in precompiling.compile_ahead(precompiling.kinds_of_scene(method, unit, dim, sources)):
         now_s = time.monotonic()
         if not done:
-            _say(f"compiling {total} kernels, once: about half a minute; the result is kept on disk")
+            length = "about half a minute" if total > _MANY else "some seconds"
+            _say(f"compiling {total} kernels, once: {length}; the result is kept on disk")
         elif now_s - reported_s > _LINE_S or done == total:
             reported_s = now_s
             _say(f"compiling: {done} of {total} kernels in {now_s - begun_s:.0f} s")

@@ -106,6 +106,15 @@ def _reused(share: float) -> str:
     )
 
 
+def _scale(evidence: float | str) -> str:
+    if isinstance(evidence, str):
+        return evidence
+    return (
+        f"positions {evidence:.0f} times as far out as other sources see are refused; publish metres in the "
+        "frame of the others, or use a space of its own"
+    )
+
+
 # What a person should change, by the kind of problem, from what shows it.
 _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
     "clock-zero": _clock_zero,
@@ -122,10 +131,7 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "frame, and give each the same id in every batch"
     ),
     "ids-reused": _reused,
-    "scale": lambda factor: (
-        f"positions {factor:.0f} times as far out as other sources see are refused; publish metres in the "
-        "frame of the others, or use a space of its own"
-    ),
+    "scale": _scale,
     "duplicate-name": lambda _: (
         "a second process publishes under this name and is refused; give it another name"
     ),

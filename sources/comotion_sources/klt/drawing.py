@@ -81,8 +81,8 @@ class Annotator:
             if number in listed and listed[number].state != "static":
                 self._draw_box(canvas, listed[number])
         self._draw_features(canvas, tracks, labels)
-        for number, (x, y) in bodies.items():
-            _write(canvas, named(number, self._names), (x - 8, y + 8), self._bgr(number), _ID_SCALE, 2)
+        for number, place in bodies.items():
+            _write_above(canvas, named(number, self._names), place, self._bgr(number))
         self._draw_legend(canvas, labels, listed)
         return canvas
 
@@ -91,14 +91,14 @@ class Annotator:
         return blue, green, red
 
     def _bodies(self, tracks: Tracks, labels: NDArray[np.uint32]) -> dict[int, tuple[int, int]]:
-        """Hypotheses that are seen, without the background, and the middle of their features, px."""
+        """Hypotheses that are seen, without the background, and the top of their features, px."""
         shown, counts = np.unique(labels[labels != UNDETERMINED], return_counts=True)
-        middles = {}
+        tops = {}
         for number in shown[counts >= _SHOWN].tolist():
             if self._palette.colour(number) != BACKGROUND:
-                x, y = np.median(tracks.pixels[labels == number], axis=0)
-                middles[number] = (round(float(x)), round(float(y)))
-        return middles
+                across, down = tracks.pixels[labels == number].T
+                tops[number] = (round(float(np.median(across))), round(float(down.min())))
+        return tops
 
     def _draw_features(self, canvas: Image, tracks: Tracks, labels: NDArray[np.uint32]) -> None:
         places = np.rint(tracks.pixels).astype(int).tolist()
@@ -149,9 +149,13 @@ class Annotator:
             cv2.putText(canvas, text, (28, y + 5), _FONT, _LEGEND_SCALE, _PAPER, 1, cv2.LINE_AA)
 
 
-def _write(canvas: Image, text: str, place: tuple[int, int], shade: BGR, scale: float, width: int) -> None:
-    cv2.putText(canvas, text, place, _FONT, scale, _RIM, width + 4, cv2.LINE_AA)
-    cv2.putText(canvas, text, place, _FONT, scale, shade, width, cv2.LINE_AA)
+def _write_above(canvas: Image, text: str, place: tuple[int, int], shade: BGR) -> None:
+    """Write a text in the middle above a place, within the image."""
+    (across, up), _ = cv2.getTextSize(text, _FONT, _ID_SCALE, 2)
+    left = min(max(place[0] - across // 2, 2), max(canvas.shape[1] - across - 2, 2))
+    corner = left, max(place[1] - 2 * _RADIUS, up + 2)
+    for colour, width in ((_RIM, 6), (shade, 2)):
+        cv2.putText(canvas, text, corner, _FONT, _ID_SCALE, colour, width, cv2.LINE_AA)
 
 
 def _corners(box: Box) -> NDArray[np.float64]:
