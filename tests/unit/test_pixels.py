@@ -11,6 +11,7 @@ from comotion.config import PixelsConfig
 from comotion.pixels.geometry import Geometry
 from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced
+from comotion.pixels.noise import gross_errors
 from comotion_clients.metrics import misclassification
 
 from .. import builders
@@ -155,6 +156,33 @@ def test_what_rests_in_the_image_of_a_moving_camera_is_undetermined():
     of, states = labels_of(update), {h.id: h.state for h in update.hypotheses}
     assert {states[of[k]] for k in range(90, 120)} == {"undetermined"}
     assert {states[of[k]] for k in range(90)} == {"moving"}
+
+
+def with_gross_errors(rng, positions, share):
+    """Positions of which some single ones are 10 to 60 px off, and which these are."""
+    wild = rng.random(positions.shape[:2]) < share
+    angle = rng.uniform(0, 2 * np.pi, wild.shape)
+    off = rng.uniform(10, 60, wild.shape)[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return positions + wild[..., None] * off, wild
+
+
+def test_gross_errors_of_single_observations_are_told_from_motion():
+    rng = np.random.default_rng(7)
+    positions, _ = affine_scene(rng, (60, 50))
+    shaken = positions + rng.normal(0, 5, (len(positions), 1, 2))
+    wild_ones, wild = with_gross_errors(rng, shaken, 0.03)
+    visible = rng.random(wild.shape) > 0.1
+    found = gross_errors(wild_ones, visible, np.full(110, 0.01))
+    # Two in a row, and those beside a frame that is missing, are not seen to come back.
+    assert found[wild & visible].mean() > 0.6
+    assert found[~wild].mean() < 0.01
+
+
+def test_gross_errors_do_not_join_or_part_bodies():
+    camera = Camera(None, None)
+    camera.positions, _ = with_gross_errors(np.random.default_rng(2), camera.positions, 0.03)
+    final = camera.play(pixel_fusion(), 0, 40)[-1]
+    assert misclassification(final.track_hypothesis, camera.truth[final.track_id.astype(int)]) <= 0.03
 
 
 def test_a_restart_keeps_hypotheses():

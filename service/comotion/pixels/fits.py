@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arrays import Bools, Floats
+from .medians import median
 
 Model = Callable[[Floats, Floats, Bools], Callable[[Floats], Floats]]
 """Points [P, n, 2] in both frames of P pairs, and which are seen -> weights [P, n] -> squared residuals."""
@@ -18,23 +19,15 @@ _ROUNDS, _LEAST_TYPICAL = 3, 0.01
 _RIDGE_PX2 = 1e-3
 
 
-def median(values: Floats, seen: Bools) -> Floats:
-    """Median of those that are seen, [P]; 0 of none."""
-    ranked, count = np.sort(np.where(seen, values, np.inf), axis=1), seen.sum(axis=1)
-    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, seen.shape[1] - 1)
-    middle = np.take_along_axis(ranked, np.stack([low, high], axis=1), axis=1).mean(axis=1)
-    return np.where(count > 0, middle, 0.0)
-
-
 def residuals(model: Model, x: Floats, y: Floats, prior: Floats) -> Floats:
-    """Squared residuals [P, n] under reweighted fits; `prior` [P, n] weighs points, 0 where there is none."""
+    """Squared residuals [P, n] under reweighted fits; `prior` [P, n] weighs points, 0 for none: NaN."""
     seen = prior > 0
     fit, weight = model(x, y, seen), prior
     square = fit(weight)
     for _ in range(_ROUNDS - 1):
-        typical = np.maximum(median(square, seen), _LEAST_TYPICAL)[:, None]
+        typical = np.fmax(median(np.where(seen, square, np.nan), 1), _LEAST_TYPICAL)[:, None]
         square = fit(prior / np.sqrt(1 + square / (4 * typical)))
-    return square
+    return np.where(seen, square, np.nan)
 
 
 def fundamental(x: Floats, y: Floats, seen: Bools) -> Callable[[Floats], Floats]:

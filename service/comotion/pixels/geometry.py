@@ -11,8 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from .fits import Model, affine, fundamental, median, residuals
+from .fits import Model, affine, fundamental, residuals
 from .key_frames import KeyFrames
+from .medians import median
 
 # A group is represented by so many of its members in a frame pair.
 _POINTS = 50
@@ -82,18 +83,18 @@ class _Views:
 
     @cached_property
     def motion(self) -> Floats:
-        """Median motion in each pair, px."""
-        return median(np.linalg.norm(self.y - self.x, axis=2), self.seen)
+        """Median motion in each pair, px; NaN of none, as below."""
+        return median(np.where(self.seen, np.linalg.norm(self.y - self.x, axis=2), np.nan), 1)
 
     @cached_property
     def epipolar(self) -> Floats:
         """Median squared residual under a fundamental matrix of its own in each pair, px²."""
-        return median(residuals(fundamental, self.x, self.y, self.seen.astype(float)), self.seen)
+        return median(residuals(fundamental, self.x, self.y, self.seen.astype(float)), 1)
 
     @cached_property
     def affine(self) -> Floats:
         """Median squared residual under an affine motion of its own in each pair, px²."""
-        return median(residuals(affine, self.x, self.y, self.seen.astype(float)), self.seen)
+        return median(residuals(affine, self.x, self.y, self.seen.astype(float)), 1)
 
     @cached_property
     def variance(self) -> Floats:
@@ -107,7 +108,7 @@ class _Views:
         prior = [one.seen[rows] / np.sqrt(one.count[rows, None]) for one in (self, other)]
         square = residuals(model, *(np.concatenate(part, axis=1) for part in (*both, prior)))
         n = self.seen.shape[1]
-        return median(square[:, :n], self.seen[rows]), median(square[:, n:], other.seen[rows])
+        return median(square[:, :n], 1), median(square[:, n:], 1)
 
 
 class Geometry:

@@ -9,7 +9,7 @@ from ..arrays import Bools, Floats, Floats32, Ints, Slots, Stamps
 from ..config import PixelsConfig
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-from .noise import noise_variance
+from .noise import gross_errors, noise_variance
 
 LEAST_SEEN = 4
 """Key frames that a trajectory must be seen in to be compared."""
@@ -131,6 +131,7 @@ def key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -
     several = len(np.unique(window.source[slots])) > 1
     states = states_at(window, slots, stamps)
     visible = states.held if several else states.observed
+    visible = visible & ~gross_errors(states.position, visible, variance)
     positions = np.where(visible[..., None], states.position, 0.0).astype(np.float32)
     return KeyFrames(positions, visible, variance.astype(np.float32))
 

@@ -1,6 +1,6 @@
-"""The window in; the noise of each trajectory out.
+"""The window in; the noise of each trajectory, and gross errors of single observations, out.
 
-What the nearest trajectories do too is no noise: a camera that shakes moves all that is near in the same way.
+What the nearest trajectories do too is neither: a camera that shakes moves all that is near in the same way.
 """
 
 from collections.abc import Sequence
@@ -8,16 +8,21 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Floats, Slots, Stamps
+from ..arrays import Bools, Floats, Slots, Stamps
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
+from .medians import median
 
 # Newest instants on which noise is estimated, and differences that the median of the source is worth.
 _INSTANTS, _POOL = 12, 20
-# Nearest trajectories whose mean is taken away.
-_NEAREST = 4
+# Nearest trajectories whose median is taken away, and the noise that one has less that: the variance of the
+# median of five is .3 of that of one.
+_NEAREST, _LESS_MEDIAN = 5, 1.3
 # Median of a chi-squared variable with two degrees of freedom, per coordinate.
 _CHI2_MEDIAN = 1.386
+# Times the usual squared step from which on one is wild: some seven standard deviations; and px² of variance
+# that is added.
+_WILD, _LEAST_PX2 = 36.0, 0.25
 
 
 def noise_variance(window: Window, slots: Slots, stamps: Sequence[int]) -> Floats:
@@ -36,11 +41,8 @@ def noise_variance(window: Window, slots: Slots, stamps: Sequence[int]) -> Float
     """
     square = _squared_differences(window, slots, np.array(stamps[-_INSTANTS:], np.int64))
     count = np.isfinite(square).sum(axis=0)
-    known, own = count > 0, np.zeros(len(slots))
-    if known.any():
-        # NaN come last: the median is in the middle of those before.
-        ranked, middle = np.sort(square[:, known], axis=0), np.stack([count[known] - 1, count[known]]) // 2
-        own[known] = np.take_along_axis(ranked, middle, axis=0).mean(axis=0) / _CHI2_MEDIAN
+    known = count > 0
+    own = np.where(known, median(square, 0) / _CHI2_MEDIAN, 0.0) if len(square) else np.zeros(len(slots))
     variance = np.zeros(len(slots))
     for source in np.unique(window.source[slots]).tolist():
         mine = window.source[slots] == source
@@ -48,6 +50,32 @@ def noise_variance(window: Window, slots: Slots, stamps: Sequence[int]) -> Float
         variance[mine] = (_POOL * pooled + count[mine] * own[mine]) / (_POOL + count[mine])
     published = window.sigma[slots, window.stop[slots] - 1]
     return np.where(np.isfinite(published), published**2, variance)
+
+
+def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
+    """Which observations leave their trajectory and come back, bool [F, n]: left out, they cost nothing.
+
+    Steps of the trajectories nearby are no error. The step to one and the step from it cancel out.
+
+    Parameters
+    ----------
+    position, visible
+        float64 [F, n, 2] px and bool [F, n], at F instants, ascending.
+    variance
+        float64 [n], px²; noise of a coordinate.
+    """
+    found = np.zeros(visible.shape, np.bool_)
+    if len(visible) < 3:
+        return found
+    last = len(visible) - 1 - visible[::-1].argmax(axis=0)
+    step = np.diff(np.where(visible[..., None], position, np.nan), axis=0)
+    wild, _ = _less_nearest(step, position[last, np.arange(len(last))])
+    square = (wild**2).sum(axis=2)
+    far = square > _WILD * np.fmax(median(square, 0), 2 * variance + _LEAST_PX2)
+    back = ((wild[1:] + wild[:-1]) ** 2).sum(axis=2) < square[1:] / 4
+    found[1:-1] = far[1:] & far[:-1] & back
+    found[0], found[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
+    return found
 
 
 def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats:
@@ -60,15 +88,22 @@ def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats
         apart = times[:, None] - times + np.eye(4)
         weight = 1 / apart.prod(axis=1)
         difference[k] = np.tensordot(weight / np.linalg.norm(weight), place[k : k + 4], axes=1)
-    seen = np.isfinite(difference[..., 0])
-    known = np.flatnonzero(seen.any(axis=0))
-    if len(known) <= _NEAREST:
-        return np.asarray((difference**2).sum(axis=2))
+    known = np.flatnonzero(np.isfinite(difference[..., 0]).any(axis=0))
     newest = window.positions[slots[known], window.stop[slots[known]] - 1]
-    near = np.full((len(slots), _NEAREST), known[0])
-    near[known] = known[cKDTree(newest).query(newest, k=_NEAREST + 1)[1][:, 1:]]
-    # A neighbour that is missing takes nothing away, and adds no noise.
-    count = np.maximum(seen[:, near].sum(axis=2), 1)
-    shared = np.where(seen[..., None], difference, 0.0)[:, near].sum(axis=2) / count[..., None]
-    alone = ~seen[:, near].any(axis=2)
-    return np.asarray(((difference - shared) ** 2).sum(axis=2) / np.where(alone, 1, 1 + 1 / count))
+    less, shared = _less_nearest(difference[:, known], newest)
+    square = np.full(difference.shape[:2], np.nan)
+    square[:, known] = (less**2).sum(axis=2) / np.where(shared, _LESS_MEDIAN, 1)
+    return square
+
+
+def _less_nearest(values: Floats, place: Floats) -> tuple[Floats, Bools]:
+    """Values [T, n, 2], NaN unknown, less the median of those nearest in place [n, 2], and whether.
+
+    The median, as a neighbour may be in gross error.
+    """
+    if len(place) <= _NEAREST:
+        return values, np.zeros(values.shape[:2], np.bool_)
+    near = cKDTree(place).query(place, k=_NEAREST + 1)[1][:, 1:]
+    shared = median(values[:, near], 2)
+    known = np.isfinite(shared)
+    return values - np.where(known, shared, 0.0), known[..., 0]
