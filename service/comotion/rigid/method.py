@@ -261,7 +261,11 @@ def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchR
     owners = _owners(frames, bodies)
     if not scene.small:
         worth = supported(scene, owners, found, config)
-        bodies, still, owners = ([some[k] for k in worth] for some in (bodies, still, owners))
+        bodies, still, owners = (
+            [bodies[k] for k in worth],
+            [still[k] for k in worth],
+            [owners[k] for k in worth],
+        )
         found = found.of(worth)
     chosen = select(weighted(scene, owners, found, config))  # 8
     bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
