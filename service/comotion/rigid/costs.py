@@ -16,7 +16,7 @@ from .sliding import with_sliders
 # scenes of docs/research/accuracy.md.
 _UNCOVERED_SHARE = 0.7
 # Variances of the deformation of a body that are compared, in tolerances of its rows, and its correlation
-# time, s: from .3 s to 2 s it hardly matters (docs/research/ablation.md).
+# time, s: from .3 to 1 s it hardly matters, 4 s lose slow bodies (docs/research/unseen.md).
 _DEFORMATIONS = np.array([0.0, 0.5, 1, 2, 4, 8, 16, 32, 64])
 _DEFORMATION_TIME = 0.7
 # Most that a body deforms, as a share of how it moves; chosen on half of the recordings of
