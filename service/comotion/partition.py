@@ -185,6 +185,8 @@ class Method(ABC):
     """How its groups continue hypotheses; see :mod:`comotion.matching`."""
     established = False
     """Whether members of long standing decide which hypothesis a group continues, or all alike."""
+    cutting = False
+    """Whether trajectories that jump are cut there."""
     searching = True
     """Whether new groups are sought; else the known ones may be followed where that is cheaper."""
 

@@ -24,6 +24,7 @@ from .saving import plain
 from .shedding import FULL, Effort
 from .source_checks import Stored
 from .space_update import SpaceUpdate
+from .trajectories.jumps import jumps
 from .trajectories.track_index import TrackIndex
 from .trajectories.window import Ids, Window
 
@@ -80,6 +81,8 @@ class Space:
         self.extent = ExtentCheck(spec.unit, config.limits.extent)
         self.drift = DriftCheck()
         self._groupings = 0
+        # Up to when trajectories were searched for jumps.
+        self._searched_ns = 0
         known = config.spaces.get(spec.name)
         self.carrying = Carrying(spec.dim, spec.unit == "m", None if known is None else known.moving)
 
@@ -213,6 +216,8 @@ class Space:
         """
         window = self._window
         self._evict(stamp_ns)
+        if self._method.cutting:
+            self._cut(stamp_ns)
         fresh = self._fresh(stamp_ns, timeout_ns)
         self._forget(fresh)
         slots = window.slots()
@@ -282,6 +287,24 @@ class Space:
         if len(slots):
             self._method.evicting(self._window, slots, counts)
             self._window.evict(slots, counts)
+
+    def _cut(self, stamp_ns: int) -> None:
+        """Begin trajectories anew where they jump: what is before that was another feature."""
+        window = self._window
+        live = np.flatnonzero(window.used & window.live & ~window.ended)
+        slots, first = jumps(window, live, self._searched_ns)
+        self._searched_ns = stamp_ns
+        for slot, begin in zip(slots, first, strict=True):
+            left = slice(begin, window.stop[slot])
+            stamps, positions = window.times[slot, left].copy(), window.positions[slot, left].copy()
+            sigma, covariance = window.sigma[slot, left].copy(), window.covariance[slot].copy()
+            turns = None if window.quaternions is None else window.quaternions[slot, left].copy()
+            known, source = window.id[[slot]], int(window.source[slot])
+            self._close(np.array([slot]))
+            again = self.index.open(known, source)
+            window.insert(np.repeat(again, len(stamps)), stamps, positions, sigma, turns)
+            window.covariance[again] = covariance
+        self._stats.tracks += len(slots)
 
     def _fresh(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Bools:
         limits = np.zeros(self._window.capacity, np.int64)

@@ -40,6 +40,7 @@ class PixelMethod(Method):
 
     matching = staticmethod(largest_first)
     established = True
+    cutting = True
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels

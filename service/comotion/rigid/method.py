@@ -89,6 +89,7 @@ class RigidMethod(Method):
 
     matching = staticmethod(largest_total)
     established = True
+    cutting = True
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         self._config = config.rigid

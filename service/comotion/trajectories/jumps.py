@@ -1,0 +1,86 @@
+"""In trajectories, out those that jump: from there on the id stands for another feature.
+
+Trackers exchange features now and then, and slip from one to the next that looks alike. A trajectory across
+such a jump moves as no body does.
+"""
+
+from bisect import bisect_right
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from .window import Window
+
+# Steps before and after a jump, and how many times as far as each of these it is from their mean velocity.
+_BEFORE, _AFTER, _FARTHER = 3, 2, 8.0
+# Least length of a jump, as a share of the extent of all: coordinates that are rounded jump by less.
+_LEAST = 0.1
+# Jumps of one source at one instant are alike where they differ by less than this share of their length:
+# then a body has moved. So it has, or the whole scene, where more than a share of all features jump at once.
+_ALIKE, _MOST = 0.5, 0.25
+# Newest observations of a trajectory that are looked at.
+_OBSERVATIONS = 64
+
+
+def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
+    """Find the trajectories that have jumped alone, as observations after `since_ns` confirm.
+
+    Parameters
+    ----------
+    slots
+        intp [n], trajectories to look at.
+
+    Returns
+    -------
+    Those that have, and the first observation after the newest jump of each, an index in the columns of the
+    window: intp [m] each.
+    """
+    new = len(window.instants) - bisect_right(window.instants, since_ns)
+    slots = slots[window.counts(slots) > _BEFORE + _AFTER + 1]
+    width = min(new, _OBSERVATIONS) + _BEFORE + _AFTER + 1
+    if not new or not len(slots):
+        return slots[:0], slots[:0]
+    every, newest = slots, window.positions[slots, window.stop[slots] - 1]
+    least = _LEAST * np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean())
+    at = window.stop[slots, None] + np.arange(-width, 0)
+    positions = window.positions[slots[:, None], at]
+    far = (np.linalg.norm(np.diff(positions, axis=1), axis=2) > least).any(1)
+    slots, at, positions = slots[far], at[far], positions[far]
+    times = window.times[slots[:, None], at]
+    sudden = _sudden(times, positions, at >= window.start[slots, None])
+    who, when = np.nonzero(sudden & (times[:, _BEFORE + _AFTER + 1 :] > since_ns))
+    last = np.append(who[1:] != who[:-1], True)[: len(who)]
+    jumping, first = slots[who[last]], at[who[last], when[last] + _BEFORE + 1]
+    return _alone(window, every, jumping, first, least)
+
+
+def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
+    """Which steps are jumps, bool [n, M - 6], from the fourth step of M observations on.
+
+    Parameters
+    ----------
+    times, positions, held
+        int64 [n, M], float64 [n, M, dim] and bool [n, M], whether it is an observation of the trajectory.
+    """
+    velocity = np.diff(positions, axis=1) / np.maximum(np.diff(times), 1)[:, :, None]
+    velocity[~held[:, :-1]] = np.nan
+    steps = sliding_window_view(velocity, _BEFORE + 1 + _AFTER, 1)
+    usual = np.delete(steps, _BEFORE, 3).mean(3)
+    off = np.linalg.norm(steps - usual[..., None], axis=2)
+    return np.asarray(off[:, :, _BEFORE] > _FARTHER * np.delete(off, _BEFORE, 2).max(2))
+
+
+def _alone(window: Window, slots: Slots, jumping: Slots, first: Ints, least: float) -> tuple[Slots, Ints]:
+    """Those of `jumping` that go far, and elsewhere than others do at that time, and the `first` of each.
+
+    `slots` intp [n] are all trajectories.
+    """
+    step = window.positions[jumping, first] - window.positions[jumping, first - 1]
+    length, stamp, source = np.linalg.norm(step, axis=1), window.times[jumping, first], window.source[jumping]
+    together = (stamp[:, None] == stamp) & (source[:, None] == source)
+    difference = np.linalg.norm(step[:, None] - step, axis=2)
+    alike = together & (difference < _ALIKE * np.minimum(length[:, None], length))
+    most = np.maximum(_MOST * np.bincount(window.source[slots])[source], 2) if len(source) else length
+    alone = (length > least) & (alike.sum(1) <= 1) & (together.sum(1) <= most)
+    return jumping[alone], first[alone]
