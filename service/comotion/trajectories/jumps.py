@@ -19,8 +19,8 @@ _LEAST = 0.1
 # Jumps of one source at one instant are alike where they differ by less than this share of their length:
 # then a body has moved. So it has, or the whole scene, where more than a share of all features jump at once.
 _ALIKE, _MOST = 0.5, 0.25
-# Newest observations of a trajectory that are looked at.
-_OBSERVATIONS = 64
+# ns within which observations confirm a jump, and newest ones of a trajectory that are looked at.
+_CONFIRMED_NS, _OBSERVATIONS = 500_000_000, 64
 
 
 def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
@@ -36,23 +36,25 @@ def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     Those that have, and the first observation after the newest jump of each, an index in the columns of the
     window: intp [m] each.
     """
-    new = len(window.instants) - bisect_right(window.instants, since_ns)
-    slots = slots[window.counts(slots) > _BEFORE + _AFTER + 1]
-    width = min(new, _OBSERVATIONS) + _BEFORE + _AFTER + 1
-    if not new or not len(slots):
+    if not len(slots):
+        return slots, slots
+    newest = window.positions[slots, window.stop[slots] - 1]
+    window.far = _LEAST * float(np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean()))
+    recent = since_ns - _CONFIRMED_NS
+    some = (window.far_ns[slots] > recent) & (window.counts(slots) > _BEFORE + _AFTER + 1)
+    if not some.any():
         return slots[:0], slots[:0]
-    every, newest = slots, window.positions[slots, window.stop[slots] - 1]
-    least = _LEAST * np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean())
-    at = window.stop[slots, None] + np.arange(-width, 0)
+    every, slots = slots, slots[some]
+    width = min(len(window.instants) - bisect_right(window.instants, recent), _OBSERVATIONS) + _BEFORE
+    at = window.stop[slots, None] + np.arange(-width - _AFTER - 1, 0)
+    held, at = at >= window.start[slots, None], np.maximum(at, 0)
     positions = window.positions[slots[:, None], at]
-    far = (np.linalg.norm(np.diff(positions, axis=1), axis=2) > least).any(1)
-    slots, at, positions = slots[far], at[far], positions[far]
     times = window.times[slots[:, None], at]
-    sudden = _sudden(times, positions, at >= window.start[slots, None])
+    sudden = _sudden(times, positions, held)
     who, when = np.nonzero(sudden & (times[:, _BEFORE + _AFTER + 1 :] > since_ns))
     last = np.append(who[1:] != who[:-1], True)[: len(who)]
     jumping, first = slots[who[last]], at[who[last], when[last] + _BEFORE + 1]
-    return _alone(window, every, jumping, first, least)
+    return _alone(window, every, jumping, first)
 
 
 def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
@@ -71,7 +73,7 @@ def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
     return np.asarray(off[:, :, _BEFORE] > _FARTHER * np.delete(off, _BEFORE, 2).max(2))
 
 
-def _alone(window: Window, slots: Slots, jumping: Slots, first: Ints, least: float) -> tuple[Slots, Ints]:
+def _alone(window: Window, slots: Slots, jumping: Slots, first: Ints) -> tuple[Slots, Ints]:
     """Those of `jumping` that go far, and elsewhere than others do at that time, and the `first` of each.
 
     `slots` intp [n] are all trajectories.
@@ -82,5 +84,5 @@ def _alone(window: Window, slots: Slots, jumping: Slots, first: Ints, least: flo
     difference = np.linalg.norm(step[:, None] - step, axis=2)
     alike = together & (difference < _ALIKE * np.minimum(length[:, None], length))
     most = np.maximum(_MOST * np.bincount(window.source[slots])[source], 2) if len(source) else length
-    alone = (length > least) & (alike.sum(1) <= 1) & (together.sum(1) <= most)
+    alone = (length > window.far) & (alike.sum(1) <= 1) & (together.sum(1) <= most)
     return jumping[alone], first[alone]

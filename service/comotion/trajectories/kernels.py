@@ -31,10 +31,13 @@ def append(
     start: Slots,
     stop: Slots,
     complete: Bools,
+    far: float,
+    far_ns: Stamps,
 ) -> Slots:
     """Store observations, each behind the newest of its slot, in place; `stop` moves on.
 
-    Returns where each is in its slot, intp [n].
+    Returns where each is in its slot, intp [n]. `far_ns` int64 [S] becomes the stamp of one that is farther
+    than `far` from the one before.
 
     Speed is the backward difference. The first observation of a trajectory takes the second's, while it is
     still in the window (`complete`, bool [S]).
@@ -49,6 +52,8 @@ def append(
             positions[s, at, c] = new_positions[n, c]
             if at > start[s]:
                 squared += (positions[s, at, c] - positions[s, at - 1, c]) ** 2
+        if squared > far * far:
+            far_ns[s] = stamps[n]
         if at > start[s]:
             speed[s, at] = np.sqrt(squared) / ((stamps[n] - times[s, at - 1]) * _SECONDS_PER_NS)
             if at - 1 == start[s] and complete[s]:

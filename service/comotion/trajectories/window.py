@@ -19,7 +19,7 @@ Ids = NDArray[np.uint64]
 
 _COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
 _KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "id", "label", "established")
-_PER_SLOT = ("start", "stop", "used", "live", "label_ns", *_KEPT)
+_PER_SLOT = ("start", "stop", "used", "live", "label_ns", "far_ns", *_KEPT)
 # Of a slot without a trajectory that has been observed; else 0.
 _FRESH = {
     "last_ns": np.iinfo(np.int64).min,
@@ -59,6 +59,8 @@ class Window:
     label, label_ns, established
         int64 [capacity] each, what :mod:`comotion.hypotheses` knows of the trajectories: the hypothesis of
         each, since when, and the one in which it became an established member; negative for none.
+    far, far_ns
+        A long step, as the caller says, and int64 [capacity], when each trajectory made one last.
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
@@ -93,6 +95,7 @@ class Window:
         self.label: Labels = np.zeros(0, np.int64)
         self.label_ns: Stamps = np.zeros(0, np.int64)
         self.established: Labels = np.zeros(0, np.int64)
+        self.far, self.far_ns = np.inf, np.zeros(0, np.int64)
 
     def held(self, column: NDArray[Any], slot: int) -> NDArray[Any]:
         """The observations in a slot, a view of a column such as `times`, [M, ...]."""
@@ -197,7 +200,8 @@ class Window:
         self, slots: Slots, stamps: Stamps, positions: Floats, sigma: Floats, quaternions: Floats | None
     ) -> None:
         columns = self.times, self.positions, self.speed, self.sigma
-        at = append(slots, stamps, positions, sigma, *columns, self.start, self.stop, self._complete)
+        places = self.start, self.stop, self._complete
+        at = append(slots, stamps, positions, sigma, *columns, *places, self.far, self.far_ns)
         if self.quaternions is not None:
             self.quaternions[slots, at] = np.nan if quaternions is None else quaternions
         self.last_ns[slots] = stamps
