@@ -32,7 +32,7 @@ class KeyStates:
                 self._thin(cell)
 
     def _add(self, one: States, cell: float) -> None:
-        distance = _distances(self.states, one, cell)
+        distance = _distances(self.states, one, cell)[:, 0]
         if len(distance) and distance.min() < 1:
             self._fuse(int(distance.argmin()), one)
             return
@@ -51,21 +51,16 @@ class KeyStates:
 
     def _thin(self, cell: float) -> None:
         """Drop the key state that is nearest to another."""
-        nearest = np.array(
-            [
-                np.partition(_distances(self.states, self.states.of(slice(k, k + 1)), cell), 1)[1]
-                for k in range(len(self.weight))
-            ]
-        )
+        apart = _distances(self.states, self.states, cell)
+        np.fill_diagonal(apart, np.inf)
+        nearest = apart.min(1)
         kept = np.arange(len(nearest)) != nearest.argmin()
         self.states, self.weight = self.states.of(kept), self.weight[kept]
 
 
-def _distances(states: States, one: States, cell: float) -> Floats:
-    """Distance of states from one state in cells, [n]."""
-    if not len(states):
-        return np.zeros(0)
+def _distances(states: States, others: States, cell: float) -> Floats:
+    """Distances of states from others in cells, [n, m]."""
     # 3 - tr(R1 R2^T) = 2 (1 - cos): its root is the chord of the turn.
-    chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", states.R, one.R[0]), 0))
-    shift = np.linalg.norm(states.p - one.p[0], axis=1)
-    return np.asarray(np.maximum(chord / _CELL_TURN, shift / cell))
+    trace = states.R.reshape(-1, 9) @ others.R.reshape(-1, 9).T
+    shift = np.linalg.norm(states.p[:, None] - others.p, axis=2)
+    return np.asarray(np.maximum(np.sqrt(np.maximum(3 - trace, 0)) / _CELL_TURN, shift / cell))
