@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import zenoh
 
-from comotion_schemas import Keys, Message
+from comotion_schemas import Keys, Message, Status
 from comotion_schemas.types import is_name
 
 from .subscription import Subscription
@@ -15,6 +15,8 @@ from .subscription import Subscription
 BATCHES_KEPT = 8192
 """Batches that wait for a client that reads all of them."""
 _TOKENS_KEPT = 256
+# Components whose token is followed, the first to be heard.
+_FOLLOWED = 1024
 
 
 class SceneFeed:
@@ -29,6 +31,9 @@ class SceneFeed:
     capacities
         Types of messages in the order in which :meth:`messages` yields those that wait, each with the number
         of messages kept, None: the default of the type.
+    everybody
+        Whether to follow the tokens of all, else those of services and of components whose Status has come:
+        while anybody follows all, a router is busy for long where thousands of tokens go at once.
 
     Attributes
     ----------
@@ -36,31 +41,47 @@ class SceneFeed:
         Subscription by type of message.
     """
 
-    def __init__(self, session: zenoh.Session, scene: str, capacities: dict[type[Any], int | None]) -> None:
-        self._exit = ExitStack()
+    def __init__(
+        self,
+        session: zenoh.Session,
+        scene: str,
+        capacities: dict[type[Any], int | None],
+        *,
+        everybody: bool = False,
+    ) -> None:
+        self._exit, self._session, self._keys = ExitStack(), session, Keys(scene)
         self.of: dict[type[Any], Subscription[Any]] = {
             kind: self._exit.enter_context(Subscription(session, kind, scene, capacity=capacity))
             for kind, capacity in capacities.items()
         }
-        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_TOKENS_KEPT)
-        self._tokens: Any = session.liveliness().declare_subscriber(
-            Keys(scene).all_live(), ring, history=True
-        )
-        self._exit.callback(self._tokens.undeclare)
+        # Subscriptions by key.
+        self._tokens: dict[str, Any] = {}
+        self._everybody = everybody
+        self._follow(self._keys.all_live("*" if everybody else "service"))
+
+    def _follow(self, key: str) -> None:
+        if key not in self._tokens and len(self._tokens) < _FOLLOWED:
+            ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_TOKENS_KEPT)
+            subscriber: Any = self._session.liveliness().declare_subscriber(key, ring, history=True)
+            self._exit.callback(subscriber.undeclare)
+            self._tokens[key] = subscriber
 
     def messages(self) -> Iterator[tuple[Message, float, int]]:
         """Yield (message, arrival by ``time.monotonic()``, arrival by the wall clock in ns)."""
         ahead_ns = time.time_ns() - time.monotonic_ns()
         for subscription in self.of.values():
             for arrived, message in subscription.drain():
+                if isinstance(message, Status) and message.role != "service" and not self._everybody:
+                    self._follow(self._keys.live(message.role, message.component))
                 yield message, arrived, round(arrived * 1e9) + ahead_ns
 
     def presence(self) -> Iterator[tuple[str, str, bool]]:
         """Yield who has come and gone: (role, last chunk of the token, whether the component is alive)."""
-        while (sample := self._tokens.try_recv()) is not None:
-            role, name = str(sample.key_expr).split("/")[-2:]
-            if is_name(name):
-                yield role, name, sample.kind == zenoh.SampleKind.PUT
+        for tokens in self._tokens.values():
+            while (sample := tokens.try_recv()) is not None:
+                role, name = str(sample.key_expr).split("/")[-2:]
+                if is_name(name):
+                    yield role, name, sample.kind == zenoh.SampleKind.PUT
 
     def __enter__(self) -> Self:
         return self

@@ -85,7 +85,7 @@ class _StatusFeed(SceneFeed):
     """Fills a model with what arrives and what is answered."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
-        super().__init__(session, scene, {Status: None, HypothesisUpdate: None})
+        super().__init__(session, scene, {Status: None, HypothesisUpdate: None}, everybody=True)
         self.model = ComponentsModel(scene)
         self._session = session
         self._keys = Keys(scene)
