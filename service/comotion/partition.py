@@ -190,6 +190,11 @@ class Method(ABC):
     searching = True
     """Whether new groups are sought; else the known ones may be followed where that is cheaper."""
 
+    @property
+    def delays_ns(self) -> Mapping[int, int]:
+        """What it adds to the times of sources, by session number."""
+        return {}
+
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:  # noqa: B027
         """The oldest `counts[k]` observations of `slots[k]` are about to go."""
 

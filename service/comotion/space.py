@@ -269,7 +269,7 @@ class Space:
         previous = self._hypotheses.labels.previous(window)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
-        self.drift.look(window, current, previous.labels, stamp_ns)
+        self.drift.look(window, current, previous.labels, stamp_ns, self._method.delays_ns)
         steady = window.used & ~np.isin(window.source, self.drift.drifting)
         some = representatives(window, current[steady[current]], previous.labels, effort.share)
         part = window

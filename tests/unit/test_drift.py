@@ -134,8 +134,9 @@ def test_what_has_stopped_drifting_takes_part_again() -> None:
         lambda rows, t: rows + 0.01,
         lambda rows, t: rows + np.repeat([[0], [0], [max(t - 4, 0) * 0.05]], 10, 0),
         late(0.01),
+        lambda rows, t: rows + np.repeat(swings(t - 0.25) - swings(t), 10, 0),
     ],
-    ids=["a lasting turn", "a lasting shift", "one body", "a delay that hardly grows"],
+    ids=["a lasting turn", "a lasting shift", "one body", "a delay that hardly grows", "a lasting latency"],
 )
 def test_a_lasting_offset_or_one_body_is_no_drift(change) -> None:
     scene = Scene()

@@ -76,6 +76,17 @@ def test_an_offset_and_a_delay_are_found(seed):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("delay", [-0.3, 0.15, 0.4])
+def test_the_latency_of_a_source_that_stamps_late_is_found_and_kept(delay, dim):
+    view = view_of(8.0, seen=replace(NONE, delay=delay), dim=dim)
+    found = explained(view, NONE)
+    np.testing.assert_allclose(found.delay, -delay, atol=0.02)
+    # As the next frames have it, corrected.
+    again = explained(view_of(8.0, dim=dim), found)
+    np.testing.assert_allclose(again.delay, found.delay, atol=0.01)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("seconds", [0.7, 6.0])
 def test_there_is_no_offset_without_evidence_for_one(seconds, dim):
     assert not explained(view_of(seconds, dim=dim), NONE).vector.any()

@@ -6,7 +6,7 @@ its clock runs away. A body that moves otherwise for one source alone is no drif
 """
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -84,7 +84,9 @@ class DriftCheck:
         """Numbers of the sessions that drift, ascending."""
         return sorted(self._drifting)
 
-    def look(self, window: Window, current: Slots, labels: Labels, stamp_ns: int) -> None:
+    def look(
+        self, window: Window, current: Slots, labels: Labels, stamp_ns: int, delays_ns: Mapping[int, int]
+    ) -> None:
         """Compare what sources see.
 
         Parameters
@@ -95,6 +97,9 @@ class DriftCheck:
             int64 [capacity], hypothesis of each slot.
         stamp_ns
             The watermark.
+        delays_ns
+            Of session numbers, what is to be added to their times: of a source whose delay is long the
+            velocities would not tell it.
         """
         if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS:
             return
@@ -106,7 +111,8 @@ class DriftCheck:
         known = self._drifting.keys() & here
         found = set(known)
         if self._looks and len(here) > 1:
-            found = _judged(_seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS), known)
+            seen = _seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS, delays_ns)
+            found = _judged(seen, known)
         self._looks.append((stamp_ns, window.key[current], labels[current]))
         self._found = {one: self._found.get(one, 0) + 1 for one in found}
         self._drifting |= {one: stamp_ns for one, looks in self._found.items() if looks >= _LOOKS}
@@ -115,7 +121,14 @@ class DriftCheck:
         }
 
 
-def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns: int) -> _Seen:
+def _seen(
+    window: Window,
+    current: Slots,
+    keys: Stamps,
+    labels: Labels,
+    stamp_ns: int,
+    delays_ns: Mapping[int, int],
+) -> _Seen:
     """Current trajectories that had a hypothesis, by their keys and hypotheses then."""
     order = np.argsort(keys)
     at = find(window.key[current], keys[order])
@@ -128,11 +141,16 @@ def _seen(window: Window, current: Slots, keys: Stamps, labels: Labels, stamp_ns
     slots, label = slots[few], label[few]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
-    states = states_at(window, slots, stamps, _DENSE_NS)
-    x, step_s = states.position, _STEP_NS * 1e-9
+    delay, step_s = np.zeros(len(slots), np.int64), _STEP_NS * 1e-9
+    for one, delay_ns in delays_ns.items():
+        delay[window.source[slots] == one] = delay_ns
+    x, held = np.zeros((len(stamps), len(slots), window.dim)), np.zeros(len(slots), np.bool_)
+    for delay_ns in np.unique(delay).tolist():
+        mine = delay == delay_ns
+        states = states_at(window, slots[mine], stamps - delay_ns, _DENSE_NS)
+        x[:, mine], held[mine] = states.position, states.held.all(0)
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
-    every = _Seen(x[0], x[3], *speeds, window.source[slots], label)
-    return every.where(np.asarray(states.held.all(0)))
+    return _Seen(x[0], x[3], *speeds, window.source[slots], label).where(held)
 
 
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:

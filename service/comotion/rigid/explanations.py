@@ -1,8 +1,9 @@
 """In groups of a source and bodies of the reference, out the offset that explains both best (step 2).
 
-There are up to three explanations: the offset so far, fitted anew; no offset, fitted; and none at all.
-The groups of the source are matched with the bodies under each. The negative log evidence decides: what
-the matched groups gain, the prior of the whole offset, and the share of the prior that its fit uses up.
+There are up to four explanations: the offset so far, fitted anew; no offset, fitted; a long delay, where no
+group matches but one has the speeds of a body at another time; and none at all. The groups of the source are
+matched with the bodies under each. The negative log evidence decides: what the matched groups gain, the prior
+of the whole offset, and the share of the prior that its fit uses up.
 Since nothing is carried over but a start, a wrong offset lasts only until the window shows motion that
 contradicts it.
 """
@@ -23,6 +24,11 @@ from .resampling import Frames
 _ROTATION = float(np.radians(2.0))
 _SHIFT = 0.03
 _DELAY = 0.02
+# s; that of the delay of a source that stamps what it sees when it arrives, not when it was taken; and the
+# longest one. The speeds of a group and a body that are at least so alike, as a correlation, tell it.
+_LATENCY, _LONGEST, _ALIKE = 0.2, 0.5, 0.8
+# s; an offset with a longer delay than this is one of such a source.
+_MOST_DELAY = 3 * _DELAY
 # Squared distance of an offset from none, in prior standard deviations, beyond which a group and a body are
 # not taken for one, and mean squared residual, in tolerances, beyond which they do not move alike. Chosen
 # on the scenes of docs/research/accuracy.md.
@@ -86,13 +92,14 @@ class View:
     """What one source and the reference see.
 
     `groups` are rows of the source; `bodies` are fitted to the reference, by label; `extent` is the scale of
-    the scene, in its unit.
+    the scene, in its unit, and `delay` the prior standard deviation of the delay, s.
     """
 
     frames: Frames
     groups: Groups
     bodies: dict[int, Body]
     extent: float
+    delay: float = _DELAY
 
     @cached_property
     def unknowns(self) -> Ints:
@@ -102,7 +109,7 @@ class View:
     @cached_property
     def prior(self) -> Floats:
         """Inverse covariance of an offset, float64 [7, 7], or [4, 4] in 2-D."""
-        spread = np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [_DELAY])
+        spread = np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [self.delay])
         return np.diag(1 / spread[self.unknowns] ** 2)
 
     @cached_property
@@ -132,14 +139,53 @@ def explained(view: View, before: Offset) -> Offset:
     before
         The offset by which the frames of `view` are corrected.
     """
-    none = Offset.none(before.pivot)
-    starts, margin = [_start(view, before, before)], _REPLACEMENT_MARGIN
+    none, wide = Offset.none(before.pivot), replace(view, delay=_LATENCY)
+    now = wide if abs(before.delay) > _MOST_DELAY else view
+    starts, margin = [(now, _start(now, before, before))], _REPLACEMENT_MARGIN
     if before.vector.any():
-        starts, margin = [*starts, _start(view, none, before)], -_REPLACEMENT_MARGIN
-    offset, cost = min((_fit(view, start) for start in starts), key=lambda fit: fit[1])
+        starts, margin = [*starts, (view, _start(view, none, before))], -_REPLACEMENT_MARGIN
     still = np.zeros(len(view.prior))
-    without = -sum(_gain(one, still) for one in starts[-1].matched)
+    without = -sum(_gain(one, still) for one in starts[-1][1].matched)
+    if not starts[0][1].matched and (lag := _lag(view)):
+        starts.append((wide, _start(wide, replace(before, delay=before.delay - lag), before)))
+    offset, cost = min((_fit(*start) for start in starts), key=lambda fit: fit[1])
     return offset if cost + margin < without else none
+
+
+def _lag(view: View) -> float:
+    """How much later groups have the speeds of the bodies that they resemble most, s; 0 for unlike ones."""
+    frames, count = view.frames, len(view.frames.stamps)
+    step = float(_seconds(frames)[-1]) / max(count - 1, 1)
+    longest = min(round(_LONGEST / max(step, 1e-9)), count // 3)
+    own = np.stack([_speed(frames, rows) for rows in view.groups.values()])
+    other = np.stack([_speed(frames, body.rows) for body in view.bodies.values()])
+    alike = np.stack(
+        [
+            _correlation(own[:, max(k, 0) : count + min(k, 0)], other[:, max(-k, 0) : count - max(k, 0)])
+            for k in range(-longest, longest + 1)
+        ]
+    )
+    best = int(np.argmax(alike.sum(1)))
+    return (best - longest) * step if alike[best].max() > _ALIKE else 0.0
+
+
+def _correlation(a: Floats, b: Floats) -> Floats:
+    """The largest correlation of each row [n, F] with others [m, F], of what both have (else NaN), [n]."""
+    u, v = np.isfinite(a).astype(np.float64), np.isfinite(b).astype(np.float64)
+    x, y = np.where(u > 0, a, 0.0), np.where(v > 0, b, 0.0)
+    count = np.maximum(u @ v.T, 1.0)
+    mean_x, mean_y = x @ v.T / count, u @ y.T / count
+    both = x @ y.T / count - mean_x * mean_y
+    spread = (x**2 @ v.T / count - mean_x**2) * (u @ (y**2).T / count - mean_y**2)
+    found = both / np.sqrt(np.maximum(spread, 1e-300))
+    return np.asarray(np.where(count >= a.shape[1] / 2, found, 0.0).max(1))
+
+
+def _speed(frames: Frames, rows: Ints) -> Floats:
+    """Mean speed of rows at each frame, [F]; NaN where none is seen."""
+    seen = frames.w[rows] > 0
+    speed = np.linalg.norm(velocities(frames.y[rows], seen, _seconds(frames)), axis=2)
+    return np.where(seen.any(0), (speed * seen).sum(0) / np.maximum(seen.sum(0), 1), np.nan)
 
 
 def _start(view: View, offset: Offset, before: Offset) -> _Start:
@@ -157,10 +203,21 @@ def _moved(view: View, offset: Offset, before: Offset) -> RowArrays:
     (R, t), (R_before, t_before) = offset.transform(), before.transform()
     turn = R @ R_before.T
     rows = np.concatenate(list(view.groups.values()))
-    y, seen = frames.y.copy(), frames.w[rows] > 0
-    ahead = (before.delay - offset.delay) * velocities(y[rows], seen, _seconds(frames))
-    y[rows] = (y[rows] + ahead) @ turn.T + t - turn @ t_before
-    return frames.arrays._replace(y=y)
+    y, w = frames.y.copy(), frames.w.copy()
+    y[rows], w[rows] = _later(frames, rows, before.delay - offset.delay)
+    y[rows] = y[rows] @ turn.T + t - turn @ t_before
+    return frames.arrays._replace(y=y, w=w)
+
+
+def _later(frames: Frames, rows: Ints, delay: float) -> tuple[Floats, Floats]:
+    """Positions and weights of rows some s later: by whole frames, and from there by their velocity."""
+    seconds, count = _seconds(frames), len(frames.stamps)
+    step = float(seconds[-1]) / max(count - 1, 1)
+    whole = round(delay / step)
+    at = np.arange(count) + whole
+    some = np.clip(at, 0, count - 1)
+    y, w = frames.y[rows][:, some], frames.w[rows][:, some] * (at == some)
+    return y + (delay - whole * step) * velocities(y, w > 0, seconds), w
 
 
 def _fit(view: View, start: _Start) -> tuple[Offset, float]:

@@ -103,6 +103,11 @@ class RigidMethod(Method):
         self._searched_ns = 0
         self._odd: dict[int, int] = {}
 
+    @property
+    def delays_ns(self) -> Mapping[int, int]:
+        """What it adds to the times of sources, by session number."""
+        return {one: round(offset.delay * 1e9) for one, offset in self._registration.found.items()}
+
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories.
 
