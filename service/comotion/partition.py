@@ -13,6 +13,7 @@ from comotion_schemas.hypotheses import HypothesisState
 
 from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
 from .config import Unit
+from .saving import NOT_KEPT
 from .trajectories.window import Window
 
 NO_HYPOTHESIS = -1
@@ -62,6 +63,9 @@ class PoseReference:
         birth.
     R, t, stamp_ns
         float64 [3, 3] and [3], the last pose since birth, and its time.
+    axes
+        Template float64 [n, 3] of the body that it followed last, and R and t that take its coordinates to
+        the axes at birth; None: not known.
     """
 
     born_ns: int
@@ -70,6 +74,7 @@ class PoseReference:
     R: Floats
     t: Floats
     stamp_ns: int
+    axes: tuple[Floats, Floats, Floats] | None = field(default=None, metadata=NOT_KEPT)
 
     @classmethod
     def new(cls, stamp_ns: int) -> Self:
@@ -192,7 +197,7 @@ class Method(ABC):
 
     @property
     def delays_ns(self) -> Mapping[int, int]:
-        """What it adds to the times of sources, by session number."""
+        """What it adds to the times of sources that are late, by session number."""
         return {}
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:  # noqa: B027

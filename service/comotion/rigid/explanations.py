@@ -27,6 +27,9 @@ _DELAY = 0.02
 # s; that of the delay of a source that stamps what it sees when it arrives, not when it was taken; and the
 # longest one. The speeds of a group and a body that are at least so alike, as a correlation, tell it.
 _LATENCY, _LONGEST, _ALIKE = 0.2, 0.5, 0.8
+# Mean squared residual, in tolerances, up to which a group moves like a body with such a delay: after a clock
+# was set, a window holds two delays, and neither explains it all.
+_LATE_RESIDUAL = 1.8
 # s; an offset with a longer delay than this is one of such a source.
 _MOST_DELAY = 3 * _DELAY
 # Squared distance of an offset from none, in prior standard deviations, beyond which a group and a body are
@@ -66,6 +69,11 @@ class Offset:
         return cls(np.zeros(3), np.zeros(3), pivot, 0.0)
 
     @property
+    def late(self) -> bool:
+        """Whether its delay is that of a source that stamps what arrives."""
+        return abs(self.delay) > _MOST_DELAY
+
+    @property
     def vector(self) -> Floats:
         """Float64 [7], rotation, shift and minus the delay: what the steps of :meth:`after` add up to."""
         return np.concatenate([self.rotation, self.shift, [-self.delay]])
@@ -92,7 +100,8 @@ class View:
     """What one source and the reference see.
 
     `groups` are rows of the source; `bodies` are fitted to the reference, by label; `extent` is the scale of
-    the scene, in its unit, and `delay` the prior standard deviation of the delay, s.
+    the scene, in its unit; `delay` is the prior standard deviation of the delay, s, and `residual` the most
+    that matched groups have, in tolerances.
     """
 
     frames: Frames
@@ -100,6 +109,7 @@ class View:
     bodies: dict[int, Body]
     extent: float
     delay: float = _DELAY
+    residual: float = _MOST_RESIDUAL
 
     @cached_property
     def unknowns(self) -> Ints:
@@ -139,15 +149,16 @@ def explained(view: View, before: Offset) -> Offset:
     before
         The offset by which the frames of `view` are corrected.
     """
-    none, wide = Offset.none(before.pivot), replace(view, delay=_LATENCY)
-    now = wide if abs(before.delay) > _MOST_DELAY else view
-    starts, margin = [(now, _start(now, before, before))], _REPLACEMENT_MARGIN
+    none, late = Offset.none(before.pivot), replace(view, delay=_LATENCY, residual=_LATE_RESIDUAL)
+    starts, margin = [(view, _start(view, before, before))], _REPLACEMENT_MARGIN
     if before.vector.any():
         starts, margin = [*starts, (view, _start(view, none, before))], -_REPLACEMENT_MARGIN
     still = np.zeros(len(view.prior))
     without = -sum(_gain(one, still) for one in starts[-1][1].matched)
-    if not starts[0][1].matched and (lag := _lag(view)):
-        starts.append((wide, _start(wide, replace(before, delay=before.delay - lag), before)))
+    if before.late:
+        starts.append((late, _start(late, before, before)))
+    elif not starts[0][1].matched and (lag := _lag(view)):
+        starts.append((late, _start(late, replace(before, delay=before.delay - lag), before)))
     offset, cost = min((_fit(*start) for start in starts), key=lambda fit: fit[1])
     return offset if cost + margin < without else none
 
@@ -244,11 +255,11 @@ def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -
     """Equations of a group and the body that it moves with: that of its own label, else the best other."""
     rows, bodies = view.groups[own], view.bodies
     if own in bodies:
-        first = _best([_equations(view, arrays, rows, own, pivot)], at, view.prior)
+        first = _best([_equations(view, arrays, rows, own, pivot)], at, view)
         if first is not None:
             return first
     others = [k for k in bodies if k != own]
-    return _best([_equations(view, arrays, rows, k, pivot) for k in others], at, view.prior)
+    return _best([_equations(view, arrays, rows, k, pivot) for k in others], at, view)
 
 
 def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> Equations:
@@ -262,21 +273,26 @@ def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats)
 
 def _gain(one: Equations, step: Floats) -> float:
     """Nats that a step gains over a group that moves like no body."""
-    after = float(one.squared - 2 * step @ one.right + step @ one.left @ step)
-    return max(_MOST_RESIDUAL * one.coordinates - after, 0.0) / 2
+    return max(_MOST_RESIDUAL * one.coordinates - _after(one, step), 0.0) / 2
+
+
+def _after(one: Equations, step: Floats) -> float:
+    """Squared residual after a step."""
+    return float(one.squared - 2 * step @ one.right + step @ one.left @ step)
 
 
 def _seconds(frames: Frames) -> Floats:
     return np.asarray((frames.stamps - frames.stamps[0]) * 1e-9, np.float64)
 
 
-def _best(candidates: list[Equations], at: Floats, prior: Floats) -> Equations | None:
+def _best(candidates: list[Equations], at: Floats, view: View) -> Equations | None:
     """The equations that gain most after their own step; None where none fits well enough."""
-    chosen, most = None, 0.0
+    chosen, most, prior = None, 0.0, view.prior
     for one in candidates:
         step = np.asarray(np.linalg.solve(one.left + prior, one.right - prior @ at), np.float64)
         penalty = float((at + step) @ prior @ (at + step))
         gain = _gain(one, step) - penalty / 2
-        if gain > most and penalty < _MOST_OFFSET:
+        fits = penalty < _MOST_OFFSET and _after(one, step) < view.residual * one.coordinates
+        if gain > most and fits:
             chosen, most = one, gain
     return chosen

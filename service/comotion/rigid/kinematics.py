@@ -80,29 +80,37 @@ def follow(
     reference: PoseReference,
     frames: Frames,
     body: Body,
-    names: Stamps,
     now: Local,
     local: Callable[[int], Local | None],
 ) -> None:
     """Update a hypothesis' pose since birth from its body's poses.
 
     While the birth is in the window, the reference is the body's own pose at birth, which is better known at
-    each update. After that it is what is left of the early members; without those, the last pose.
+    each fit. After that it is what is left of the early members; without those, the last pose.
 
     Parameters
     ----------
-    names
-        int64 [m], stable names of the body's rows.
     now
         Motion at the newest frame.
     local
         Motion of the body at a time.
     """
-    R, t = _from_birth(reference, frames, body, names, local)
+    axes = reference.axes
+    if axes is None or axes[0] is not body.template:
+        axes = reference.axes = _referred(reference, frames, body, local)
+    _, R, t = axes
     # (R, t) takes body coordinates to the axes at birth; x(now) = R_now R^T (x(born) - t) + t_now.
     reference.R = now.R @ R.T
     reference.t = now.t - reference.R @ t
     reference.stamp_ns = int(frames.stamps[-1])
+
+
+def _referred(
+    reference: PoseReference, frames: Frames, body: Body, local: Callable[[int], Local | None]
+) -> tuple[Floats, Floats, Floats]:
+    """Refer a body that has been fitted anew to the axes of the space at birth: its template, R and t."""
+    names = frames.names[body.rows]
+    R, t = _from_birth(reference, frames, body, names, local)
     if reference.born_ns >= int(frames.stamps[0]):
         reference.rows, reference.points = names, body.template @ R.T + t
     else:
@@ -111,6 +119,7 @@ def follow(
         kept = np.isin(reference.rows, names, assume_unique=True, kind="sort")
         reference.rows = np.concatenate([reference.rows[kept], names[~known]])
         reference.points = np.concatenate([reference.points[kept], body.template[~known] @ R.T + t])
+    return body.template, R, t
 
 
 def _from_birth(

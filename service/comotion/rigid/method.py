@@ -105,8 +105,9 @@ class RigidMethod(Method):
 
     @property
     def delays_ns(self) -> Mapping[int, int]:
-        """What it adds to the times of sources, by session number."""
-        return {one: round(offset.delay * 1e9) for one, offset in self._registration.found.items()}
+        """What it adds to the times of sources that are late, by session number."""
+        found = self._registration.found.items()
+        return {one: round(offset.delay * 1e9) for one, offset in found if offset.late}
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories.

@@ -8,7 +8,7 @@ import numpy as np
 from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Floats, Stamps
+from ..arrays import Floats
 from ..partition import Group, PoseReference
 from .assignment import SearchResult
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
@@ -38,7 +38,7 @@ def _describe(tracks: Tracks, frames: Frames, found: SearchResult, k: int) -> Gr
     now = _motion(frames, body, point)
     since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
     if not body.static:
-        since = partial(_pose_since, frames, body, frames.names[body.rows], point, now)
+        since = partial(_pose_since, frames, body, point, now)
     if not len(members):
         return Group(static=body.static, pose_since=since)
     return Group(
@@ -63,12 +63,12 @@ def _pose_at_rest(frames: Frames, reference: PoseReference) -> Pose:
 
 
 def _pose_since(
-    frames: Frames, body: Body, names: Stamps, point: Floats, now: Local | None, reference: PoseReference
+    frames: Frames, body: Body, point: Floats, now: Local | None, reference: PoseReference
 ) -> Pose | None:
     """Pose since birth; the reference is brought up to date."""
     if now is None:
         return None
-    follow(reference, frames, body, names, now, lambda at: local_motion(frames, body, at, point))
+    follow(reference, frames, body, now, lambda at: local_motion(frames, body, at, point))
     return as_pose(reference.R, reference.t, frames.dim)
 
 

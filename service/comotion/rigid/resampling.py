@@ -330,7 +330,7 @@ def _stamps(tracks: Tracks, stamp_ns: int, span_ns: int, config: RigidConfig) ->
 def _limits(tracks: Tracks, gap_ns: int, config: RigidConfig) -> Limits:
     step = round(1e9 / config.frame_rate)
     period_ns = (tracks.period * 1e9).astype(np.int64)
-    hold = np.minimum(step, period_ns) + np.abs(tracks.delay_ns) + _ROUNDING_NS
+    hold = np.minimum(step, period_ns) + np.minimum(np.abs(tracks.delay_ns), step) + _ROUNDING_NS
     return Limits(np.maximum(gap_ns, 3 * period_ns), hold, tracks.delay_ns)
 
 
