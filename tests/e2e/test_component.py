@@ -93,16 +93,6 @@ def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen):
         late.__exit__(None, None, None)
 
 
-def test_a_session_is_open_within_the_context_alone(endpoint):
-    one = component(endpoint)
-    with pytest.raises(RuntimeError, match="not open"):
-        _ = one.session
-    with pytest.raises(RuntimeError, match="inside"), one:
-        raise RuntimeError("inside")
-    assert one.session.is_closed()
-    assert one.stop.is_set()
-
-
 HANGS = """
 import sys
 from comotion_schemas.component import Component

@@ -92,31 +92,6 @@ def test_three_members_lose_their_leader_and_nothing_happens(tmp_path):
         assert until_active(only) >= before
 
 
-def test_keys_leases_and_transactions(etcd):
-    client = Etcd(["http://127.0.0.1:1", *etcd.urls])
-    first = client.create("k", b"one")
-    assert client.create("k", b"two") is None
-    assert client.replace("k", first + 1, b"two") is None
-    assert client.replace("k", first, b"two") > first
-    client.put("kk", b"")
-    assert {key: entry.value for key, entry in client.read_all("k").items()} == {"k": b"two", "kk": b""}
-    lease = client.grant(5)
-    client.put("leased", b"", lease)
-    assert client.read("leased").lease == lease
-    before = client.revision
-    assert client.renew(lease)
-    assert client.revision == before
-    Etcd(etcd.urls).put("kkk", b"")
-    assert client.renew(lease)
-    assert client.revision == before + 1
-    client.revoke(lease)
-    client.revoke(lease)
-    assert not client.renew(lease)
-    assert client.read("leased") is None
-    assert client.delete("k")
-    assert not client.delete("k")
-
-
 @pytest.mark.parametrize("url", ["etcd:2379", "http://", "http://a:b", "ftp://a:1"])
 def test_a_wrong_url_is_refused(url):
     with pytest.raises(ValueError, match="url of etcd"):

@@ -41,14 +41,3 @@ def test_each_file_is_in_one_row_and_each_row_names_what_is_there(folder: str, s
         assert len(matching) == 1, f"{folder}/{child} is in {len(matching)} rows of docs/architecture.md"
     for name in names:
         assert any(Path(child).match(name.rstrip("/")) for child in present), f"{folder} has no {name}"
-
-
-def test_a_batch_passes_files_that_are_there() -> None:
-    way = PAGE[PAGE.index("## One batch on its way") : PAGE.index("## What holds everywhere")]
-    for row in re.findall(r"^\| \d+ \| (.*?) \|", way, re.MULTILINE):
-        folder = None
-        for name in re.findall(r"`(\S+)`", row):
-            path = ROOT / name if name.startswith("schemas/") else ROOT / "service" / "comotion" / name
-            alone = folder is not None and "/" not in name
-            assert (folder / name if alone else path).exists(), name
-            folder = folder if alone else path.parent

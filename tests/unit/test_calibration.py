@@ -22,7 +22,7 @@ from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt.carrier import CarrierName, add_poses
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
-from comotion_sources.markers import MarkerDetector, MarkerOptions, find_dictionary
+from comotion_sources.markers import find_dictionary
 from comotion_sources.pair_calibration.session import calibrate_pair
 from comotion_sources.pair_calibration.solve import PairedView, relative_pose
 from comotion_sources.pair_calibration.targets import parse_target
@@ -177,20 +177,6 @@ WRONG_TARGETS = {
 def test_wrong_targets_are_told(text, told):
     with pytest.raises(CalibrationError, match=told):
         parse_target(text)
-
-
-def test_markers_are_found_with_their_pose():
-    sheet = marker(7, 0.1, "4x4_50")
-    facing = Rotation.from_euler("x", 180, degrees=True)
-    turn = (Rotation.from_euler("xy", [0.5, -0.4]) * facing).as_matrix()
-    true = Extrinsics(turn, np.array([0.05, -0.02, 0.6]))
-    found = MarkerDetector(MarkerOptions(0.1), CAMERA_B).detect(sheet.seen(CAMERA_B, true))
-
-    assert found.numbers.tolist() == [7]
-    error = np.linalg.norm(found.poses[0].translation - true.translation)
-    assert error < 4 * found.sigma[0]
-    assert 1e-4 < found.sigma[0] < 5e-3
-    assert Rotation.from_matrix(found.poses[0].rotation.T @ true.rotation).magnitude() < np.deg2rad(1.5)
 
 
 def write(path, text):

@@ -1,20 +1,16 @@
 """The command line: precedence of values, errors in one line, the processes of a file."""
 
 import json
-import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
-from rich.text import Text
 
 from comotion_deploy.cli import app, run
-from comotion_deploy.demo import demo_processes
 from comotion_deploy.errors import UserError
 from comotion_deploy.processes import read_processes
-from comotion_sources.simulator import scene_names
 
 SCENES = Path(__file__).parents[2] / "deploy" / "scenes"
 
@@ -132,15 +128,6 @@ def test_what_makes_no_sense_is_refused(content, words):
         read_processes(tomllib.loads(content))
 
 
-def test_the_commands_of_the_demo_are_valid(capsys, tmp_path):
-    how = {"fusion": ["--set", "thesis.sigma_switch=0.01"], "scale": 0.5, "seed": 0, "on_terminal": True}
-    specs = demo_processes("3d_async", "tcp/127.0.0.1:1", tmp_path, **how)
-    assert [spec.name for spec in specs if spec.foreground] == ["watch"]
-    for spec in specs:
-        if spec.says_ready and "comotion_deploy" in spec.command:
-            assert run([*own_words(spec), "--help"]) == 0
-
-
 def test_a_parameter_of_a_group_can_be_set_and_read_again(capsys, tmp_path):
     arguments = ("--set", "rigid.looseness=0.4", "--set", "pixels.drift=0.05")
     expected = effective(capsys, *arguments)
@@ -176,16 +163,6 @@ def test_cameras_of_the_service_come_from_files_or_the_table(capsys, tmp_path):
     assert effective(capsys, "--config", str(tmp_path / "c.toml"))["linking"]["cameras"] == table
 
 
-def test_help_shows_all_its_words():
-    """What Rich takes for markup is not shown: "[default: ...]" for one."""
-    commands = [typer.main.get_command(app)]
-    for command in commands:
-        commands += getattr(command, "commands", {}).values()
-        for text in (command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)):
-            assert Text.from_markup(text or "").plain == (text or "")
-    assert len(commands) > 15
-
-
 def test_options_that_all_commands_share_fold_away(capsys):
     assert run(["source", "klt", "--help"]) == 0
     short = capsys.readouterr().out
@@ -198,19 +175,6 @@ def test_options_that_all_commands_share_fold_away(capsys):
         assert word not in short.replace("(--connect, --config, --log-level", "")
         assert word in whole
     assert len(short.splitlines()) < 100 < len(whole.splitlines())
-
-
-def spelled(command, words=()):
-    """Words of a command and of all below it."""
-    below = getattr(command, "commands", {}).items()
-    return [words, *(one for name, child in below for one in spelled(child, (*words, name)))]
-
-
-@pytest.mark.parametrize("words", spelled(typer.main.get_command(app)), ids=" ".join)
-def test_help_has_plain_words_for_values(capsys, words):
-    for how in ("--help", "--help-all"):
-        assert run([*words, how]) == 0
-        assert not re.search(r"<(bool|int|float|str|path|list)|\[\[", capsys.readouterr().out)
 
 
 def test_only_a_router_listens_where_the_environment_says(monkeypatch):
@@ -229,13 +193,6 @@ def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys):
     assert "Usage: comotion dev bench" in " ".join(shown.out.split())
     assert run(["dev", "bench", "--help"]) == 0
     assert capsys.readouterr().err == ""
-
-
-def test_the_scenes_are_listed(capsys):
-    assert run(["source", "simulator", "--list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == scene_names()
-    assert "15, 30, 100 Hz" in next(line for line in lines if line.startswith("3d_async"))
 
 
 def test_what_the_wheel_leaves_out_is_one_line(monkeypatch, capsys, tmp_path):

@@ -9,19 +9,6 @@ pytest.importorskip("matplotlib", reason="needs the extra plot (matplotlib)")
 
 from comotion_deploy.cli import run
 from comotion_deploy.commands import reproduce_figures
-from comotion_experiments.figures import FIGURES, Options, select
-from comotion_experiments.figures.study import Study
-
-
-@pytest.fixture(scope="module")
-def study() -> Study:
-    return Study(Options(seeds=(0, 1)))
-
-
-def test_there_is_every_figure_and_it_can_be_picked():
-    assert [f.name for f in FIGURES] == [f"3.{k}" for k in range(3, 7)] + [f"4.{k}" for k in range(1, 12)]
-    assert [f.name for f in select(["4.5,3.6", "4.10"])] == ["3.6", "4.5", "4.10"]
-    assert len({f.file for f in FIGURES}) == len(FIGURES)
 
 
 def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone(
@@ -49,9 +36,3 @@ def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone
     assert float(rows["affinity of B to Y at t = 4 s"]["thesis"]) < 0.01
     assert float(rows["affinity of B to G at t = 4 s"]["thesis"]) > 0.9
     assert rows["hypotheses at the end"]["default"] == "2"
-
-
-def test_the_workcell_alone_cannot_be_drawn_without_mujoco(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(reproduce_figures, "find_spec", lambda name: None)
-    assert run(["dev", "reproduce", "--only", "4.6", "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == "error: mujoco is not installed: pip install 'comotion[sim3d]'\n"

@@ -142,27 +142,6 @@ def test_churn_starves_no_new_trajectories_and_outdated_ones_are_bounded(config,
     assert max(sizes) < 1.2 * max(sizes[: 20 if full else 40])
 
 
-def test_affinity_names_its_rows(config):
-    fusion = Fusion(config)
-    run(fusion, 0, 2)
-    snapshot = fusion.affinity("world")
-    assert snapshot.tracks[0] == ("cam", "a" * 16, 0)
-    assert snapshot.matrix.shape == (7, 7)
-    assert snapshot.matrix.dtype == np.float32
-    assert np.array_equal(snapshot.matrix, snapshot.matrix.T)
-    with pytest.raises(KeyError):
-        fusion.affinity("nowhere")
-
-
-def test_a_restart_keeps_ids_for_the_same_trajectories(config):
-    fusion = Fusion(config)
-    before = tracks_of(run(fusion, 0, 4)[-1])
-    twin = Fusion.restore(config, fusion.snapshot(), session="c" * 16)
-    after = run(twin, 6, 6.5, first_seq=60)
-    assert all(tracks_of(update) == before for update in after)
-    assert after[0].session == "c" * 16
-
-
 def newest_hypothesis(fusion, now):
     """Id of the hypothesis that begins with three features in a space of their own."""
     fusion.ingest(batch("new", 0, now, two_bodies(0)[:3], space="new"))
@@ -198,23 +177,3 @@ def test_events_are_repeated_for_two_seconds(config):
     first = updates[at].events
     assert all(first[0] in u.events for u in updates[at : at + 19])
     assert first[0] not in updates[-1].events
-
-
-@pytest.mark.parametrize("session", ["a" * 16, "b" * 16])
-def test_a_recording_that_is_played_again_with_its_own_stamps_loses_nothing(config, session):
-    fusion, steady = Fusion(config), iter(range(0, 10**12, 66 * MS))
-    fusion.timeline.follow_recordings()
-
-    def play(session):
-        newest = 0
-        for k in range(30):
-            stamp = T0 + k * 66 * MS
-            fusion.ingest(batch("cam", k, stamp, two_bodies(k * 0.066), session=session))
-            newest = max(newest, stamp - fusion.timeline.steps.shift_ns, fusion.timeline.newest_ns or 0)
-            update = fusion.update(newest, next(steady))
-        return update
-
-    first, second = play("a" * 16), play(session)
-    assert (second.stamp_ns, len(second.track_id)) == (first.stamp_ns, 7)
-    counted = fusion.stats
-    assert (counted.fused, counted.late, counted.duplicates, counted.lost) == (60, 0, 0, 0)

@@ -6,7 +6,6 @@ import sys
 import pytest
 
 import comotion
-from comotion_schemas import metrics
 
 SCRIPTS = {
     "help": (
@@ -35,11 +34,3 @@ def test_all_of_the_core_is_imported_at_its_first_use() -> None:
     assert all(hasattr(comotion, name) for name in comotion.__all__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         comotion.nothing  # noqa: B018
-
-
-@pytest.mark.parametrize(
-    ("text", "address"),
-    [("9464", ("127.0.0.1", 9464)), ("0.0.0.0:1", ("0.0.0.0", 1)), ("localhost:0", ("localhost", 0))],
-)
-def test_addresses_of_metrics(text: str, address: tuple[str, int]) -> None:
-    assert metrics.parse_address(text) == address

@@ -6,15 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from comotion_clients.feature_names import HypothesisNames
-from comotion_clients.scene_model import SceneModel
 from comotion_clients.tum import save_paths
 from comotion_clients.urdf import to_urdf
 from comotion_clients.viewing.hypotheses import draw_joints
 from comotion_clients.viewing.process import ViewOptions  # noqa: F401 - the display is one of its displays
-from comotion_clients.watch_view import render
 from comotion_schemas import Box, Joint, Pose
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import SourceRef
@@ -96,16 +93,6 @@ def test_viewers_draw_joints():
     assert shape.path == "space/joints"
     assert len(shape.ends) == len(shape.colours)
     assert draw_joints("space", shown.hypotheses, [FREE], 0.1, Palette()) == []
-
-
-def test_watch_shows_joints_in_degrees_and_metres():
-    model = SceneModel("default", {2: "door"})
-    model.on_update(update([DOOR, DRAWER, FREE]), arrived=0.0)
-    console = Console(width=140)
-    with console.capture() as captured:
-        console.print(render(model.snapshot(0.0), 140, 30, "size"))
-    assert "door turns on 1, 0 to 69°, at 28.6°" in captured.get()
-    assert "3 slides on door, 0.00 to 0.30 m, at 0.100 m" in captured.get()
 
 
 def test_joints_are_words_with_the_names_that_people_give():
@@ -222,12 +209,3 @@ def test_a_port_in_use_is_an_error_of_the_system():
 
     with FoxgloveDisplay(0) as display, pytest.raises(OSError, match="no server on"):
         FoxgloveDisplay(int(display.url.rpartition(":")[2]))
-
-
-def test_foxglove_draws_joints_with_their_words():
-    pytest.importorskip("foxglove")
-    from comotion_clients.foxglove import messages
-
-    drawn = messages.joints(update([DOOR, DRAWER, FREE]), "world", 1.0, Palette(), {2: "door", 1: "shelf"})
-    assert b"door turns on shelf, 0 to 69" in drawn.encode()
-    assert messages.joints(update([FREE]), "world", 1.0, Palette(), {}) is None

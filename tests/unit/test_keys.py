@@ -7,8 +7,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from comotion_schemas import MESSAGE_TYPES, QOS, Keys
-from comotion_schemas.export import json_schemas, main, stale
-from comotion_schemas.keys import kind_of, last_chunk
+from comotion_schemas.export import json_schemas, stale
 
 
 def test_keys_are_those_of_the_protocol():
@@ -30,22 +29,6 @@ def test_a_name_is_one_chunk_of_plain_characters(name):
         Keys().stream("obs", name)
     with pytest.raises(ValueError, match="1 to 64 characters"):
         Keys().live("source", name)
-
-
-@pytest.mark.parametrize(
-    ("key", "kind"),
-    [
-        ("comotion/@v1/lab/obs/cam", "obs"),
-        ("comotion/@v1/lab/status/fusion", "status"),
-        ("comotion/@v1/lab/hypotheses", "hypotheses"),
-        ("comotion/@v1/lab/live/source/cam", None),
-        ("comotion/@v2/lab/obs/cam", None),
-        ("obs/cam", None),
-    ],
-)
-def test_the_kind_of_a_key_is_read_off_it(key, kind):
-    assert kind_of(key) == kind
-    assert last_chunk(key) == key.split("/")[-1]
 
 
 def test_every_message_has_one_quality_of_service_and_none_blocks():
@@ -78,19 +61,6 @@ def validate(content):
 
 def test_the_committed_schemas_are_current():
     assert stale(ROOT / "schemas") == []
-
-
-def test_the_check_fails_while_a_file_is_missing_changed_or_of_no_message(tmp_path, capsys):
-    assert main([str(tmp_path), "--check"]) == 1
-    assert not list(tmp_path.iterdir())
-    assert (main([str(tmp_path)]), main([str(tmp_path), "--check"])) == (0, 0)
-    for name in ("Status.schema.json", "Gone.schema.json"):
-        (tmp_path / name).write_text("{}")
-    capsys.readouterr()
-    assert main([str(tmp_path), "--check"]) == 1
-    assert [line.split("/")[-1] for line in capsys.readouterr().err.splitlines()] == [
-        f"{name}.schema.json is not current; run: make schemas" for name in ("Gone", "Status")
-    ]
 
 
 @pytest.mark.parametrize("kind", MESSAGE_TYPES, ids=lambda kind: kind.__name__)

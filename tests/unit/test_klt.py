@@ -7,7 +7,6 @@ import pytest
 from comotion_sources.calibration import Intrinsics
 from comotion_sources.cameras import Frame
 from comotion_sources.klt import Tracker, TrackerConfig
-from comotion_sources.klt.depth import look_up
 from comotion_sources.klt.preview import reduced
 
 SHAPE = (240, 320)
@@ -168,17 +167,6 @@ def plane(tilt, near=1.0):
     x = np.arange(SHAPE[1], dtype=np.float64)
     row = 1.0 / (1.0 / near + tilt * (x - 160) / 300.0)
     return np.tile(row, (SHAPE[0], 1)).astype(np.float32)
-
-
-def test_depth_edges_and_holes_are_told_apart():
-    depth = plane(0.0)
-    depth[:, 160:] = 1.5
-    depth[100:140, 40:80] = 0
-    depth[100:140, 100:130] = np.nan
-    pixels = np.array([[50, 50], [160, 50], [60, 120], [115, 120], [250, 50]], np.float32)
-    found = look_up(depth, pixels, TrackerConfig(), 2)
-    assert found.edge.tolist() == [False, True, False, False, False]
-    np.testing.assert_allclose(found.z, [1.0, np.nan, np.nan, np.nan, 1.5])
 
 
 def depth_frames(depths, count):

@@ -8,11 +8,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comotion.hypotheses.identity import Votes, name_groups
-from comotion.hypotheses.memory import Appearance, clear_pairs, recognised, seen
-from comotion.hypotheses.records import Current, Trace
+from comotion.hypotheses.memory import Appearance, recognised, seen
+from comotion.hypotheses.records import Current
 from comotion.matching import largest_first
 from comotion.partition import NO_HYPOTHESIS, PoseReference
-from comotion.saving import plain, restored
 from comotion_schemas import Twist
 
 from ..builders import S, hypothesis
@@ -113,29 +112,6 @@ def test_lost_features_are_remembered_for_a_while():
     assert len(found.keys) == 3
 
 
-def test_state_survives():
-    found = memory((1, (0, 0, 0), (0.5, 0, 0), False))
-    twin = restored(dict[int, Trace], plain(found))
-    assert twin[1].description == found[1].description
-    np.testing.assert_array_equal(twin[1].brought_up, found[1].brought_up)
-    np.testing.assert_array_equal(twin[1].place, found[1].place)
-
-
-@pytest.mark.parametrize(
-    ("costs", "pairs"),
-    [
-        ([[0.0, 5.0], [5.0, 0.0]], [(0, 0), (1, 1)]),
-        ([[0.0, 0.5], [0.5, 0.0]], []),
-        ([[0.0], [1.0]], []),
-        ([[0.0], [9.0]], [(0, 0)]),
-        ([[np.inf, 3.0]], [(0, 1)]),
-        ([[np.inf]], []),
-    ],
-)
-def test_only_clear_pairs_are_matched(costs, pairs):
-    assert clear_pairs(np.array(costs), 2.0) == pairs
-
-
 def propagate(before, clusters, allocate):
     """Hypothesis of each trajectory, by the rule of the thesis."""
     groups = int(clusters.max(initial=-1)) + 1
@@ -159,12 +135,6 @@ def struck(shared: np.ndarray) -> list[tuple[int, int]]:
         pairs.append((int(k), int(m)))
         left[k], left[:, m] = 0, 0
     return pairs
-
-
-@given(st.integers(0, 7), st.integers(0, 7), st.integers(1, 5), st.integers(0, 2**32 - 1))
-def test_sorting_the_overlaps_gives_the_pairs_of_the_rule(rows, columns, most, seed):
-    shared = np.random.default_rng(seed).integers(0, most, (rows, columns))
-    assert largest_first(shared) == struck(shared)
 
 
 @given(st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30))

@@ -80,14 +80,3 @@ def test_bodies_of_a_source_stay_apart_whatever_another_source_says(kind):
     groups = labels[:20], labels[20:30], labels[30:]
     assert [len(set(group.tolist())) for group in groups] == [1, 1, 1]
     assert len(set(labels.tolist())) == 3
-
-
-@pytest.mark.parametrize(("extent", "taken"), [(200.0, 40), (0.0, 90)])
-def test_a_limit_of_0_takes_rows_however_far_they_are(extent, taken):
-    fusion = Fusion(FusionConfig(limits={"extent": extent}))
-    near = np.random.default_rng(1).uniform(-1, 1, (40, 3))
-    for k in range(20):
-        for source, points in (("good", near), ("odd", FAR + 1e6)):
-            fusion.ingest(batch(source, k, T0 + k * S // 16, points))
-        update = fusion.update(T0 + k * S // 16)
-    assert len(update.track_id) == taken

@@ -12,10 +12,8 @@ from comotion import Fusion, FusionConfig
 from comotion_experiments.evaluate import as_json, averages, evaluate_inputs, overall, table
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
-from comotion_experiments.plot import Trace, save_plot
 from comotion_schemas import ObservationBatch
 from comotion_schemas.codec import encode
-from comotion_schemas.colours import Palette
 from comotion_sources import simulator
 
 from ..builders import TWO_BODIES
@@ -98,23 +96,3 @@ def test_a_recording_without_truth_has_hypotheses_but_no_score(recording):
     assert math.isnan(result.summary.mean_nmi)
     assert result.summary.mean_hypotheses > 1
     assert as_json([result], CONFIG, None)["runs"][0]["mean_nmi"] is None
-
-
-@pytest.mark.parametrize(("scene", "keep_truth"), [("fig4_1", True), ("3d_2", True), ("fig4_1", False)])
-def test_a_run_is_drawn(tmp_path, scene, keep_truth):
-    cv2 = pytest.importorskip("cv2")
-    pytest.importorskip("matplotlib")
-    trace, path = Trace(), tmp_path / "new" / "run.png"
-    sent = simulator.batches(simulator.simulate(simulator.load_scene(scene)))
-    messages = (m for m in sent if keep_truth or not hasattr(m, "objects"))
-    done = run_offline(messages, CONFIG, duration=1.5, on_update=trace.add)
-    save_plot(path, "a run", trace, done)
-    image = cv2.imread(str(path))
-    assert image.shape[1] == 1200
-    assert image.shape[0] == (960 if keep_truth else 640)
-    # Some points have the colour of a hypothesis.
-    palette = Palette()
-    for update in trace.updates:
-        palette.see(update.hypotheses)
-    for one in np.unique(trace.updates[-1].track_hypothesis).tolist():
-        assert (image[..., ::-1] == palette.colour(one)).all(axis=2).sum() > 20

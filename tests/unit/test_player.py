@@ -11,7 +11,6 @@ import pytest
 from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.message_log import Logged, MessageLog, logged_batches
-from comotion_sources import replay
 from comotion_sources.errors import RecordingError
 from comotion_sources.frames import Frame
 from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
@@ -240,40 +239,6 @@ def test_starts_parts_and_rates_are_read():
     assert rate_of(Part(1, 3), [10.0, 20.0, 30.0]) == 20.0
 
 
-REFUSED = {
-    parse_start: ("neither 'now', 'aligned' nor", ["", "soon", "-1", "nan", "inf", "1e10"]),
-    parse_part: ("is not K/N", ["", "2", "0/3", "4/3", "a/b", "1/0", "-1/3", "1/65", "1/2/3", "¹/²"]),
-    parse_rates: ("is not one or several numbers", ["", "0", "-5", "nan", "15,", "fast", "1e9"]),
-}
-
-
-@pytest.mark.parametrize("read", REFUSED, ids=lambda read: read.__name__)
-def test_others_are_refused(read):
-    words, texts = REFUSED[read]
-    for text in texts:
-        with pytest.raises(ValueError, match=words):
-            read(text)
-
-
-def test_progress_is_plain_lines_away_from_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(replay, "_PLAIN_LINE_S", 0.0)
-    with replay.shown_progress("take", 20.0) as advance:
-        advance(0, 5.0)
-        advance(2, 7.5)
-    assert capsys.readouterr().err.splitlines() == ["take: 5.0 of 20.0 s", "take, pass 3: 7.5 of 20.0 s"]
-
-
-def test_progress_is_a_bar_on_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(replay, "_TERMINAL_LINE_S", 0.0)
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    monkeypatch.setenv("TERM", "xterm")
-    with replay.shown_progress("take", 20.0) as advance:
-        advance(0, 10.0)
-    shown = capsys.readouterr().err
-    assert "━" * 20 in shown
-    assert "━" * 21 not in shown
-
-
 def test_original_payloads_go_out_byte_for_byte_when_they_came():
     items = scene()
     wire = play(log=Log(items), stamps="original", speed=2.0)
@@ -306,19 +271,6 @@ def test_a_part_comes_with_the_truth_of_before():
     assert found[0][0] == pytest.approx(LATENCY_NS / 1e9, abs=1e-6)
 
 
-def test_passes_follow_each_other_as_new_sessions():
-    wire = play(log=Log(scene(seconds=2)), stamps="original", loop=True, duration=5.0)
-    found = wire.batches("a")
-    assert len(found) > 40
-    stamps = [b.stamp_ns for b in found]
-    assert stamps == sorted(set(stamps))
-    sessions = [b.session for b in found]
-    assert sessions[:20] == [SESSION] * 20
-    assert len(set(sessions[20:40])) == 1
-    assert SESSION not in sessions[20:]
-    assert [b.seq for b in found[20:40]] == list(range(20))
-
-
 @pytest.mark.parametrize("stamps", ["now", "original"])
 def test_a_pause_puts_everything_off(stamps):
     presses = iter([""] * 20 + [" "] + [""] * 30 + [" "])
@@ -331,14 +283,6 @@ def test_a_pause_puts_everything_off(stamps):
     if stamps == "now":
         for at, b in wire.of(ObservationBatch, "a"):
             assert (NOW + at) - b.stamp_ns / 1e9 == pytest.approx(0.02, abs=0.001)
-
-
-def test_a_schedule_that_makes_no_sense_is_refused():
-    for schedule in ({"speed": 0.0}, {"speed": 1001.0}, {"start": 2.0, "end": 1.0}, {"start": -1.0}):
-        with pytest.raises(ValueError, match=r"speed|the end of what"):
-            Schedule(**schedule)
-    with pytest.raises(ValueError, match=r"is only .* s long"):
-        play(log=Log(scene()), start=100.0)
 
 
 def test_every_stamp_of_a_batch_moves():

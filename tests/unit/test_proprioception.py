@@ -16,7 +16,7 @@ mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.proprioception import Encoders, Kinematics, load_model  # noqa: E402
 from comotion_sources.proprioception.packer import Packer  # noqa: E402
-from comotion_sources.workcell import Scene, scene_names  # noqa: E402
+from comotion_sources.workcell import Scene  # noqa: E402
 
 URDF = """<?xml version="1.0"?>
 <robot name="two">
@@ -49,26 +49,6 @@ def urdf(tmp_path: Path) -> Path:
 
 def reading(names: tuple[str, ...], positions: np.ndarray, stamp_ns: int = 0) -> JointSample:
     return joint_sample(stamp_ns, names, positions)
-
-
-@pytest.mark.parametrize("name", [n for n in scene_names() if "clutter" not in n])
-def test_kinematics_agree_with_mujocos_own_body_poses(name: str) -> None:
-    scene = Scene.named(name)
-    rng = np.random.default_rng(4)
-    kinematics = Kinematics(scene.model, scene.robot)
-    for _ in range(20):
-        q = rng.uniform(-1, 1, scene.model.nq)
-        data = mujoco.MjData(scene.model)
-        data.qpos[:] = q
-        mujoco.mj_forward(scene.model, data)
-        # Given in another order, with joints that are none of the robot's.
-        order = rng.permutation(len(q))
-        poses = kinematics.poses(reading(tuple(np.array(scene.joints)[order]), q[order]))
-        for row, link in enumerate(kinematics.links):
-            body = data.body(link)
-            assert poses.positions[row] == pytest.approx(body.xpos, abs=1e-9)
-            turned = Rotation.from_quat(poses.quaternions[row]).as_matrix()
-            assert turned == pytest.approx(body.xmat.reshape(3, 3), abs=1e-9)
 
 
 def test_urdf_kinematics_agree_with_the_product_of_transformations(urdf: Path) -> None:

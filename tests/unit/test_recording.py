@@ -169,25 +169,6 @@ def test_recording_stops_before_the_reserve_is_touched(tmp_path, monkeypatch):
     assert not (tmp_path / "other.mcap").exists()
 
 
-def cut(path, share=0.8):
-    """What is left of a file when its recorder is killed: no index, and half a chunk."""
-    data = path.read_bytes()
-    target = path.with_name("cut.mcap")
-    target.write_bytes(data[: int(len(data) * share)])
-    return target
-
-
-def test_repair_of_a_cut_file_recovers_all_but_the_cut_chunk(tmp_path):
-    source = cut(record(tmp_path / "take.mcap").path)
-    repaired = repair(source, tmp_path / "whole.mcap")
-    content = read(tmp_path / "whole.mcap")
-    assert repaired.messages == len(content)
-    assert len(content) % 50 == 0
-    assert Counter(content) == Counter(as_read(SCENE[: len(content)]))
-    assert len(content) >= 0.6 * len(SCENE)
-    assert repaired.skipped > 0
-
-
 @pytest.mark.parametrize("what", ["content", "length"])
 def test_repair_passes_over_a_damaged_chunk(tmp_path, what):
     path = record(tmp_path / "take.mcap").path

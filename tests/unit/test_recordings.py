@@ -1,13 +1,12 @@
 """Readers of recordings, on files written here and, where set, on COMOTION_DATA."""
 
-import os
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_schemas import TruthBatch
 from comotion_sources.errors import RecordingError
 from comotion_sources.recordings import read_recording, recording_batches, recording_streams
 
@@ -187,37 +186,3 @@ def test_split_deals_markers_to_sources_of_different_rates(tmp_path):
         recording_streams(recording, rates=[60.0])
     with pytest.raises(ValueError, match="2 rates for 3 sources"):
         recording_streams(recording, split=3, rates=[10.0, 20.0])
-
-
-@pytest.fixture
-def data():
-    if "COMOTION_DATA" not in os.environ:
-        pytest.skip("COMOTION_DATA does not name the folder of recordings")
-    return Path(os.environ["COMOTION_DATA"])
-
-
-@pytest.mark.data
-def test_the_recorded_encodings_agree(data):
-    real = read_recording(data / "c3d/gait2_pc_real.c3d").positions
-    assert real.shape == (89, 36, 3)
-    for name in ("pc_int", "dec_int", "dec_real", "sgi_int", "sgi_real"):
-        positions = read_recording(data / f"c3d/gait2_{name}.c3d").positions
-        np.testing.assert_array_equal(np.isnan(positions), np.isnan(real))
-        # One integer of pc_int and sgi_int is one step of 0.28 mm off in the files themselves.
-        np.testing.assert_allclose(positions, real, atol=2.9e-4)
-    npz = read_recording(data / "mocap/gait_dec_real.npz").positions
-    np.testing.assert_allclose(real, npz, atol=1e-6)
-
-
-@pytest.mark.data
-def test_every_recording_reads_and_is_well_formed(data):
-    paths = sorted([*data.glob("*/*.npz"), *data.glob("c3d/*.c3d")])
-    assert len(paths) > 50
-    for path in paths[::10]:
-        recording = read_recording(path)
-        if len(recording) > 500:  # the long ones take long
-            continue
-        batches = list(recording_batches(recording, split=2))
-        observed = sum(len(b.ids) for b in batches if isinstance(b, ObservationBatch))
-        assert observed <= np.isfinite(recording.positions[..., 0]).sum()
-        assert observed > 0

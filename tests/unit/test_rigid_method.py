@@ -134,19 +134,6 @@ def test_a_wrongly_calibrated_source_does_not_separate_a_body():
     assert np.mean([s.nmi for s in scores[9:]]) > 0.97
 
 
-def test_events_agree_with_the_ids():
-    alive = set()
-    for update, _ in updates_of(messages("3d_4"), duration=6):
-        new = [e for e in update.events if e.stamp_ns == update.stamp_ns]
-        for event in new:
-            if event.kind in ("born", "split"):
-                assert event.hypothesis not in alive
-                alive.add(event.hypothesis)
-            alive -= set(event.others) if event.kind == "merged" else set()
-            alive -= {event.hypothesis} if event.kind == "ended" else set()
-        assert {h.id for h in update.hypotheses if h.confirmed} <= alive
-
-
 def test_published_noise_is_used_a_covariance_before_sigma():
     window = Window(3, 10 * NS, NS)
     slots = window.open(1, 0)

@@ -11,7 +11,7 @@ from comotion.rigid.arrivals import undecided
 from comotion.rigid.assignment import OUTLIER
 from comotion.rigid.explanations import Offset, View, explained
 from comotion.rigid.kernels.records import ROUND
-from comotion.rigid.procrustes import align, fit_body, pose_information
+from comotion.rigid.procrustes import fit_body
 from comotion.rigid.resampling import Frames
 from comotion.rigid.subset import Scene
 
@@ -102,18 +102,6 @@ def test_a_wrong_offset_is_dropped_within_two_seconds_of_motion(labels):
 def test_an_offset_stays_where_no_group_moves_like_a_body():
     kept = explained(view_of(6.0, {3: np.concatenate([OTHER[1], OTHER[2]])}), WRONG)
     np.testing.assert_allclose(kept.vector, WRONG.vector)
-
-
-def test_the_information_of_poses_is_that_of_fitted_ones():
-    rng = np.random.default_rng(2)
-    template = rng.uniform(-0.1, 0.1, (9, 3))
-    template -= template.mean(0)
-    frames = view_of(1.0).frames
-    information = pose_information(frames, np.arange(9), template, np.full(9, SIGMA**2))
-    fitted = [align(template, template + rng.normal(0, SIGMA, template.shape), 3) for _ in range(400)]
-    errors = np.array([[*Rotation.from_matrix(R).as_rotvec(), *t] for R, t in fitted])
-    expected = np.diag(np.linalg.inv(information[0]))
-    np.testing.assert_allclose((errors**2).mean(0), expected, rtol=0.3)
 
 
 OLD, GONE, NEW = slice(0, 10), slice(10, 14), slice(14, 20)

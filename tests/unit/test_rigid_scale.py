@@ -1,16 +1,12 @@
 """The rigid method on many trajectories, and between fits: bounded work finds what all of it would."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.config import RigidConfig
 from comotion.rigid import method
 from comotion.rigid import subset as subsets
-from comotion.rigid.assignment import joined
 from comotion.rigid.subset import choose_subset
 from comotion_clients.metrics import nmi
 from comotion_experiments.offline import run_offline
@@ -181,20 +177,6 @@ def test_a_feature_that_is_born_joins_its_body_while_the_fit_is_held(monkeypatch
         if t >= 6.0
     ]
     assert any(joined[:6])
-
-
-def test_what_joins_again_joins_the_body_that_it_moves_with(monkeypatch):
-    fits, original = [], method.held
-    monkeypatch.setattr(method, "held", lambda *args: fits.append(original(*args)) or fits[-1])
-    assert any(held for _, held, _ in run(monkeypatch, 4))
-    fit = next(fit for fit in reversed(fits) if fit)
-    right, again = fit.result.assignment.labels, np.array([3, 22, 25])
-    wrong = right.copy()
-    wrong[again] = right[[22, 3, 4]]
-    assert (wrong[again] != right[again]).all()
-    spoilt = replace(fit.result, assignment=replace(fit.result.assignment, labels=wrong))
-    found = joined(fit.frames, fit.tracks.newest, spoilt, again, RigidConfig())
-    assert np.array_equal(found.assignment.labels, right)
 
 
 def test_a_feature_that_ends_is_gone_while_the_fit_is_held(monkeypatch):

@@ -14,7 +14,7 @@ from comotion_schemas.ros_types import store, topic_key
 from comotion_sources.errors import InputError
 from comotion_sources.proprioception.joint_logs import read_bag
 from comotion_sources.proprioception.samples import JOINT_STATE, JointSample, ros_sample
-from comotion_sources.ros2.convert import CLOUD, KINDS, NAMED_POSES, TF, Converter, _ids, kind_of
+from comotion_sources.ros2.convert import CLOUD, KINDS, NAMED_POSES, TF, Converter
 from comotion_sources.ros2.process import Ros2Source, _Relay
 from comotion_sources.runtime import SourcePublisher
 
@@ -98,15 +98,6 @@ def test_a_cloud_has_ids_or_is_refused():
         Converter().convert(CLOUD, cloud(("x", "y", "z")), 0)
 
 
-def test_numbers_that_are_no_id_are_left_out_later():
-    assert _ids(np.array([np.nan, 3, 2.5, 1e30, -np.inf], np.float32)).tolist() == [-1, 3, -1, -1, -1]
-
-
-def test_the_type_is_in_the_key():
-    assert kind_of("0/tf/tf2_msgs::msg::dds_::TFMessage_/RIHS01_x") == TF
-    assert kind_of("0/chatter/std_msgs::msg::dds_::String_/RIHS01_x") is None
-
-
 def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     source = SourcePublisher("ros2", space="world", unit="m", dim=3, drop_invalid=True)
     sent = []
@@ -141,13 +132,6 @@ def test_joint_states_round_trip_through_cdr(names, stamp_ns, data):
     assert back.stamp_ns == stamp_ns
     assert list(back.names) == names
     assert np.array_equal(back.positions, positions)
-
-
-def test_what_rosbags_itself_serialises_big_endian_too_is_read():
-    message = store().deserialize_cdr(encode_sample(sample()), JOINT_STATE)
-    for little in (True, False):
-        raw = store().serialize_cdr(message, JOINT_STATE, little_endian=little)
-        assert ros_sample(bytes(raw), 0).positions.tolist() == sample().positions.tolist()
 
 
 def read_joints(payload):

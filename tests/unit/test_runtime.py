@@ -126,15 +126,6 @@ class TestHealth:
         assert fields.state == "ok"
         assert fields.counters[counter] == 3
 
-    def test_rejections_are_told_with_source_and_reason(self) -> None:
-        health, stats = Health(), Stats()
-        self.report(health, 0, stats)
-        stats.add("length", 2)
-        fields = self.report(health, 1, stats, rejection="obs/klt: length: ids has 3 rows")
-        assert fields.state == "degraded"
-        assert fields.rejected == {"length": 2}
-        assert fields.message == "in the last 5 s 2 rejected, the last on obs/klt: length: ids has 3 rows"
-
 
 class TestWatchdog:
     def test_a_report_is_passed_on_until_the_loop_hangs(self) -> None:

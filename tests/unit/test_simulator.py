@@ -74,19 +74,6 @@ def test_scene_has_the_tabulated_features(name):
     assert simulation.spec.unit == "m"
 
 
-def test_a_fifth_of_each_body_is_replaced_every_two_seconds():
-    frames = list(run("fig4_4"))
-    objects = objects_of(frames)
-    ended = {frame.t: frame.ended for frame in frames if frame.ended.size}
-    assert list(ended) == [2.0, 4.0, 6.0]
-    for t, identities in ended.items():
-        assert np.bincount([objects[i] for i in identities.tolist()]).tolist() == [4, 2, 2]
-        after = [frame for frame in frames if frame.t >= t]
-        assert not np.isin(identities, np.concatenate([frame.ids for frame in after])).any()
-    for frame in frames:
-        assert np.bincount(frame.objects).tolist() == [20, 10, 10]
-
-
 def test_noise_is_gaussian_of_the_stated_size_and_scaled_by_the_factor():
     exact = list(run("fig4_1", noise=0.0))
     for factor in (1.0, 2.0):
@@ -96,14 +83,6 @@ def test_noise_is_gaussian_of_the_stated_size_and_scaled_by_the_factor():
         np.testing.assert_allclose(error[:, background].std(), 0.01 * factor, rtol=0.03)
         np.testing.assert_allclose(error[:, ~background].std(), 0.005 * factor, rtol=0.05)
         np.testing.assert_allclose(noisy[0].sigma[background], 0.01 * factor)
-
-
-def test_the_same_seed_gives_the_same_frames_and_another_seed_others():
-    def bits(seed):
-        return [frame.positions.tobytes() for frame in run("3d_outliers", seed=seed)]
-
-    assert bits(1) == bits(1)
-    assert bits(1) != bits(2)
 
 
 def test_occluded_features_come_back_under_their_id():

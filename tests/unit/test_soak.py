@@ -1,41 +1,20 @@
 """The parts of a soak: its schedule, what it sees in updates, its accounts and its verdict."""
 
-import random
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from comotion_schemas import DecodeError, Keys, SourceRef, decode
+from comotion_schemas import SourceRef
 from comotion_tools.processes import Managed, Usage
 from comotion_tools.soak import load
 from comotion_tools.soak.accounts import audit, moment
-from comotion_tools.soak.attacks import ATTACKS, Attacker
 from comotion_tools.soak.monitor import Findings, Gap, Monitor
 from comotion_tools.soak.report import as_json, lines, violations
 from comotion_tools.soak.run import Soak
 from comotion_tools.soak.schedule import Fault
 
 from .. import builders
-
-
-@pytest.mark.parametrize("name", ATTACKS)
-def test_an_attack_is_within_the_limits_of_a_message(name):
-    puts, token = [], SimpleNamespace(undeclare=lambda: None)
-    tokens = SimpleNamespace(declare_token=lambda key: token)
-    session = SimpleNamespace(put=lambda key, payload: puts.append(payload), liveliness=lambda: tokens)
-    attacker = Attacker(session, Keys(), random.Random(0))
-    for _ in range(3):
-        ATTACKS[name].step(attacker)
-    # Only a space whose name cannot be shown is refused, that of the first and the third batch.
-    refused = 0
-    for payload in puts:
-        try:
-            decode(payload)
-        except DecodeError as error:
-            refused += error.reason == "schema"
-    assert refused == 2 * (name == "markup")
-    assert attacker.seq >= len(puts)
 
 
 def update(labels, born_ns=0):

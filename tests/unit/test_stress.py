@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comotion_deploy.cli import run
-from comotion_experiments.stress import FAMILIES, run_family
+from comotion_experiments.stress import FAMILIES
 from comotion_experiments.stress.observe import EPOCH_NS, messages_of
 from comotion_experiments.stress.scene import Scene
 from comotion_schemas import encode
@@ -22,7 +22,6 @@ SHORT = {
 
 
 SCENES = [name for name, family in FAMILIES.items() if not family.of_images]
-IMAGES = [name for name, family in FAMILIES.items() if family.of_images]
 
 
 def scenes_of(name: str) -> list[Scene]:
@@ -70,20 +69,3 @@ def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) 
     assert "| `image_planar` | bodies and background are planes |" in page
     assert "not all odd" in " ".join(page.split())
     assert (out / "images" / "stress.png").stat().st_size > 1000
-
-
-@pytest.mark.parametrize("name", IMAGES[::4])
-def test_a_family_gives_the_same_sequences_twice(name: str) -> None:
-    one, again = (FAMILIES[name].scenes(2, scenes=1)[0] for _ in range(2))
-    other = FAMILIES[name].scenes(0, scenes=1)[0]
-    assert np.array_equal(one.positions, again.positions, equal_nan=True)
-    assert not np.array_equal(one.truth, other.truth)
-    assert one.positions.shape[1] == len(one.truth) >= 20
-    assert (np.isfinite(one.positions[..., 0]).sum(axis=0) >= 5).all()
-    bodies = FAMILIES[name].parameters.get("bodies", (2, 2))
-    assert 1 <= one.objects() <= bodies[1] + 1
-
-
-def test_a_still_scene_is_one_object() -> None:
-    found = run_family("image_still", 0, scenes=1)
-    assert (found["error"], found["found"], found["true"], found["exact"]) == (0.0, 1.0, 1.0, 1.0)

@@ -266,15 +266,6 @@ def test_a_batch_of_too_many_instants_is_refused(clock):
     assert clock.stats.rejected == {"limit": 1}
 
 
-def test_a_batch_that_the_caller_refuses_counts_in_the_sequence_and_moves_nothing(clock):
-    clock.timeline.receive(batch("a", 0, T0), "space-mismatch")
-    clock.timeline.receive(batch("a", 0, T0), "space-mismatch")
-    clock.feed(batch("a", 1, T0 + MS))
-    assert clock.at(MS) == [(1, "a")]
-    stats = clock.stats
-    assert (stats.batches, stats.lost, stats.duplicates, stats.rejected) == (3, 0, 1, {"space-mismatch": 1})
-
-
 def test_the_first_instant_of_a_new_session_ends_the_one_before(clock):
     clock.feed(batch("s", 0, T0), batch("other", 0, T0))
     assert clock.sessions_at(0) == [("other", "a", "released"), ("s", "a", "released")]

@@ -1,8 +1,6 @@
 """The model behind `comotion watch`, on a clock of the test's own, and how it is drawn."""
 
 import io
-import json
-import math
 from dataclasses import replace
 
 import pytest
@@ -10,7 +8,7 @@ from rich.console import Console
 
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.watch_view import WHOLE, as_json, plain_line, render
-from comotion_schemas import UNDETERMINED, Box, Event, Pose, Problem, SourceRef, Twist
+from comotion_schemas import UNDETERMINED, Event, Problem, SourceRef, Twist
 
 from .. import builders
 from ..builders import SESSION, S, status
@@ -123,26 +121,6 @@ def test_tracks_and_hypotheses_of_the_newest_update():
     assert "linked to" in "\n".join(drawn(snapshot, 100, 24))
 
 
-def test_pose_and_extent_are_shown_on_request_and_units_are_known_without_a_batch():
-    model = SceneModel("lab")
-    half = math.sqrt(0.5)
-    body = replace(
-        update().hypotheses[0],
-        twist=Twist(linear=[0.3, 0.4, 0.0], angular=[0.0, 0.0, 2.0]),
-        pose=Pose(translation=[1.0, 0.25, 0.0], rotation=[0.0, 0.0, -half, -half]),
-        box=Box(center=[0.0] * 3, half=[0.05, 0.15, 0.1], rotation=[0.0, 0.0, 0.0, 1.0]),
-    )
-    model.on_update(replace(update(), hypotheses=[body, *update().hypotheses[1:]]), 0.0)
-    snapshot = model.snapshot(0.0)
-    table = "\n".join(drawn(snapshot, 100, 24))
-    assert "0.500 m/s" in table
-    assert "0.30×0.20×0.10" in table
-    posed = "\n".join(drawn(snapshot, 120, 24, pose=True))
-    for words in ("2.00 rad/s", "1.000 0.250 0.000", "0 0 90", "0.30×0.20×0.10"):
-        assert words in posed
-    assert as_json(snapshot)["hypotheses"][0]["extent"] == [0.1, 0.3, 0.2]
-
-
 def test_events_are_taken_once_and_the_newest_comes_first():
     model = SceneModel("lab")
     born = Event(stamp_ns=97 * S, kind="born", hypothesis=1, others=[])
@@ -177,18 +155,6 @@ def test_the_screen_fits_the_terminal(width, height, amount):
     assert len(lines) <= height
     assert max(map(len, lines)) <= width
     assert "degraded" in lines[0]
-
-
-def test_plain_line_and_json_say_the_same():
-    snapshot = busy(1, 2, 1)
-    line = plain_line(snapshot)
-    assert "\n" not in line
-    assert "9 tracks 2 hypotheses 4 undetermined" in line
-    found = json.loads(json.dumps(as_json(snapshot), allow_nan=False))
-    assert found["service"]["state"] == "degraded"
-    assert found["hypotheses"][0]["colour"] == "#0072b2"
-    assert found["sources"][0]["rate"] == 0.0
-    assert len(found["events"]) == 1
 
 
 def test_problems_are_shown_whole_where_there_is_no_screen():

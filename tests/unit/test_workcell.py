@@ -7,10 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion_experiments.segment import SegmentOptions, segment
-from comotion_schemas import JointStates
 from comotion_sources.cameras.tum import TumFolder
-from comotion_sources.cameras.types import CameraError
-from comotion_sources.errors import InputError
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
@@ -20,7 +17,6 @@ from comotion_sources.poses import read_trajectory  # noqa: E402
 from comotion_sources.workcell import Scene, Viewpoint, open_camera, scene_names  # noqa: E402
 from comotion_sources.workcell.atlas import Atlas, build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
-from comotion_sources.workcell.process import joint_states  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
 
 
@@ -100,31 +96,6 @@ def test_a_camera_not_attached_runs_through_the_scene() -> None:
     assert list(camera) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("truck", "expected workcell:SCENE/CAMERA"),
-        ("nope/a", "no workcell scene 'nope'; one of arm,"),
-        ("../truck/a", "no workcell scene"),
-        ("truck/z", "truck has no camera 'z'; one of a, b"),
-        ("truck/a?colour=red", "unknown option 'colour'"),
-        ("truck/a?size=9x9", "size=9x9 is not valid"),
-        ("truck/a?rate=nan", "rate=nan is not valid"),
-        ("truck/a?cover=3-2", "cover=3-2 is not valid"),
-        ("truck/a?seed=-1", "seed=-1 is not valid"),
-    ],
-)
-def test_a_wrong_camera_name_is_one_clear_line(text: str, complaint: str) -> None:
-    with pytest.raises(CameraError) as error:
-        open_camera(text)
-    assert complaint in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def states(truck: Scene, stamp_ns: int, seq: int = 0, session: str = "0" * 16) -> JointStates:
-    return joint_states(truck, stamp_ns, source="workcell", session=session, seq=seq)
-
-
 def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path: Path) -> None:
     camera = WorkcellCamera(parse("eye-in-hand/hand?size=240x180&rate=10&duration=2"))
     folder = tmp_path / "tum"
@@ -144,20 +115,3 @@ def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path: Path)
         turn = Rotation.from_quat(pose.rotation).inv() * Rotation.from_matrix(moved.rotation)
         assert np.linalg.norm(moved.translation - pose.translation) < 0.01
         assert np.degrees(turn.magnitude()) < 1.0
-
-
-def test_a_scene_that_breaks_the_conventions_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "bad.xml"
-    body = '<worldbody><body name="b"><joint name="j" type="slide"/><geom size="1"/></body></worldbody>'
-    for custom, complaint in (
-        ('<numeric name="motion:k" data="0 0 1 0"/>', "no such joint"),
-        ('<numeric name="motion:j" data="0 0 1 0 2"/>', "growing times"),
-        ('<numeric name="period" data="2"/><numeric name="motion:j" data="0 0 1 0"/>', "end at the period"),
-    ):
-        path.write_text(f"<mujoco>{body}<custom>{custom}</custom></mujoco>")
-        with pytest.raises(InputError, match=complaint):
-            Scene(str(path))
-    path.write_text("<mujoco><worldbody><nonsense/></worldbody></mujoco>")
-    with pytest.raises(InputError) as error:
-        Scene(str(path))
-    assert "\n" not in str(error.value)
