@@ -47,23 +47,10 @@ def _keep_nice(pid: int) -> None:
 class Managed:
     """A process that ends with this one, and can be started again.
 
-    Parameters
-    ----------
-    command
-        Its words; :data:`STARTS` in them is how often it has been started before.
-    folder
-        Where its standard error goes, as :attr:`log`. Default: to its standard output.
-    env, cwd
-        Environment beside that of this process, and the folder in which it runs.
-
-    Attributes
-    ----------
-    lines
-        What it has printed.
-    account
-        The last line that is JSON.
-    starts, ended
-        How often it has been started, and the exit statuses.
+    :data:`STARTS` in the words of its command is how often it has been started before. Its standard error
+    goes to its standard output or, where there is a folder, to :attr:`log`; `env` is beside that of this
+    process. :attr:`lines` are what it has printed, :attr:`account` is the last line that is JSON, and
+    :attr:`ended` are the exit statuses.
     """
 
     def __init__(
@@ -130,13 +117,7 @@ class Managed:
             self._news.notify_all()
 
     def wait_line(self, wanted: Callable[[str], object], start: int = 0) -> str:
-        """The first line from number `start` on that is wanted.
-
-        Raises
-        ------
-        AssertionError
-            If it ends, or a long time passes, before there is such a line.
-        """
+        """The first line from number `start` on that is wanted; AssertionError where it ends before."""
 
         def matches() -> list[str]:
             return [line for line in self.lines[start:] if wanted(line)]

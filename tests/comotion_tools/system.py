@@ -25,14 +25,7 @@ _KEPT = 8192
 class System:
     """Processes of a scene, of which the router is started at once; a context manager that stops them all.
 
-    Parameters
-    ----------
-    processes
-        By name, in the order in which they start; the one named router is where all meet.
-    scene, settings
-        What the client of this process subscribes to, and how it connects.
-    stop
-        Ends every wait when set.
+    `settings` are those of the client in this process; `stop` ends every wait when set.
     """
 
     turn_s = 0.1
@@ -97,13 +90,7 @@ class System:
         return False
 
     def until(self, condition: Callable[[], object], seconds: float = UP_S) -> None:
-        """Watch until something is so.
-
-        Raises
-        ------
-        UserError
-            If it is not after some time; with the last lines of the logs.
-        """
+        """Watch until something is so; UserError with the last lines of the logs if it never is."""
         if self.is_so(condition, seconds) or self.stop.is_set():
             return
         logs = [one.log for one in self.processes.values() if one.log and one.log.exists()]

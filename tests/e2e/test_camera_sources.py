@@ -153,15 +153,6 @@ def test_an_external_camera_publishes_markers_with_their_orientation(
     assert statuses.until(lambda status: status.feature_names).feature_names == {"11": "marker 11"}
 
 
-def test_a_calibration_that_does_not_fit_the_images_is_one_line(start, endpoint, recording, tmp_path):
-    other = tmp_path / "other.toml"
-    other.write_text(format_calibration(Intrinsics(100, 100, 9, 9, 9, 9), None))
-    source = start("source", "klt", recording, "--calibration", other, "--connect", endpoint)
-    assert source.wait() == 2
-    told = f"error: {recording}: images of 320 x 240, but the calibration is for 100 x 100"
-    assert source.lines == ["ready", told]
-
-
 class Stream(BaseHTTPRequestHandler):
     """MJPEG for as long as the camera is plugged in."""
 

@@ -150,17 +150,6 @@ class TestSpaces:
         assert self.named == {"many"}
         assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
 
-    @pytest.mark.parametrize(("beside", "updated"), [(10, 6), (55, 3), (500, 2)])
-    def test_what_all_else_takes_is_left_out_of_the_time_for_spaces(self, beside, updated):
-        """Of a period of 100 ms; a space takes 10, and a fourth of 60 is for spaces in any case."""
-        budget = Budget(0.6, 100 * MS, clock := Clock(), whole=0.85)
-        turns, some = Turns(budget), {f"s{n}": {"cam": 1.0} for n in range(20)}
-        for k in range(4):
-            done = []
-            turns.take(k * 100 * MS, some, lambda name: clock.spend_on(done, name, 10 * MS))  # noqa: B023
-            clock.ns += beside * MS
-        assert len(done) == updated
-
     @pytest.mark.parametrize(
         "costs",
         [
@@ -211,10 +200,6 @@ class Clock:
 
     def __call__(self):
         return self.ns
-
-    def spend_on(self, done, name, ns):
-        done.append(name)
-        self.ns += ns
 
     def spend(self, budget, name, ns):
         with budget.charge({name: 1.0}):

@@ -148,27 +148,6 @@ def test_a_damaged_depth_image_is_missing_depth(tmp_path, content):
     assert camera.counters["depth_missing"] == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "told"),
-    [
-        ("rgb.txt", "1.0\n", "line 1 is not"),
-        ("rgb.txt", "# nothing\n", "lists no image"),
-        ("rgb.txt", "soon rgb/a.png\n", "line 1 is not"),
-        ("depth.txt", None, "No such file"),
-        ("camera_info.yaml", "x: 1\n", "no camera matrix"),
-        ("groundtruth.txt", "1.0 0 0 0\n", "line 1 is not"),
-        ("groundtruth.txt", "1.0 0 0 0 a 0 0 1\n", "line 1 is not"),
-        ("objects.txt", "table\n", "line 1 is not"),
-    ],
-)
-def test_malformed_tum_folders_are_told(tmp_path, name, content, told):
-    write_tum(tmp_path / "t", [1_000_000_000])
-    path = tmp_path / "t" / name
-    path.unlink() if content is None else path.write_text(content)
-    with pytest.raises(CameraError, match=told):
-        open_frames(str(tmp_path / "t"))
-
-
 class Scripted:
     """A device that plays frames when told, then is unplugged."""
 

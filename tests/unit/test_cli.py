@@ -163,20 +163,6 @@ def test_cameras_of_the_service_come_from_files_or_the_table(capsys, tmp_path):
     assert effective(capsys, "--config", str(tmp_path / "c.toml"))["linking"]["cameras"] == table
 
 
-def test_options_that_all_commands_share_fold_away(capsys):
-    assert run(["source", "klt", "--help"]) == 0
-    short = capsys.readouterr().out
-    assert run(["source", "klt", "--help-all"]) == 0
-    whole = capsys.readouterr().out
-    assert "--help-all" in short
-    for word in ("--max-features", "--moving", "--no-depth"):
-        assert word in short
-    for word in ("--connect", "--log-level", "--clock-offset", "--fixed", "COMOTION_"):
-        assert word not in short.replace("(--connect, --config, --log-level", "")
-        assert word in whole
-    assert len(short.splitlines()) < 100 < len(whole.splitlines())
-
-
 def test_only_a_router_listens_where_the_environment_says(monkeypatch):
     monkeypatch.setenv("COMOTION_LISTEN", "tcp/127.0.0.1:7447")
     commands = {"": typer.main.get_command(app)}

@@ -134,14 +134,6 @@ def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
     assert abs(update.stamp_ns - at(89)) < S
 
 
-def test_sources_that_are_all_a_second_behind_are_fused_and_told():
-    fusion = Fusion()
-    update = play(fusion, range(60), lambda k, now: batch("slow", k, now - 1_500 * MS, moved(k)))[-1]
-    assert len(update.track_id) == 12
-    assert fusion.stats.fused >= 55
-    assert "slow" in fusion.timeline.troubles.lately()["clock-behind"]
-
-
 def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_followed_late_ones():
     fusion, honest = Fusion(), ("left", "right")
     for k in range(240):

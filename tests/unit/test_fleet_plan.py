@@ -56,11 +56,6 @@ def test_the_plan_comes_to_rest_within_all_capacities_and_with_replicas_apart(st
     assert len(served) == min(len(end.scenes), room)
 
 
-def test_a_lost_agent_leaves_its_places_to_the_others():
-    lost = fleet([2, 2], {"a": 4, "b": 4}, {("s0", 0): "gone", ("s0", 1): "a", ("s1", 0): "a"})
-    assert claims(lost) == {Place("s0", 0): "b", Place("s1", 1): "b"}
-
-
 def test_a_draining_agent_waits_until_the_standby_is_ready():
     held = {("s0", 0): "a", ("s0", 1): "b"}
     agents = {"a": 1, "b": 1, "c": 1}

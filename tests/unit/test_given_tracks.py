@@ -93,13 +93,6 @@ def test_confidence_is_noise_and_less_than_half_is_unseen(scene, tmp_path):
     assert 3 not in shown
 
 
-def test_a_given_sigma_is_published_as_it_is(scene, tmp_path):
-    tracks, seen = scene
-    path = write_table(tmp_path / "a.csv", tracks, seen, sigma=np.full(seen.shape, 0.7))
-    batches = [m for m in recording_batches(read_recording(path, 10.0)) if isinstance(m, ObservationBatch)]
-    assert [float(batch.sigma) for batch in batches] == pytest.approx([0.7] * FRAMES)
-
-
 def hypotheses_of(path):
     """Hypotheses at the end by track, of a table of `comotion segment`."""
     rows = list(csv.DictReader(path.read_text().splitlines()))

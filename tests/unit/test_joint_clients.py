@@ -143,13 +143,6 @@ def test_a_body_is_called(updates, expected):
     assert names_after(*updates, given={2: "gripper"})[2] == "gripper"
 
 
-def test_what_rests_with_the_background_gives_it_no_name():
-    found = held(1, 2)
-    # At first it is not known that it rests.
-    soon = [replace(h, state="undetermined", born_ns=found.stamp_ns) for h in found.hypotheses]
-    assert names_after(replace(found, hypotheses=soon)) == {}
-
-
 def test_a_body_that_is_linked_to_one_with_a_name_has_it_too():
     found = held(3, 2)
     image = replace(found.hypotheses[3], space="door/pixels", linked=[2])
@@ -201,11 +194,3 @@ def test_a_client_of_foxglove_reads_the_numbers_of_an_update():
     _, subscription, log_ns = struct.unpack_from("<BIQ", message)
     assert (subscription, log_ns) == (7, 2)
     assert json.loads(message[13:])["hypotheses"] == len(update([]).hypotheses)
-
-
-def test_a_port_in_use_is_an_error_of_the_system():
-    pytest.importorskip("foxglove")
-    from comotion_clients.foxglove.server import FoxgloveDisplay
-
-    with FoxgloveDisplay(0) as display, pytest.raises(OSError, match="no server on"):
-        FoxgloveDisplay(int(display.url.rpartition(":")[2]))

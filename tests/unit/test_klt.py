@@ -7,7 +7,6 @@ import pytest
 from comotion_sources.calibration import Intrinsics
 from comotion_sources.cameras import Frame
 from comotion_sources.klt import Tracker, TrackerConfig
-from comotion_sources.klt.preview import reduced
 
 SHAPE = (240, 320)
 CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 300.0, 300.0, 159.5, 119.5)
@@ -224,13 +223,3 @@ def test_features_outlive_frames_without_depth_but_not_holes_in_it():
     left = set(seen[1].ids[seen[1].pixels[:, 0] < 140].tolist())
     assert left <= set(seen[3].ids.tolist())
     assert not left & set(seen[-1].ids.tolist())
-
-
-def test_a_large_image_is_shared_smaller_with_its_features_in_place():
-    image = np.zeros((1080, 1920, 3), np.uint8)
-    image[400:420, 1000:1020] = 255
-    small, pixels = reduced(image, np.array([[1009.5, 409.5]], np.float32))
-    assert small.shape == (540, 960, 3)
-    rows, columns = np.nonzero(small[:, :, 0])
-    assert pixels[0] == pytest.approx([columns.mean(), rows.mean()])
-    assert reduced(small, pixels)[0] is small

@@ -96,22 +96,6 @@ def test_a_body_is_expected_about_the_place_where_it_has_been():
     assert recognised(passed_by((0.5, 0.0, 0.0)), new, 1.0) == {7: 2, 8: 1}
 
 
-def test_the_heir_has_most_of_the_last_members():
-    found = memory(HERE)[1]
-    keys = np.arange(100, 108)
-    assert found.heir(keys, np.array([5, 5, 5, 5, 5, 6, 6, -1])) == 5
-    assert found.heir(keys[:4], np.array([5, 5, 5, 5])) is None
-
-
-def test_lost_features_are_remembered_for_a_while():
-    found = memory(HERE)[1]
-    few = current({1: (0, 0, 0)}, count=3)
-    found = seen(found, S, few, described(1), PoseReference.new(0), static=False)
-    assert len(found.keys) == 8
-    found = seen(found, 4 * S, few, described(1), PoseReference.new(0), static=False)
-    assert len(found.keys) == 3
-
-
 def propagate(before, clusters, allocate):
     """Hypothesis of each trajectory, by the rule of the thesis."""
     groups = int(clusters.max(initial=-1)) + 1

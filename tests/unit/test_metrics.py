@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import normalized_mutual_info_score
 
-from comotion_clients.metrics import Truth, bodies_of, label_switches, misclassification, nmi, score_update
+from comotion_clients.metrics import Truth, bodies_of, misclassification, nmi, score_update
 from comotion_clients.scoring import Observed, Tally
 from comotion_clients.tracking import Tracking
 from comotion_schemas import UNDETERMINED, SourceRef, TruthBatch
@@ -111,14 +111,6 @@ def test_tracks_that_count(listed, objects, seen, expected):
     assert score.nmi == pytest.approx(expected[3])
 
 
-def test_label_switches_count_tracks_present_in_both():
-    before = update({("a", 1): 1, ("a", 2): 1, ("a", 3): NONE, ("a", 4): 2})
-    after = update({("a", 1): 1, ("a", 2): 2, ("a", 3): 2, ("b", 4): 2, ("a", 5): 2}, seq=1)
-    switches = label_switches(before, after)
-    assert (switches.switched, switches.common) == (2, 3)
-    assert switches.per_100 == pytest.approx(200 / 3)
-
-
 def observation(source, at_ms, ids, *, stamps_ms=None, **fields):
     space, unit, dim = ("image", "px", 2) if source == "cam" else ("world", "m", 3)
     stamps = None if stamps_ms is None else [stamp * MS for stamp in stamps_ms]
@@ -175,20 +167,6 @@ def figures(instants):
     for labels, objects in instants:
         tracking.add(np.array(labels, np.int64), np.array(objects, np.int32))
     return tracking.figures()
-
-
-@pytest.mark.parametrize(
-    ("instants", "best"),
-    [
-        ([([7, 7, 9], [0, 0, 1])] * 5, 1.0),
-        # Undetermined and unknown features are no detections.
-        ([([UNDETERMINED, UNDETERMINED, 3], [0, 0, -1])] * 3, 0.0),
-        ([], 0.0),
-    ],
-)
-def test_figures_at_their_ends(instants, best):
-    found = figures(instants)
-    assert (found.hota, found.idf1, found.id_switches) == (best, best, 0)
 
 
 def test_figures_are_those_of_trackeval():

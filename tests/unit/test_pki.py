@@ -14,7 +14,7 @@ from comotion_deploy.network import is_loopback
 from comotion_deploy.pki.authority import Authority, export
 from comotion_deploy.pki.grants import ROLES, Grant, grant_from_uris
 from comotion_schemas.tls import load_tls
-from comotion_schemas.transport import SessionSettings, client_settings, zenoh_config
+from comotion_schemas.transport import SessionSettings, client_settings
 
 NAMES = st.from_regex(r"[a-z0-9_-]{1,64}", fullmatch=True)
 
@@ -150,15 +150,6 @@ def test_an_expired_or_incomplete_folder_is_an_error(folder, caplog, monkeypatch
     (folder / "hall" / "component.json").write_text("[]")
     with pytest.raises(ValueError, match="malformed"):
         load_tls(folder / "hall")
-
-
-def test_the_environment_names_the_folder_where_no_option_does(folder, monkeypatch):
-    monkeypatch.setenv("COMOTION_TLS", str(folder / "cam"))
-    settings = client_settings()
-    assert list(settings.connect) == ["tls/localhost:7447"]
-    link = zenoh_config(settings)["transport"]["link"]
-    assert link["tls"]["connect_private_key"].endswith("cam/component.key")
-    assert client_settings(tls=folder / "hall").tls != settings.tls
 
 
 def test_the_list_shows_expiry_and_says_by_its_status_whether_to_look(folder, capsys):

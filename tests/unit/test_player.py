@@ -13,9 +13,8 @@ from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, en
 from comotion_schemas.message_log import Logged, MessageLog, logged_batches
 from comotion_sources.errors import RecordingError
 from comotion_sources.frames import Frame
-from comotion_sources.parts import Part, parse_part, parse_rates, rate_of
 from comotion_sources.player import Clock, Player
-from comotion_sources.schedule import Restamp, Schedule, parse_start
+from comotion_sources.schedule import Restamp, Schedule
 from comotion_sources.streams import Stream, StreamLog
 
 from .. import builders
@@ -229,14 +228,6 @@ def test_several_streams_go_out_in_time_order_and_one_without_frames_takes_its_t
     sink = play(stream(0), loop=True, duration=5.5)
     assert sink.batches() == []
     assert sink.clock.passed == pytest.approx(5.5)
-
-
-def test_starts_parts_and_rates_are_read():
-    assert [parse_start(text) for text in ("now", "aligned", "12.5")] == ["now", "aligned", 12.5]
-    assert parse_part("2/3") == Part(1, 3)
-    assert parse_rates("15, 30,100") == [15.0, 30.0, 100.0]
-    assert rate_of(Part(1, 3), [10.0]) == 10.0
-    assert rate_of(Part(1, 3), [10.0, 20.0, 30.0]) == 20.0
 
 
 def test_original_payloads_go_out_byte_for_byte_when_they_came():

@@ -37,15 +37,6 @@ def run(name, **options):
     return Simulation(load_scene(name), **options)
 
 
-def tracks(frames):
-    """Positions by id, as {frame number: position}."""
-    result = defaultdict(dict)
-    for number, frame in enumerate(frames):
-        for identity, position in zip(frame.ids.tolist(), frame.positions, strict=True):
-            result[identity][number] = position
-    return result
-
-
 def objects_of(frames):
     return {i: o for f in frames for i, o in zip(f.ids.tolist(), f.objects.tolist(), strict=True)}
 
@@ -83,19 +74,6 @@ def test_noise_is_gaussian_of_the_stated_size_and_scaled_by_the_factor():
         np.testing.assert_allclose(error[:, background].std(), 0.01 * factor, rtol=0.03)
         np.testing.assert_allclose(error[:, ~background].std(), 0.005 * factor, rtol=0.05)
         np.testing.assert_allclose(noisy[0].sigma[background], 0.01 * factor)
-
-
-def test_occluded_features_come_back_under_their_id():
-    frames = list(run("3d_gaps", rate=100.0))
-    period = 1 / 100
-    gaps = []
-    for path in tracks(frames).values():
-        missing = np.diff(sorted(path)) - 1
-        gaps += (missing[missing > 0] * period).tolist()
-        assert np.count_nonzero(missing) <= 1
-    assert len(gaps) > 15
-    assert min(gaps) > 0.3 - 2 * period
-    assert max(gaps) < 1.5 + 2 * period
 
 
 def test_batches_tell_the_truth_of_a_feature_before_its_first_observation():

@@ -77,16 +77,6 @@ def test_watermark_lags_at_most_max_lag_behind_now(clock):
     assert clock.watermark == 400
 
 
-def test_the_watermark_never_runs_backwards_and_stands_still_without_a_live_source(clock):
-    clock.feed(batch("a", 0, T0 + 500 * MS))
-    clock.at(500 * MS)
-    clock.feed(batch("b", 0, T0 + 450 * MS))
-    clock.at(100 * MS)
-    assert clock.watermark == 500, "though the clock was set back"
-    clock.at(5_000 * MS)
-    assert clock.watermark == 500, "though max_lag would pull"
-
-
 def test_a_stalled_source_is_left_out_and_comes_back(clock):
     clock.feed(batch("stalls", 0, T0), batch("runs", 0, T0))
     clock.at(0)

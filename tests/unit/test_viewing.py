@@ -16,8 +16,6 @@ from comotion_schemas.colours import GREY, colour
 from .. import builders
 from ..builders import SESSION, S
 
-UP = (0.0, 0.0, 1.0)
-
 
 def update(labels, stamp_ns=S, sources=("a",), **fields):
     """One track per label, ids 10, 11, ...; all of the first source unless told otherwise."""

@@ -89,20 +89,9 @@ def run_bench(
     recordings: Sequence[str] = (),
     progress: Progress = quiet,
 ) -> Costs:
-    """Time every configuration on every scene and recording.
+    """Time `updates` of every configuration on every scene, and every recording or ``sim:NAME``.
 
     Each runs in a fresh process, so that peak memory and threads are not shared.
-
-    Parameters
-    ----------
-    scenes, configs
-        Generated scenes and parameters.
-    updates
-        Number of updates to time in each scene.
-    recordings
-        Paths or ``sim:NAME``, as for ``comotion evaluate``.
-    progress
-        Called with the name of the next run.
     """
     inputs = find_inputs(recordings)
     rows = []

@@ -32,29 +32,11 @@ _LEAD_S = 10.0  # until the sources start: all processes are then ready
 
 
 def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
-    """Run the complete system and measure it.
+    """Run the complete system and measure it, from `settle` s after the first track on: the window is full.
 
-    Parameters
-    ----------
-    features
-        Features of the scene, over all sources.
-    seconds
-        Duration of the measurement.
-    fusion
-        Options of ``comotion serve``.
-    settle
-        Seconds from the first track to the start of the measurement, for the window to fill.
-
-    Returns
-    -------
-    Seconds, numbers of updates and tracks; ``last_batch``: from the stamp of the last batch in an update to
-    receipt of the update, as median, 99th percentile and largest in ms; ``cpu_share``: processor time of the
-    service, as a share of one core; ``memory_mb``, and ``counters``: growth of those of the service.
-
-    Raises
-    ------
-    UserError
-        If no track comes; the message has the last lines of the processes.
+    `fusion` are options of ``comotion serve``. In the result ``last_batch`` is from the stamp of the last
+    batch in an update to receipt of the update, as median, 99th percentile and largest in ms; ``cpu_share``
+    is the processor time of the service as a share of one core; ``counters`` is the growth of its own.
     """
     endpoint, start = free_endpoint(), time.time() + _LEAD_S
     with TemporaryDirectory(prefix="comotion-bench-") as name:

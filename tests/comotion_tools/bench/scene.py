@@ -28,34 +28,16 @@ _NOISE_PX = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class SceneSpec:
-    """Specification of the scene; lengths in metres.
+    """Specification of the scene."""
 
-    Attributes
-    ----------
-    features
-        Number of features at any time, over all sources.
-    bodies
-        Number of moving bodies; half of all features are on the background.
-    sources, rate
-        Number of sources and their rate in Hz; their phases are evenly spread.
-    churn
-        Share of the features that is replaced per second.
-    noise
-        One-sigma noise of each coordinate, m.
-    seed
-        Seed of the random numbers.
-    pixels
-        Cameras without depth instead, each with its own pixel space and noise of 0.3 px.
-    """
-
-    features: int = 1000
-    bodies: int = 6
-    sources: int = 3
-    rate: float = 30.0
-    churn: float = 0.03
-    noise: float = 0.002
+    features: int = 1000  # at any time, over all sources; half of them are on the background
+    bodies: int = 6  # that move
+    sources: int = 3  # whose phases are evenly spread
+    rate: float = 30.0  # Hz of each
+    churn: float = 0.03  # share of the features that is replaced per second
+    noise: float = 0.002  # of each coordinate, one sigma, m
     seed: int = 0
-    pixels: bool = False
+    pixels: bool = False  # cameras without depth instead, each with its own space and noise of 0.3 px
 
 
 @dataclass

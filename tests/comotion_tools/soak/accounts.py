@@ -15,65 +15,34 @@ _FATES = ("fused", "partly_late", "late", "duplicates", "overflow", "waiting")
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment at which all sources paused.
+    """A moment at which all sources paused."""
 
-    Attributes
-    ----------
-    service
-        Session of the service.
-    sent
-        Sequence numbers used, by source and session, and batches sent again.
-    received, lost, waiting
-        Batches of these sources that the service counts. What others send, hostile ones too, is none of it.
-    unsettled
-        Batches of anybody that the service counts as received and in no fate.
-    unheard
-        Batches sent of which the service knows nothing yet: after its start, until it hears of each source.
-    """
-
-    service: str
+    service: str  # its session
+    # Sequence numbers used, by source and session, and batches sent again.
     sent: dict[tuple[str, str], int]
+    # Batches of these sources that the service counts. What others send, hostile ones too, is none of it.
     received: int
     lost: int
     waiting: int
+    # Of anybody: received and in no fate.
     unsettled: int
+    # Sent, and unknown to the service yet: after its start, until it hears of each source.
     unheard: int = 0
 
 
 @dataclass(frozen=True)
 class Audit:
-    """Two moments compared.
-
-    Attributes
-    ----------
-    sent
-        Batches sent in between, with those that were lost on purpose and those that were sent again.
-    missing
-        Sent, but neither received nor known to be lost; negative: counted twice.
-    unsettled
-        Received, but in no fate.
-    is_exact
-        Whether no source ended in between: what a killed process has handed over last, nobody knows.
-    """
+    """Two moments compared: batches sent in between, those lost on purpose and sent again too."""
 
     sent: int
-    missing: int
-    unsettled: int
+    missing: int  # neither received nor known to be lost; negative: counted twice
+    unsettled: int  # received, but in no fate
+    # Whether no source ended in between: what a killed process has handed over last, nobody knows.
     is_exact: bool
 
 
 def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -> Moment:
-    """Take down the accounts of a moment.
-
-    Parameters
-    ----------
-    service
-        Session of the service.
-    reply
-        To its query ``accounts``.
-    sources
-        The sources, with what they say that they have sent.
-    """
+    """Take down a moment: what a service says, by its session, and the sources of what they have sent."""
     declared = {
         (one.name, one.account["session"]): one.account for one in sources if "session" in one.account
     }

@@ -33,29 +33,16 @@ class Gap:
 
 @dataclass
 class Findings:
-    """What has been seen.
-
-    Attributes
-    ----------
-    updates, sessions
-        Updates that arrived, and sessions of services that sent them.
-    missed
-        Updates that were due and did not come.
-    gaps
-        Times without updates of more than three periods.
-    changes
-        Bodies that changed their hypothesis: when (s), which, from and to.
-    reused
-        Hypothesis ids that came twice, with another birth.
-    latest_id
-        The largest id so far.
-    """
+    """What has been seen."""
 
     updates: int = 0
     sessions: list[str] = field(default_factory=list)
+    # Updates that were due and did not come, and times without any of more than three periods.
     missed: int = 0
     gaps: list[Gap] = field(default_factory=list)
+    # Bodies that changed their hypothesis: when (s), which, from and to.
     changes: list[tuple[float, str, int, int]] = field(default_factory=list)
+    # Ids that came twice, with another birth.
     reused: list[int] = field(default_factory=list)
     latest_id: int = 0
 
@@ -147,15 +134,7 @@ class Monitor:
 
 
 class Watched(System):
-    """A system that is watched from its start on.
-
-    Attributes
-    ----------
-    monitor
-        What sees it.
-    started_s
-        When it was started, on the monotonic clock.
-    """
+    """A system that a monitor watches from its start on; `started_s` is on the monotonic clock."""
 
     def _begin(self) -> None:
         self.started_s = time.monotonic()

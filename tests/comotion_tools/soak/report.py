@@ -41,12 +41,7 @@ def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
 def violations(soak: Soak, longest_s: float) -> list[str]:
     """What must not be, one line each.
 
-    Parameters
-    ----------
-    soak
-        What has been found.
-    longest_s
-        Longest time without an update, in s, that no fault of the service or the router excuses.
+    No update for more than `longest_s` needs a fault of the service or the router as an excuse.
     """
     found = [f"hypothesis id {one} was given out twice" for one in soak.findings.reused]
     found += [

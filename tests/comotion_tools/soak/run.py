@@ -34,27 +34,16 @@ _BETWEEN_S = 4.0
 
 @dataclass
 class Soak:
-    """What a soak has found so far.
-
-    Attributes
-    ----------
-    faults
-        Those carried out: at how many s, and what.
-    findings
-        Of the updates.
-    audits
-        Accounts of stretches in which they must be exact.
-    usage
-        By process: at how many s, in its how many-th life, and what it held.
-    ended
-        Exit statuses of processes that nobody has ended, by name.
-    """
+    """What a soak has found so far; times are s from its start."""
 
     seconds: float = 0.0
     faults: list[tuple[float, Fault]] = field(default_factory=list)
     findings: Findings = field(default_factory=Findings)
+    # Of stretches in which accounts must be exact.
     audits: list[tuple[float, Audit]] = field(default_factory=list)
+    # By process: when, in its how many-th life, and what it held.
     usage: dict[str, list[tuple[float, int, Usage]]] = field(default_factory=dict)
+    # Exit statuses of processes that nobody has ended.
     ended: dict[str, list[int]] = field(default_factory=dict)
     recovery: list[tuple[str, float]] = field(default_factory=list)
 
@@ -62,14 +51,7 @@ class Soak:
 def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = ()) -> dict[str, Managed]:
     """Build the processes of a soak, by name, in the order in which they start.
 
-    Parameters
-    ----------
-    endpoint, scene
-        Where they meet.
-    folder
-        Where logs, state and recording go.
-    serve
-        Further options of ``comotion serve``.
+    Logs, state and recording go to the folder; `serve` are further options of ``comotion serve``.
     """
     at = ("--connect", endpoint, "--scene", scene)
     record = ("record", str(folder / f"take-{STARTS}.mcap"), "--max-size", "20")
@@ -90,18 +72,9 @@ def hostile(endpoint: str, scene: str, folder: Path, seconds: float, seed: int, 
 
 
 class Runner(Watched):
-    """A running system under faults; a context manager that stops it all.
+    """A running system under faults; a context manager that stops it all, as `stop` does when set.
 
-    Parameters
-    ----------
-    endpoint
-        Where its router listens.
-    folder
-        Where logs, state and recording go.
-    stop
-        Ends everything when set.
-    say
-        Called with lines of progress.
+    Its router listens at the endpoint; `say` is called with lines of progress.
     """
 
     def __init__(

@@ -32,25 +32,13 @@ _BURST = (50, 200)
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault.
-
-    Attributes
-    ----------
-    at_s
-        Seconds from the start of the soak.
-    kind, target
-        What happens, and to which process.
-    lasts_s
-        How long, in s; 0 for what happens at once.
-    size
-        Step of the clock in s, or batches of a burst.
-    """
+    """What happens to which process, s from the start of the soak."""
 
     at_s: float
     kind: str
     target: str
-    lasts_s: float = 0.0
-    size: float = 0.0
+    lasts_s: float = 0.0  # 0 for what happens at once
+    size: float = 0.0  # step of the clock in s, or batches of a burst
 
     def __str__(self) -> str:
         size = f" {self.size:+g}" if self.kind == "clock" else ""
