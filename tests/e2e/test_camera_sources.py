@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from comotion_deploy.cli import run
 from comotion_schemas import Keys
-from comotion_schemas.colours import BACKGROUND, COLOURS
 from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration, read_calibration
 from comotion_sources.cameras import Frame
 from comotion_sources.cameras.tum import TumWriter
@@ -95,20 +94,6 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint,
     assert "depth_missing 4" in source.output
     assert "no depth" in source.output
     assert "depth is back" in source.output
-
-
-def test_the_preview_is_written_and_coloured_by_the_service(start, serve, listen, video, tmp_path):
-    service = serve("--method", "thesis")
-    arguments = ("--connect", service.endpoint)
-    source = start("source", "klt", video, "--preview", tmp_path / "preview", *arguments)
-    assert source.wait() == 0
-    images = sorted((tmp_path / "preview").iterdir())
-    assert len(images) >= 10
-    first, last = (cv2.imread(str(path)) for path in (images[0], images[-1]))
-    assert first.shape == (*SHAPE, 3)
-    colours = {tuple(pixel) for pixel in last.reshape(-1, 3).tolist()}
-    # The image is dimmed, and undetermined features are dark grey: only hypotheses are as bright. BGR.
-    assert colours & {rgb[::-1] for rgb in (*COLOURS, BACKGROUND)}
 
 
 def marker_images(folder: Path) -> list[np.ndarray]:

@@ -3,9 +3,7 @@
 import signal
 import sys
 import threading
-from types import SimpleNamespace
 
-import pytest
 import zenoh
 
 from comotion_schemas import Keys
@@ -65,20 +63,6 @@ def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint
             status = statuses.next()
             assert status.state == "degraded"
             assert "a defect" in status.message
-
-
-@pytest.mark.parametrize("is_closing", [False, True])
-def test_a_status_that_comes_after_the_end_is_no_error(endpoint, caplog, is_closing):
-    """On a busy machine the publisher may have gone before the last Status is sent."""
-    closing = threading.Event()
-
-    def refuse(payload: bytes) -> None:
-        if is_closing or caplog.records:
-            closing.set()
-        raise zenoh.ZError("Undeclared publisher")
-
-    component(endpoint)._publish_status(SimpleNamespace(put=refuse), closing)
-    assert [record.levelname for record in caplog.records] == ([] if is_closing else ["ERROR"])
 
 
 def test_it_waits_for_a_router_that_comes_late(free_port_endpoint, listen):

@@ -164,21 +164,6 @@ class TestSpaces:
         assert max(self.ages) > 0.99, "it had to wait"
         assert self.named == {"many"}
 
-    def test_what_somebody_has_cost_is_not_laid_to_those_who_remain_in_the_space(self):
-        turns, clock = Turns(Budget(0.6, 100 * MS)), Clock()
-        turns.budget.clock = clock
-        others = {f"s{n}": {"many": 1.0} for n in range(10)}
-        for k in range(12):
-            stays = k < 6
-            crowd = {"left": 0.02, "right": 0.02, "many": 0.96}
-            world, cost_ns = (crowd, 150 * MS) if stays else ({"left": 0.5, "right": 0.5}, 10 * MS)
-
-            def update(name, cost_ns=cost_ns):
-                clock.ns += cost_ns if name == "world" else 10 * MS
-
-            assert turns.take(k * 100 * MS, others | {"world": world}, update)
-            assert turns.costly == {"many"}
-
     def test_who_is_alone_is_named_where_its_spaces_take_too_long(self):
         turns, clock = Turns(Budget(0.6, 100 * MS)), Clock()
         turns.budget.clock, cost = clock, {"a": 50 * MS, "b": 30 * MS}

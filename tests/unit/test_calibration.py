@@ -26,7 +26,7 @@ from comotion_sources.markers import find_dictionary
 from comotion_sources.pair_calibration.session import calibrate_pair
 from comotion_sources.pair_calibration.solve import PairedView, relative_pose
 from comotion_sources.pair_calibration.targets import parse_target
-from comotion_sources.poses import PoseBuffer, read_trajectory
+from comotion_sources.poses import PoseBuffer
 
 from ..builders import MS, batch
 
@@ -203,16 +203,6 @@ def test_poses_are_interpolated_between_their_stamps_and_not_beyond():
     assert buffer.at(100 * MS).translation == pytest.approx([2.0, 0, 0])
     assert buffer.at(101 * MS) is None
     assert buffer.at(-1) is None
-
-
-def test_a_trajectory_file_is_read_to_the_nanosecond(tmp_path):
-    file = tmp_path / "groundtruth.txt"
-    file.write_text(
-        "# stamp tx ty tz qx qy qz qw\n\n1305031102.175304 1 2 3 0 0 0 1\n1305031102.2 2 2 3 0 0 0 1\n"
-    )
-    buffer = read_trajectory(file)
-    assert buffer.newest_ns == 1305031102_200_000_000
-    assert buffer.at(1305031102_175_304_000).translation == pytest.approx([1, 2, 3])
 
 
 def test_the_carrier_takes_its_own_poses_only():

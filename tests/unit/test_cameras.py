@@ -201,19 +201,6 @@ def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
         camera.close()
 
 
-def test_closing_releases_a_reader_that_waits():
-    device = Scripted()
-    camera = LiveCamera("camera 0", device)
-    left: list[Frame] = [Frame(0, image(0))]
-    reader = threading.Thread(target=lambda: left.__setitem__(slice(None), list(camera)))
-    reader.start()
-    wait_asked(device, 1)
-    device.play(None)
-    camera.close()
-    reader.join(10)
-    assert not reader.is_alive()
-
-
 def test_stamps_are_the_devices_where_it_has_one(monkeypatch):
     clock = SimpleNamespace(monotonic_ns=lambda: 50_000_000_000)
     monkeypatch.setattr("comotion_sources.cameras.live.time", clock)

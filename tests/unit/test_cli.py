@@ -95,19 +95,6 @@ def test_the_example_scenes_are_valid(path, capsys):
         assert run([*command[: 2 if command[0] == "source" else 1], "--config", str(path), "--help"]) == 0
 
 
-def test_a_process_is_a_command_of_ours_or_any_program():
-    ours, other = read_processes(
-        tomllib.loads(
-            "[process.router]\nrun = 'router --listen tcp/[::1]:1'\n"
-            "[process.mine]\ncommand = ['sh', '-c', 'a b']\nrestart = 'always'\nenv = {A = '1'}"
-        )
-    )
-    assert ours.command[-4:] == ("comotion_deploy", "router", "--listen", "tcp/[::1]:1")
-    assert (ours.is_router, ours.says_ready, ours.restart) == (True, True, "on-failure")
-    assert (other.command, other.env) == (("sh", "-c", "a b"), {"A": "1"})
-    assert (other.is_router, other.says_ready, other.restart) == (False, False, "always")
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [

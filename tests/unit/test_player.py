@@ -10,8 +10,7 @@ import pytest
 
 from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
-from comotion_schemas.message_log import Logged, MessageLog, logged_batches
-from comotion_sources.errors import RecordingError
+from comotion_schemas.message_log import Logged
 from comotion_sources.frames import Frame
 from comotion_sources.player import Clock, Player
 from comotion_sources.schedule import Restamp, Schedule
@@ -285,24 +284,6 @@ def test_every_stamp_of_a_batch_moves():
         source="a", session=SESSION, seq=0, stamp_ns=BEGIN, names=["j"], positions=np.zeros(1)
     )
     assert Restamp(BEGIN, 5, 1.0)(joints).stamp_ns == 5
-
-
-def test_a_recording_that_breaks_off_names_the_repair(tmp_path):
-    from comotion_clients.recording.file import RecordingFile
-
-    path = tmp_path / "take.mcap"
-    with RecordingFile(path, scene="default") as file:
-        for item in scene():
-            file.add(item.key, item.log_ns, item.payload, item.decode())
-    with MessageLog(path) as log:
-        assert log.sources == ["a", "b"]
-        assert [m.payload for m in log.messages()] == [i.payload for i in scene()]
-    assert len(list(logged_batches(path))) == len(scene()) - 1
-    data = bytearray(path.read_bytes())
-    data[len(data) // 8] ^= 0xFF
-    path.write_bytes(data)
-    with pytest.raises(RecordingError, match="comotion record --repair"):
-        list(logged_batches(path))
 
 
 def test_the_order_of_acquisition_does_not_depend_on_that_of_receipt():

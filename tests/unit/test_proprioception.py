@@ -95,18 +95,6 @@ def packer(rate: float = 200.0, span: float = 0.02) -> tuple[Packer, Callable[[f
     return made, lambda t: reading(scene.joints, scene.configuration(t), round(t * 1e9))
 
 
-def test_batches_hold_several_instants_of_every_link() -> None:
-    made, at = packer()
-    packs = [pack for k in range(200) if (pack := made.add(at(k / 200))) is not None]
-    assert len(packs) == 50
-    for pack in packs:
-        assert pack["ids"].tolist() == [0, 1, 2, 3] * 4
-        assert pack["stamp_ns"] == pack["stamps_ns"].max()
-        assert (np.diff(pack["stamps_ns"][pack["ids"] == 2]) == 5_000_000).all()
-        assert np.linalg.norm(pack["quaternions"], axis=1) == pytest.approx(1.0)
-    assert made.flush() is None
-
-
 @pytest.mark.parametrize(("given", "rate"), [(500, 200), (200, 200), (190, 200), (1000, 100), (100, 500)])
 def test_the_rate_is_a_limit_that_jitter_does_not_halve(given: int, rate: int) -> None:
     made, at = packer(rate=rate, span=0.1)

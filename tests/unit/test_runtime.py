@@ -2,7 +2,6 @@
 
 import os
 import stat
-import sys
 import threading
 import time
 from pathlib import Path
@@ -11,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth, precompiling, warm_up
+from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
 from comotion.runtime.clocks import EventClock, WallClock
 from comotion.runtime.health import Health, Watchdog
@@ -54,13 +53,6 @@ class TestEventClock:
         assert clock.now_ns() == SECOND
         clock.observe(60 * SECOND, SECOND + 1)
         assert clock.now_ns() == 60 * SECOND
-
-    def test_reaches_what_the_core_has_accepted(self) -> None:
-        clock = EventClock(60 * SECOND)
-        clock.observe(10 * SECOND, 5 * SECOND)
-        assert clock.now_ns() == 60 * SECOND
-        clock.reach(70 * SECOND)
-        assert clock.now_ns() == 70 * SECOND
 
     def test_a_step_of_the_wall_clock_is_known_but_not_followed(self, monkeypatch) -> None:
         clock = WallClock()
@@ -137,25 +129,6 @@ class TestWatchdog:
         watchdog.alive(time.monotonic_ns() - 4 * SECOND)
         assert watchdog.status().state == "stalled"
         assert watchdog.status().message == "no update for 4.0 s"
-
-
-class TestPreparing:
-    def test_processes_that_compile_end_with_this_one(self, monkeypatch, tmp_path: Path) -> None:
-        script = tmp_path / "python"
-        # Ready, and again after a first kernel.
-        script.write_text(f"#!/bin/sh\necho $$ >> {tmp_path}/pids\necho\nread task\necho\nexec sleep 600\n")
-        script.chmod(0o755)
-        monkeypatch.setattr(sys, "executable", str(script))
-        monkeypatch.setattr(precompiling, "folder", lambda: tmp_path)
-        steps = warm_up.prepare(FusionConfig())
-        next(steps)
-        next(steps)
-        steps.close()  # type: ignore[attr-defined]
-        pids = (tmp_path / "pids").read_text().split()
-        assert pids
-        for pid in pids:
-            with pytest.raises(ProcessLookupError):
-                os.kill(int(pid), 0)
 
 
 def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:

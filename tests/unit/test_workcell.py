@@ -14,7 +14,7 @@ mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 from comotion_sources.frames import AMBIGUOUS  # noqa: E402
 from comotion_sources.klt import TrackerConfig  # noqa: E402
 from comotion_sources.poses import read_trajectory  # noqa: E402
-from comotion_sources.workcell import Scene, Viewpoint, open_camera, scene_names  # noqa: E402
+from comotion_sources.workcell import Scene, Viewpoint, open_camera  # noqa: E402
 from comotion_sources.workcell.atlas import Atlas, build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
@@ -38,17 +38,6 @@ def view(truck: Scene, atlas: Atlas) -> Viewpoint:
 @pytest.fixture(scope="module")
 def renderer(truck: Scene, view: Viewpoint, atlas: Atlas) -> Renderer:
     return Renderer(truck, view.intrinsics, view.extrinsics, atlas)
-
-
-@pytest.mark.parametrize("name", scene_names())
-def test_motion_repeats_without_a_jump_and_moves_every_object(name: str) -> None:
-    scene = Scene.named(name)
-    assert np.allclose(scene.configuration(0.0), scene.configuration(scene.period))
-    states = np.array([scene.configuration(t) for t in np.arange(0, scene.period, 0.1)])
-    speed = np.abs(np.diff(states, axis=0, append=states[:1])) / 0.1
-    wheels = np.array([joint.startswith("wheel") for joint in scene.joints])
-    assert (speed.max(axis=0) > 0.01).all(), "a joint never moves"
-    assert speed[:, ~wheels].max() < 1.0, "a body jumps"
 
 
 def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck: Scene, view: Viewpoint) -> None:

@@ -1,16 +1,12 @@
 """Simulator and replay as processes; tests/unit/test_player.py has what pauses and late starts do."""
 
-import time
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from comotion_schemas import Keys, ObservationBatch, TruthBatch
+from comotion_schemas import Keys, ObservationBatch
 from comotion_sources.recordings import read_recording, recording_batches
-from comotion_sources.simulator import batches, load_scene, simulate
-
-from ...builders import TWO_BODIES
 
 KEYS = Keys()
 
@@ -27,13 +23,12 @@ def take(tmp_path):
     return path
 
 
-def by_source(messages, kind=ObservationBatch):
-    """Of each source its messages of a kind; of batches by their stamp in ms."""
+def by_source(messages):
+    """Of each source its batches by their stamp in ms."""
     result = {}
     for one in messages:
-        if isinstance(one, kind):
-            of = result.setdefault(one.source, {})
-            of[round(one.stamp_ns / 1e6) if kind is ObservationBatch else len(of)] = one
+        if isinstance(one, ObservationBatch):
+            result.setdefault(one.source, {})[round(one.stamp_ns / 1e6)] = one
     return result
 
 
@@ -45,32 +40,6 @@ def check(found, expected):
         for at, batch in of.items():
             np.testing.assert_array_equal(batch.ids, expected[source][at].ids)
             np.testing.assert_array_equal(batch.positions, expected[source][at].positions)
-
-
-def test_processes_divide_one_scene_and_agree_on_the_world(start, endpoint, session, listen):
-    observations = listen(session, KEYS.streams("obs"), "obs")
-    truths = listen(session, KEYS.streams("truth"), "truth")
-    # All must be ready before the scene begins; how long that takes is known afterwards.
-    for delay in (5, 20, 80):
-        begin = int(time.time()) + delay
-        common = ("--connect", endpoint, "--start-at", begin, "--seed", 3, "--rate", "15,30")
-        parts = [
-            start("source", "simulator", TWO_BODIES, "--part", f"{k}/2", *common, ready=False) for k in (1, 2)
-        ]
-        for process in parts:
-            process.wait_ready()
-        in_time = time.time() < begin
-        assert [process.wait() for process in parts] == [0, 0]
-        seen, told = observations.drain(), truths.drain()
-        if in_time:
-            break
-    scene = list(batches(simulate(load_scene(TWO_BODIES), seed=3, rates=[15, 30]), epoch_ns=begin * 10**9))
-    check(by_source(seen), by_source(scene))
-    labels = [
-        {(t.source, i): o for t in some for i, o in zip(t.ids.tolist(), t.objects.tolist(), strict=True)}
-        for some in (told, [one for one in scene if isinstance(one, TruthBatch)])
-    ]
-    assert labels[0] == labels[1]
 
 
 def test_a_replay_publishes_what_the_recording_yields(start, endpoint, session, listen, take):
