@@ -22,7 +22,7 @@ def paths_of(updates: Iterable[HypothesisUpdate]) -> dict[str, list[str]]:
         bodies = (h for h in update.hypotheses if not h.absent)
         poses += [(f"hypothesis-{h.id}", h.pose) for h in bodies if h.pose is not None]
         for name, pose in poses:
-            paths.setdefault(name, []).append(_line(update.stamp_ns, pose))
+            paths.setdefault(name, []).append(line(update.stamp_ns, pose))
     return paths
 
 
@@ -38,13 +38,13 @@ def save_paths(folder: Path, updates: Iterable[HypothesisUpdate]) -> list[Path]:
     files = []
     for name, lines in paths_of(updates).items():
         file = folder / f"{name}.tum"
-        file.write_text("".join(f"{line}\n" for line in lines))
+        file.write_text("\n".join([*lines, ""]))
         files.append(file)
     return files
 
 
-def _line(stamp_ns: int, pose: Pose) -> str:
-    """A pose in the plane is one in z = 0."""
+def line(stamp_ns: int, pose: Pose) -> str:
+    """Return the line of a pose; one in the plane is in z = 0."""
     values = (*three(pose.translation), *rotation(pose.rotation).as_quat())
     seconds, rest = divmod(stamp_ns, 1_000_000_000)
     return f"{seconds}.{rest:09d} " + " ".join(f"{value:.9g}" for value in values)

@@ -152,11 +152,9 @@ Examples:
 
 def _write_trajectory(path: Path, result: "Segmented") -> None:
     """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
-    lines = ["# stamp tx ty tz qx qy qz qw"]
-    for stamp_ns, pose in result.path:
-        if isinstance(pose.rotation, list):
-            values = " ".join(f"{value:.6f}" for value in (*pose.translation, *pose.rotation))
-            lines.append(f"{stamp_ns // 10**9}.{stamp_ns % 10**9 // 1000:06d} {values}")
+    from comotion_clients.tum import line
+
+    lines = ["# stamp tx ty tz qx qy qz qw", *(line(stamp_ns, pose) for stamp_ns, pose in result.path)]
     try:
         path.write_text("\n".join(lines) + "\n")
     except OSError as error:
