@@ -84,9 +84,9 @@ def routing(endpoint: str) -> Iterator[zenoh.Session]:
 
 
 class Service:
-    """A running service and a client's session at it."""
+    """A running service, where this test has started it, and a client's session at it."""
 
-    def __init__(self, process: Managed, endpoint: str, session: zenoh.Session, listen: Any) -> None:
+    def __init__(self, process: Managed | None, endpoint: str, session: zenoh.Session, listen: Any) -> None:
         self.process, self.endpoint, self.session = process, endpoint, session
         self.updates = listen(session, KEYS.hypotheses, "hypotheses")
         self.statuses = listen(session, KEYS.stream("status", "fusion"), "status")

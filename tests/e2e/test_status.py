@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 import zenoh
@@ -19,10 +20,10 @@ from .conftest import KEYS
 AHEAD_S = 0.5
 
 
-def shifted(component: Component) -> Status:
-    """The Status of a host whose clock is ahead."""
+def cam_ahead(component: Component) -> Status:
+    """The Status of the source cam, on a host whose clock is ahead."""
     now = component.status()
-    return Status(**{**vars(now), "stamp_ns": now.stamp_ns + round(AHEAD_S * 1e9)})
+    return replace(now, component="cam", role="source", stamp_ns=now.stamp_ns + round(AHEAD_S * 1e9))
 
 
 def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session, capsys):
@@ -51,15 +52,11 @@ def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session
             publisher = declare_publisher(session, Keys().stream("status", "cam"), "status")
             looking = start(*look, ready=False)
             while looking.is_running:
-                publisher.put(encode(_as_cam(shifted(service))))
+                publisher.put(encode(cam_ahead(service)))
                 time.sleep(0.1)
             assert looking.wait() == 1
             assert "ms ahead of the service's, more than half a frame (17 ms)" in looking.output
         queryable.undeclare()
-
-
-def _as_cam(status: Status) -> Status:
-    return Status(**{**vars(status), "component": "cam", "role": "source"})
 
 
 def test_no_router_is_an_error(free_port_endpoint, capsys):

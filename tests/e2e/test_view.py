@@ -1,11 +1,10 @@
-"""`comotion view` on a live scene: into a file, and as a page in a browser. Needs the extra `view`."""
+"""`comotion view` on a live scene, into a file. Needs the extra `view`."""
 
 import json
 import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 
 from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
@@ -20,19 +19,9 @@ KEYS = Keys("default")
 
 
 def update(seq: int) -> HypothesisUpdate:
+    camera, body = SourceRef(name="camera", session=SESSION), builders.hypothesis(1, space="wall")
     now = time.time_ns()
-    x, y = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12))
-    return builders.update(
-        [1] * 144,
-        scene="default",
-        seq=seq,
-        stamp_ns=now,
-        sources=[SourceRef(name="camera", session=SESSION)],
-        track_position=np.stack([x.ravel(), y.ravel(), np.full(144, np.nan)], axis=1).astype(np.float32),
-        hypotheses=[
-            builders.hypothesis(1, space="wall", size=144, born_ns=now, state="static", centroid=[0.5, 0.5])
-        ],
-    )
+    return builders.update([1], scene="default", seq=seq, stamp_ns=now, sources=[camera], hypotheses=[body])
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import normalized_mutual_info_score
 
-from comotion_clients.metrics import Truth, bodies_of, misclassification, nmi, score_update
+from comotion_clients.metrics import Truth, bodies_of, label_switches, misclassification, nmi, score_update
 from comotion_clients.scoring import Observed, Tally
 from comotion_clients.tracking import Tracking
 from comotion_schemas import UNDETERMINED, SourceRef, TruthBatch
@@ -109,6 +109,14 @@ def test_tracks_that_count(listed, objects, seen, expected):
     score = score_update(update(listed), truth(objects), observed)
     assert (score.scored, score.singletons, score.hypotheses) == expected[:3]
     assert score.nmi == pytest.approx(expected[3])
+
+
+def test_label_switches_count_tracks_present_in_both():
+    before = update({("a", 1): 1, ("a", 2): 1, ("a", 3): NONE, ("a", 4): 2})
+    after = update({("a", 1): 1, ("a", 2): 2, ("a", 3): 2, ("b", 4): 2, ("a", 5): 2}, seq=1)
+    switches = label_switches(before, after)
+    assert (switches.switched, switches.common) == (2, 3)
+    assert switches.per_100 == pytest.approx(200 / 3)
 
 
 def observation(source, at_ms, ids, *, stamps_ms=None, **fields):

@@ -4,7 +4,6 @@ import json
 import signal
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import msgpack
@@ -19,6 +18,7 @@ from comotion_schemas.transport import SessionSettings, stream_publisher
 from ... import builders
 from ...builders import by_feature as labels
 from ...builders import is_sorted_out
+from ..conftest import Service
 from ..tracker import DEADLINE, until
 
 KEYS = Keys()
@@ -50,16 +50,9 @@ def busy_endpoint(start_shared, shared_endpoint):
 def busy(busy_endpoint, connect, listen, track):
     """The shared service with one source, sorted out, and what it published then."""
     track(busy_endpoint, "left")
-    session = connect(busy_endpoint)
-    updates = listen(session, KEYS.hypotheses, "hypotheses")
-    statuses = listen(session, KEYS.stream("status", "fusion"), "status")
-    return SimpleNamespace(
-        endpoint=busy_endpoint,
-        session=session,
-        updates=updates,
-        statuses=statuses,
-        update=updates.until(is_sorted_out),
-    )
+    service = Service(None, busy_endpoint, connect(busy_endpoint), listen)
+    service.update = service.updates.until(is_sorted_out)
+    return service
 
 
 def ask(session: zenoh.Session, selector: str) -> zenoh.Reply:
