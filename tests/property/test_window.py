@@ -78,6 +78,25 @@ def test_window_holds_exactly_what_lies_inside_it(steps, seed):
             assert np.isclose(fast, speeds[time], rtol=1e-12)
 
 
+def test_state_round_trip_keeps_every_view():
+    rng = np.random.default_rng(0)
+    window = Window(3, SPAN, 10)
+    slots = window.open(3, 7)
+    for stamp in range(5):
+        turns = np.full((3, 4), np.nan) if stamp else None
+        window.insert(slots, stamp, rng.normal(size=(3, 3)), np.full(3, 0.1), turns)
+    window.evict(*window.evictable(2))
+    other = Window(3, SPAN, 10)
+    twin = other.load(window.state())
+    for mine, theirs in zip(window.slots(), twin, strict=True):
+        for name in ("times", "positions", "speed", "sigma", "quaternions"):
+            left = window.held(getattr(window, name), int(mine))
+            right = other.held(getattr(other, name), int(theirs))
+            assert np.array_equal(left, right, equal_nan=True)
+    assert other.key[twin].tolist() == window.key[window.slots()].tolist()
+    assert not set(other.open(1, 0).tolist()) & set(twin.tolist())
+
+
 SECOND = 10**9
 
 

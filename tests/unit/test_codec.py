@@ -213,6 +213,8 @@ def test_a_payload_above_16_mib_is_too_large_in_both_directions():
         ("comotion/@v1/lab/truth/cam", "schema"),
         ("comotion/@v1/lab/hypotheses", "schema"),
         ("comotion/@v1/lab/live/source/cam", "schema"),
+        ("comotion/@v1/lab/other/cam", "schema"),
+        ("comotion/@v2/lab/obs/cam", "schema"),
     ],
 )
 def test_a_message_belongs_on_the_key_of_its_kind_and_publisher(key, reason):

@@ -72,6 +72,17 @@ def test_lost_members_stay_and_those_of_others_leave():
     assert min(taken.half) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("count", [5, 12, 60])
+def test_one_wrong_feature_does_not_make_a_box_cross_the_image(count):
+    body = Body(dim=2)
+    body.posed = False
+    points = np.random.default_rng(0).uniform([100, 100], [160, 130], (count, 2))
+    alone = body.box(0, points)
+    assert np.linalg.norm(alone.half) < 40
+    wrong = body.box(10**9, np.vstack([points, [600.0, 20.0]]))
+    np.testing.assert_allclose(wrong.half, alone.half, rtol=0.1)
+
+
 def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():
     rng, fusion = np.random.default_rng(0), Fusion()
     floor = rng.uniform(-1, 1, (20, 3))

@@ -88,3 +88,10 @@ def test_joints_do_not_see_the_motion_of_the_camera(carried):
     turn, _ = camera(updates[-1].stamp_ns * 1e-9)
     assert abs(turn.apply(joint.axis)[0]) > 0.99
     assert joint.upper - joint.lower > 0.2
+
+
+def test_a_restart_does_not_move_the_frame(carried):
+    fusion, updates = carried
+    again = Fusion.restore(fusion.config, fusion.snapshot(clean=True))
+    frame = again.update(updates[-1].published_ns).frames["hand/optical"]
+    assert frame.translation == pytest.approx(updates[-1].frames["hand/optical"].translation, abs=1e-3)

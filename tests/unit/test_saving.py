@@ -65,6 +65,15 @@ def test_an_object_is_filled_and_keeps_what_is_not_saved():
     assert one.clock == "mine"
 
 
+def test_what_is_saved_shares_nothing_with_the_object():
+    one = filled()
+    state = plain(one)
+    one.others[3].points[:] = 9
+    one.seen.add(8)
+    np.testing.assert_equal(restored(Outer, state).others[3].points, np.arange(6.0).reshape(2, 3))
+    assert restored(Outer, state).seen == {7}
+
+
 def dump(state, following=0):
     return b"".join(pieces(state, following))
 
