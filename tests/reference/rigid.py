@@ -1,4 +1,4 @@
-"""The kernels of the rigid method in plain NumPy: what the compiled code must give."""
+"""The cost of a trajectory under a body in plain NumPy: what the compiled code must give."""
 
 import numpy as np
 

@@ -76,6 +76,14 @@ def test_noise_is_gaussian_of_the_stated_size_and_scaled_by_the_factor():
         np.testing.assert_allclose(noisy[0].sigma[background], 0.01 * factor)
 
 
+def test_the_same_seed_gives_the_same_frames_and_another_seed_others():
+    def bits(seed):
+        return [frame.positions.tobytes() for frame in run("3d_outliers", seed=seed)]
+
+    assert bits(1) == bits(1)
+    assert bits(1) != bits(2)
+
+
 def test_batches_tell_the_truth_of_a_feature_before_its_first_observation():
     spec = load_scene("fig4_4")
     known, seq, last = defaultdict(dict), defaultdict(int), 0
