@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comotion.rigid.costs import stacked
+from comotion.rigid.kernels.distances import farthest_points
 from comotion.rigid.kernels.paths import smooth_poses
 from comotion.rigid.kernels.procrustes import fit_poses
 from comotion.rigid.kernels.records import ROUND, PoseArrays, RowArrays
@@ -125,3 +126,13 @@ def test_costs_are_those_of_the_definition(rng, bodies, spectrum, metric):
             terms = (soft[0][k], soft[1]), 16.0, unposed, spectrum, metric
             expected = plain.row_cost(y[i], w[i], tolerance[i], poses, *terms)
             assert (cost[n, k], squared[n, k]) == pytest.approx(expected, rel=1e-9)
+
+
+@few
+@given(seeds)
+def test_each_point_is_as_far_from_those_before_as_can_be(rng):
+    x = rng.normal(size=(12, 3))
+    chosen = farthest_points(x, 5)
+    for k in range(1, 5):
+        nearest = np.linalg.norm(x[:, None] - x[chosen[:k]], axis=2).min(axis=1)
+        assert chosen[k] == nearest.argmax()
