@@ -3,9 +3,8 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
 
-Stamps = Literal["now", "original"]
+from ..schedule import Stamps
 
 LATE_NS = 200_000_000
 """A frame of a recording that is late by more is left out."""
