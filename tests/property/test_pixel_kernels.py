@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from comotion.pixels import key_frames
-from comotion.pixels.distances import distances
-from comotion.pixels.kernels import affine, motion
+from comotion.pixels.kernels import affine
 
 from ..reference import pixels as twin
 
@@ -41,39 +40,3 @@ def test_local_motions_and_their_residuals(rng):
     caps = used * np.float32(400)
     total = affine.total_residuals(*pairs, motions, caps)
     assert_allclose(total, twin.total_residuals(*pairs, motions, caps), **CLOSE)
-
-
-@few
-@given(rng=seeds)
-def test_distances_over_common_frames(rng):
-    positions, visible = observed(rng)
-    found = distances(key_frames.KeyFrames(positions, visible, np.zeros(30)))
-    for i, j in [(0, 1), (5, 20), (29, 3)]:
-        both = visible[:, i] & visible[:, j]
-        if both.sum() < 2:
-            assert np.isinf(found.image[i, j])
-            continue
-        apart = (positions[both, i] - positions[both, j]) ** 2
-        assert_allclose(found.image[i, j], np.sqrt(apart.sum(axis=1).mean()), rtol=1e-3)
-        moves = np.diff(positions[:, i] - positions[:, j], axis=0)[both[1:] & both[:-1]]
-        moved = np.sqrt((moves**2).sum() / max(len(moves), 1))
-        share = np.sqrt(both.mean())
-        assert_allclose(found.local[i, j], (found.image[i, j] + 10 * moved) / share, rtol=1e-2)
-
-
-@few
-@given(rng=seeds, members=st.integers(0, 30))
-def test_gain_under_the_motion_of_a_group(rng, members):
-    place = rng.uniform(0, 300, (40, 2))
-    turned = np.stack([0.02 * place[:, ::-1] * [1, -1], 0.04 * place[:, ::-1] * [1, -1]])
-    arguments = (
-        place,
-        turned + rng.normal(0, 0.5, turned.shape),
-        rng.random((2, 40)) > 0.2,
-        rng.uniform(0.01, 1.0, 40),
-        np.array([0.3, 0.45]),
-        np.arange(40) < members,
-    )
-    (gain, far), (expected, farther) = motion.motion_gain(*arguments), twin.motion_gain(*arguments)
-    assert_allclose(gain, expected, atol=1e-7)
-    assert_allclose(far, farther, rtol=1e-9)
