@@ -21,7 +21,10 @@ from ..trace import objects_of, rightly_assigned
 
 THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
 # Extrinsics (mm, degrees) and clock (ms) of the second source.
-DISPLACEMENTS = ((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0), (0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20))
+DISPLACEMENTS = (
+    *((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0)),
+    *((0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20), (0, 0, 150), (0, 0, -300), (20, 3, 300)),
+)
 _DISPLACED_SCENE = "3d_3"
 _RATES = (15.0, 30.0)
 _RECORDED_SECONDS = 60.0
