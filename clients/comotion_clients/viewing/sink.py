@@ -283,7 +283,9 @@ def require_free(port: int) -> None:
         try:
             probe.bind((LOOPBACK, port))
         except OSError as error:
-            raise OSError(f"port {port} cannot be used: {error.strerror}") from None
+            raise OSError(
+                f"port {port} cannot be used: {error.strerror}; --port and --data-port choose others"
+            ) from None
 
 
 def _create(path: Path) -> None:
