@@ -56,7 +56,8 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-pictures: setup  ## make the pictures, the samples and the notebook's outputs again; COMOTION_CHROMIUM=chromium for those of screens
+pictures: export COMOTION_CHROMIUM ?= $(shell for p in chromium chromium-browser google-chrome; do command -v $$p && break; done)
+pictures: setup  ## make the pictures, the samples and the notebook's outputs again; those of screens need a browser
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel playwright
 	$(BIN)/python -m comotion_experiments.pictures docs/images
 	$(BIN)/python -m comotion_experiments.samples docs/samples

@@ -237,6 +237,7 @@ class Space:
         if self.carrying.frame is not None:
             hypotheses, frame = self.carrying.frame.relative(stamp_ns, hypotheses, labels, partition.position)
         owners, newest, known = window.source[current], _newest(window, current), self._hypotheses.labels
+        seen = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
         motions = partial(self._method.motions, known.ids, known.references)
         self._listed = (
             window.key[current],
@@ -245,7 +246,7 @@ class Space:
                 ids=window.id[current],
                 positions=newest,
                 labels=labels,
-                confidence=partition.confidence * explained(labels, present, newest, owners),
+                confidence=partition.confidence * explained(labels, present, newest, owners, seen),
                 hypotheses=hypotheses,
                 events=events,
                 view=SpaceView(self.spec, window, current, labels, present, motions),

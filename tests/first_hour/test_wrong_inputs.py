@@ -114,16 +114,25 @@ def test_nothing_is_certain_where_ids_change_hands(every):
 
 
 @pytest.mark.filterwarnings("ignore:at")
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("made_of", ["white noise", "random walks", "shuffled ids"])
-def test_nothing_is_certain_of_data_that_makes_no_sense(made_of):
-    rng = np.random.default_rng(1)
+def test_nothing_is_ever_certain_of_data_that_makes_no_sense(made_of, seed):
+    rng = np.random.default_rng(seed)
     positions = {
         "white noise": rng.normal(0, 1, P.shape),
         "random walks": P[0] + np.cumsum(rng.normal(0, 0.1, P.shape), axis=0),
         "shuffled ids": np.stack([rng.permutation(one) for one in P]),
     }
-    found = comotion.group(positions[made_of], TIMES)
-    assert found.updates[-1].track_confidence.max() < 0.5
+    for update in comotion.group(positions[made_of], TIMES).updates:
+        assert update.track_confidence.max() < 0.5, update
+
+
+@pytest.mark.parametrize("members", [2, 3, 10])
+def test_small_bodies_that_make_sense_are_certain(members):
+    positions = np.repeat(P[:1], len(P), axis=0)
+    positions[:, :members, 0] += 0.4 * TIMES[:, None]
+    found = comotion.group(positions + np.random.default_rng(1).normal(0, 0.005, P.shape), TIMES)
+    assert found.updates[-1].track_confidence.min() > 0.95
 
 
 def test_a_hinge_is_drawn_and_told_in_words_with_given_names():

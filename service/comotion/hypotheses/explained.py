@@ -5,6 +5,11 @@ hands, random numbers and the like are grouped too, with residuals of a fifth of
 them some small group fits by chance. So the confidence in a trajectory falls with the residual of its own
 hypothesis, and with the share of the trajectories of its source that are explained.
 
+The residual that counts is without the bias of the fit: two or three features that wander each by itself are
+followed by the poses of a body of their own, and leave little. And it is that of a second: what wanders has
+not come far before. What the others leave of a member that takes no part in the fit is more still, and would
+doubt soft bodies of few markers that are right.
+
 The residual is below .02 of the size of the scene for bodies of metal and below .1 for markers on people (the
 recordings of docs/research/unseen.md); with ids that roll by one it is .3 to 1.
 """
@@ -19,9 +24,13 @@ from ..arrays import Floats, Ints, Labels, distinct, find
 
 # Residual, as a share of the size of the scene, that halves the confidence.
 _HALF = 0.15
+# s; where less was observed, the residual is taken to grow until then as that of a random walk does.
+_KNOWN_AFTER = 1.0
 
 
-def explained(labels: Labels, hypotheses: Sequence[Hypothesis], positions: Floats, sessions: Ints) -> Floats:
+def explained(
+    labels: Labels, hypotheses: Sequence[Hypothesis], positions: Floats, sessions: Ints, seen: Floats
+) -> Floats:
     """Factors of the confidence.
 
     Parameters
@@ -34,20 +43,36 @@ def explained(labels: Labels, hypotheses: Sequence[Hypothesis], positions: Float
         float64 [n, 3], newest ones; NaN in the third column in 2-D.
     sessions
         intp [n], session number of each trajectory.
+    seen
+        float64 [n], s for which each was observed in the window.
 
     Returns
     -------
     float64 [n] in 0..1; 1 where no noise is known.
     """
-    noise = {one.id: one.noise for one in hypotheses if one.noise}
-    if not noise or not len(labels):
+    left = {one.id: _unbiased(one, seen[labels == one.id]) for one in hypotheses if one.noise}
+    if not left or not len(labels):
         return np.ones(len(labels))
     away = positions - np.median(positions, axis=0)
     # Per axis, as the noise is.
     size = np.sqrt(np.nanmean(np.square(away), axis=1))
     scale = max(float(np.median(size)), 1e-12)
-    known = np.array(sorted(noise), np.int64)
-    share = np.append([noise[one] for one in known.tolist()], 0.0)[find(labels, known)] / scale
+    known = np.array(sorted(left), np.int64)
+    share = np.append([left[one] for one in known.tolist()], 0.0)[find(labels, known)] / scale
     own = 1 / (1 + (share / _HALF) ** 4)
     _, numbers = distinct(sessions)
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)
+
+
+def _unbiased(body: Hypothesis, seen: Floats) -> float:
+    """One-sigma of a coordinate that a body leaves of its members after :data:`_KNOWN_AFTER`.
+
+    `seen` float64 [m], s for which they were observed.
+    """
+    squared, dim, members = (body.noise or 0.0) ** 2, len(body.centroid), max(body.size, 2)
+    if body.state != "static":
+        # Of the coordinates of its members, a pose takes so many degrees of freedom.
+        freedom = 3 if dim == 2 else 6 - (members == 2)
+        squared /= 1 - freedom / (members * dim)
+    life = float(np.median(seen)) if len(seen) else _KNOWN_AFTER
+    return float(np.sqrt(squared / np.clip(life / _KNOWN_AFTER, 0.01, 1.0)))
