@@ -1,14 +1,13 @@
-"""Pictures of viewer, terminal and pages: real processes on a free port, looked at by a headless browser."""
+"""Pictures of viewer, terminal and pages, looked at by a headless browser."""
 
 import io
 import os
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -18,12 +17,12 @@ from rich.console import Console
 from rich.terminal_theme import SVG_EXPORT_THEME
 
 from comotion_schemas import Message
-from comotion_schemas.transport import SessionSettings
+from comotion_schemas.naming import Names
 
 CHROMIUM = "COMOTION_CHROMIUM"
 """Names the browser; without one there are no such pictures."""
 SCREENS = ("view.jpg", "view-web.jpg", "watch.png", "reproduce.jpg")
-_READY_S, _END_S = 120.0, 60.0
+_TRUCK = 4  # the hypothesis that is the truck, for which nobody has a name
 _LONGEST_S, _STILL_S, _SMALL = 900.0, 4.0, 1e-3
 _ANSWER_MS = 600_000.0  # of a browser that draws in software
 _IN_SOFTWARE = ("--enable-unsafe-swiftshader", "--use-angle=swiftshader")
@@ -47,62 +46,14 @@ def take(folder: Path, name: str) -> Path:
             case "view-web.jpg":
                 image = _viewed(samples.played("sim:3d_4", 5.0))
             case "watch.png":
-                image = _watched(work)
+                image = _watched(takes.workcell("truck", 7.0), {_TRUCK: "truck"}, work)
             case _:
-                command = _command("dev", "reproduce", "--quick", "--out", work / "figures")
+                words = ("dev", "reproduce", "--quick", "--out", str(work / "figures"))
+                command = [sys.executable, "-m", "comotion_deploy", *words]
                 subprocess.run(command, cwd=work, check=True, capture_output=True)  # noqa: S603
                 image = _page((work / "figures" / "index.html").as_uri(), (1000, 1400))
     cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else [])
     return path
-
-
-def _command(*words: object) -> list[str]:
-    return [sys.executable, "-m", "comotion_deploy", *map(str, words)]
-
-
-class _Scene(ExitStack):
-    """Processes at one router, which end with it."""
-
-    def __init__(self, folder: Path) -> None:
-        from comotion_clients.viewing.sink import free_port
-
-        super().__init__()
-        self._folder, self._count = folder, 0
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-
-    def start(self, *words: object) -> subprocess.Popen[bytes]:
-        """Start a command and wait until it is ready."""
-        self._count += 1
-        ready = self._folder / f"ready-{self._count}"
-        where = () if words[0] == "router" else ("--connect", self.endpoint)
-        process = subprocess.Popen(  # noqa: S603
-            _command(*words, *where, "--ready-file", ready),
-            cwd=self._folder,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        self.callback(stop, process)
-        _until(ready.exists, f"comotion {' '.join(map(str, words))}")
-        return process
-
-
-def stop(process: subprocess.Popen[bytes]) -> None:
-    """End a process as Ctrl-C does."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait(_END_S)
-
-
-def _until(done: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + _READY_S
-    while not done():
-        if time.monotonic() > end:
-            raise TimeoutError(f"{what}: not ready after {_READY_S:g} s")
-        time.sleep(0.05)
 
 
 def _viewed(messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
@@ -154,26 +105,16 @@ def _changed(last: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
     return float((last != image).any(axis=2).mean()) if last.shape == image.shape else 1.0
 
 
-def _watched(folder: Path) -> NDArray[np.uint8]:
-    """What ``comotion watch`` shows in a terminal of 80 columns after one of three sources has left."""
-    from comotion_clients.watch import WatchOptions, snapshot_of
+def _watched(messages: Iterable[tuple[int, Message]], names: Names, folder: Path) -> NDArray[np.uint8]:
+    """What ``comotion watch --once`` shows of these messages in a terminal of 80 columns."""
+    from comotion_clients.scene_model import SceneModel
     from comotion_clients.watch_view import WHOLE, render
 
-    with _Scene(folder) as scene:
-        scene.start("router", "--listen", scene.endpoint)
-        scene.start("serve", "--no-state")
-        begin = time.time() + 30.0  # all parts must agree on when the scene starts, and be there by then
-        parts = ("source", "simulator", "3d_async", "--start-at", f"{begin:.3f}", "--time-scale", 0.3)
-        sources = [
-            scene.start(*parts, "--rate", rate, "--part", f"{k}/3", "--name", name)
-            for k, (rate, name) in enumerate(((15, "camera"), (30, "depth"), (100, "mocap")), 1)
-        ]
-        time.sleep(max(0.0, begin - time.time() + 13.0))  # a problem is shown for 10 s after it has ended
-        stop(sources[0])
-        time.sleep(2.0)
-        snapshot = snapshot_of("default", SessionSettings(connect=(scene.endpoint,)), WatchOptions())
+    model, now = SceneModel("default", names), 0
+    for now, message in messages:
+        model.on_message(message, now / 1e9, now)
     console = Console(record=True, width=80, file=io.StringIO(), force_terminal=True)
-    console.print(render(snapshot, 80, WHOLE, "size", keys=False))
+    console.print(render(model.snapshot(now / 1e9), 80, WHOLE, "size", keys=False))
     page = folder / "watch.html"
     style = "body{margin:0;background:#292929;color:#c5c8c6;padding:8px}"
     style += "pre{margin:0;font:15px/1.3 'DejaVu Sans Mono'}"
