@@ -135,7 +135,8 @@ def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:
     """Write the animation and the still picture of a segmented video, uint8 [H, W, 3] each."""
     still, moving = folder / "hypotheses.jpg", folder / "hero.webp"
     cv2.imwrite(str(still), images[min(STILL, len(images) - 1)], [cv2.IMWRITE_JPEG_QUALITY, 90])
-    frames = images[_FIRST::_EVERY]
+    # It begins where all bodies have moved, for who sees one picture of it.
+    frames = [*images[STILL::_EVERY], *images[_FIRST:STILL:_EVERY]] or images
     for quality in (80, 65, 50, 35):
         animation = cv2.Animation()
         animation.frames, animation.durations = frames, [_MS] * len(frames)

@@ -134,6 +134,18 @@ def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
     assert abs(update.stamp_ns - at(89)) < S
 
 
+def test_sources_that_are_all_ahead_are_followed_and_told_until_they_are_right():
+    fusion = Fusion()
+    for k in range(150):
+        fusion.ingest(batch("ahead", k, at(k) + (5 * S if k < 90 else -20 * MS), moved(k)))
+        update = fusion.update(at(k))
+        if 30 <= k < 90:
+            assert len(update.track_id) == 12
+            assert "ahead" in fusion.timeline.troubles.lately()["clock-ahead"]
+    assert len(update.track_id) == 12
+    assert not fusion.timeline.troubles.sources("clock-ahead")
+
+
 def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_followed_late_ones():
     fusion, honest = Fusion(), ("left", "right")
     for k in range(240):

@@ -3,18 +3,22 @@
 import pickle
 
 import numpy as np
+import pytest
 
 from comotion_clients.scoring import SETTLE_S
 from comotion_clients.viewing import shapes
 from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras
 from comotion_clients.viewing.features import Features
+from comotion_clients.viewing.hypotheses import apart, draw_hypotheses
 from comotion_clients.viewing.picture import ScenePicture
 from comotion_clients.viewing.shapes import Points
-from comotion_schemas import UNDETERMINED, Preview, SourceRef, TruthBatch
-from comotion_schemas.colours import GREY, colour
+from comotion_schemas import UNDETERMINED, Box, Preview, SourceRef, TruthBatch
+from comotion_schemas.colours import GREY, Palette, colour
 
 from .. import builders
-from ..builders import SESSION, S
+from ..builders import SESSION, S, hypothesis
+
+UP = (0.0, 0.0, 1.0)
 
 
 def update(labels, stamp_ns=S, sources=("a",), **fields):
@@ -70,6 +74,74 @@ def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone():
     gone = {shape.path for shape in moment.shapes if isinstance(shape, shapes.Cleared)}
     assert {"spaces/b_pixels/features/b", "spaces/b_pixels/trails"} <= gone
     assert not any(path.startswith("spaces/world") for path in gone)
+
+
+def test_labels_stand_above_their_bodies_and_none_covers_another():
+    box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
+    bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
+    far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
+    words = one(draw_hypotheses("p", [*bodies, far], 0.5, UP, Palette()), Points, "p/hypotheses")
+    heights = words.positions[:, 2]
+    assert heights[0] == pytest.approx(1.4)
+    assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
+    assert heights[4] == pytest.approx(1.0)
+
+
+def test_labels_cover_each_other_where_an_eye_sees_them_so():
+    eye, row = shapes.Eye((0.0, -10.0, 0.0), (0.0, 0.0, 0.0)), 0.4
+    behind = np.array([[0, 0, 0], [0, 5, 0.1], [0, -5, 1.0]], np.float32)
+    lifted = apart(behind, UP, row, eye)
+    seen = lifted[:, 2] / (1 + lifted[:, 1] / 10)  # from 10 away
+    assert np.diff(np.sort(seen)).min() >= 0.99 * row
+    np.testing.assert_array_equal(lifted[[0, 2]], behind[[0, 2]])
+    np.testing.assert_array_equal(apart(behind, UP, row), behind)  # in space they are far from each other
+
+
+def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view():
+    rng, features = np.random.default_rng(0), Features()
+    for scale, sources in ((1.0, ("a",)), (1.1, ("a",)), (1.1, ("a", "b")), (5.0, ("a", "b"))):
+        count = 200 * len(sources)
+        positions = (scale * rng.uniform(-1, 1, (count, 3)) + (3, 0, 0)).astype(np.float32)
+        of = np.repeat(np.arange(len(sources), dtype=np.uint16), 200)
+        seen = update([1] * count, sources=sources, track_position=positions, track_source=of)
+        before = features.views.get("world")
+        features.draw(seen, {})
+        eye = features.views["world"].eye
+        assert np.linalg.norm(np.subtract(eye.target, (3, 0, 0))) < 0.2 * scale
+        away = np.linalg.norm(np.subtract(eye.position, eye.target)) / scale
+        assert 2 < away < 4  # the corners of the scene are at 1.7
+        # Who has turned the view keeps it until a source comes or the scene is of another size.
+        same = before is not None and before.eye == eye
+        assert same == (scale == 1.1 and len(sources) == 1)
+
+
+def test_the_first_body_that_moves_is_looked_at():
+    rng, features = np.random.default_rng(0), Features()
+    positions = rng.uniform(-5, 5, (220, 3)).astype(np.float32)
+    positions[:20] = rng.uniform(-0.2, 0.2, (20, 3)) + np.array((3, 2, 1))
+
+    def eye(at, moving):
+        positions[:20, 0] += at
+        bodies = [hypothesis(1, state="static"), hypothesis(2, state="moving" if moving else "undetermined")]
+        features.draw(update([2] * 20 + [1] * 200, hypotheses=bodies, track_position=positions), {})
+        return features.views["world"].eye
+
+    whole, near = eye(0.0, moving=False), eye(0.5, moving=True)
+    assert np.linalg.norm(np.subtract(whole.target, 0)) < 1
+    np.testing.assert_allclose(near.target, (3.5, 2, 1), atol=0.1)
+    distances = [np.linalg.norm(np.subtract(one.position, one.target)) for one in (whole, near)]
+    assert 0.3 < distances[1] / distances[0] < 0.6  # nearer, with what is around it
+    assert eye(0.5, moving=True) == near  # who has turned the view keeps it
+
+
+def test_bodies_have_boxes_and_what_is_at_rest_has_none():
+    half = float(np.sqrt(0.5))  # 90 degrees about z
+    box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
+    bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
+    found = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), shapes.Boxes, "p/boxes")
+    assert found.centers.tolist() == [[1, 2, 3]]
+    assert found.colours.tolist() == [list(colour(4))]
+    np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
 
 
 def test_an_image_waits_for_the_update_that_knows_its_features():

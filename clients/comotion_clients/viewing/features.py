@@ -114,8 +114,8 @@ class Features:
         shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
         bodies = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
         shapes += draw_joints(space.view.path, bodies, update.joints, space.axis, self._palette, self._names)
-        up = _UP[space.view.axes]
-        return shapes + draw_hypotheses(space.view.path, bodies, space.axis, up, self._palette, self._names)
+        seen = space.axis, _UP[space.view.axes], self._palette, self._names, space.view.eye
+        return shapes + draw_hypotheses(space.view.path, bodies, *seen)
 
 
 def _aim(space: _Space, positions: Positions, sources: int, moving: NDArray[np.bool_]) -> None:

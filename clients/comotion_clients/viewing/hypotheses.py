@@ -11,7 +11,7 @@ from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.rigid import matrix
 
 from ..joint_lines import joint_lines
-from .shapes import Arrows, Boxes, Points, Positions, Segments, Shape
+from .shapes import Arrows, Boxes, Eye, Points, Positions, Segments, Shape
 
 # Red, green and blue for x, y and z, as in other viewers; they differ in lightness as well.
 AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
@@ -19,7 +19,8 @@ SHOWN = 0.1
 """Arrows shorter than this share of an axis are left out."""
 LONGEST = 4.0
 """Arrows are cut at this multiple of an axis: the velocity of few features may be far too large."""
-_ROW_SHARE = 0.8  # height of a label as a share of an axis
+# Height of a label as a share of an axis, and where there is an eye, of its distance.
+_ROW_SHARE, _ROW_SEEN = 0.8, 0.055
 _AXIS_SHARE = 0.07  # length of an axis as a share of the extent of the features
 
 
@@ -49,6 +50,7 @@ def draw_hypotheses(
     up: Sequence[float],
     palette: Palette,
     names: Names | None = None,
+    eye: Eye | None = None,
 ) -> list[Shape]:
     """Draw the hypotheses of one space, with axes of length `axis`, their labels above them where `up` is.
 
@@ -63,7 +65,8 @@ def draw_hypotheses(
     shades = palette.colours(ids)
     inks = [palette.legible(h.id) for h in hypotheses]
     tops = centroids + np.outer([_height(h, up) for h in hypotheses], up).astype(np.float32)
-    places = apart(tops, up, _ROW_SHARE * axis)
+    away = np.linalg.norm(np.subtract(eye.position, eye.target)) if eye else 0.0
+    places = apart(tops, up, _ROW_SEEN * float(away) or _ROW_SHARE * axis, eye)
     words = labels(f"{path}/hypotheses", inks, places, tuple(label(h, names) for h in hypotheses))
     rows = [k for k, h in enumerate(hypotheses) if not h.absent]
     hypotheses, centroids, shades = [hypotheses[k] for k in rows], centroids[rows], shades[rows]
@@ -122,7 +125,7 @@ def labels(path: str, inks: Sequence[RGB], positions: Positions, words: tuple[st
     return Points(path, positions, shades, radius=0.0, labels=words)
 
 
-def apart(places: Positions, up: Sequence[float], row: float) -> Positions:
+def apart(places: Positions, up: Sequence[float], row: float, eye: Eye | None = None) -> Positions:
     """Lift labels that would cover one another.
 
     Parameters
@@ -133,19 +136,32 @@ def apart(places: Positions, up: Sequence[float], row: float) -> Positions:
         Unit vector [dim].
     row
         Height of a label; most are not wider than four times that.
+    eye
+        Where it is seen from, in 3-D; otherwise labels are as far apart as their places.
     """
     upward, lifted = np.array(up, np.float64), places.astype(np.float64)
     for k in range(1, len(lifted)):
         # Each lift clears at least one of the labels before it.
         for _ in range(k):
-            away = lifted[:k] - lifted[k]
-            above = away @ upward
-            across = np.linalg.norm(away - np.outer(above, upward), axis=1)
+            *others, here, raised = _seen(np.vstack([lifted[: k + 1], lifted[k] + upward]), eye)
+            away, rise = np.array(others) - here, float(np.linalg.norm(raised - here))
+            above = away @ (raised - here) / rise
+            across = np.linalg.norm(away - np.outer(above, (raised - here) / rise), axis=1)
             covered = (np.abs(above) < 0.99 * row) & (across < 4 * row)
             if not covered.any():
                 break
-            lifted[k] += (above[covered].max() + row) * upward
+            lifted[k] += (above[covered].max() + row) / rise * upward
     return lifted.astype(np.float32)
+
+
+def _seen(places: NDArray[np.float64], eye: Eye | None) -> NDArray[np.float64]:
+    """Places [N, dim] as they cover each other: for an eye, in the plane of its target."""
+    if eye is None:
+        return places
+    position = np.array(eye.position)
+    ahead = np.array(eye.target) - position
+    depth = (places - position) @ ahead / (ahead @ ahead)
+    return np.asarray((places - position) / np.maximum(depth, 1e-3)[:, None], np.float64)
 
 
 def _height(hypothesis: Hypothesis, up: Sequence[float]) -> float:

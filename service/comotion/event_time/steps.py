@@ -77,6 +77,10 @@ class Steps:
         """Stamp of a batch on the time scale of the scene."""
         return batch.stamp_ns - self.shift_ns
 
+    def off_clock(self, batch: ObservationBatch, now_ns: int) -> int:
+        """By how much a stamp is ahead of now, also where the scene has followed its clock."""
+        return (self.scene_time(batch) if self.recorded else batch.stamp_ns) - now_ns
+
     def reference(self, now_ns: int, watermark_ns: int | None) -> int:
         """The time that stamps are compared with; recordings must not go back behind the watermark."""
         return max(now_ns, watermark_ns) if self.recorded and watermark_ns is not None else now_ns

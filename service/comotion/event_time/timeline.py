@@ -302,7 +302,7 @@ class Timeline:
             source.agreed_ns = self.at_ns
         elif watermark is not None and entry.batch.ended is not None:
             entry.stamps = np.array([watermark])
-        self._note_clock(entry, self.steps.scene_time(entry.batch) - now_ns, late=not of_use)
+        self._note_clock(entry, self.steps.off_clock(entry.batch, now_ns), late=not of_use)
         if len(entry.stamps):
             self._release.add(entry)
         else:
