@@ -68,14 +68,13 @@ class SideBySide:
 
     def variance(self, tracks):
         """(3.3) and the number of samples of each pair, read from the sums once they are up to date."""
-        slots = self.slots_of(tracks)
-        self.pairs.affinity(self.window, slots)
-        rows = self.pairs.rows.of[slots]
+        self.pairs.affinity(self.window)
+        rows = self.pairs.rows.of[self.slots_of(tracks)]
         high, low = np.maximum.outer(rows, rows), np.minimum.outer(rows, rows)
         a, b = np.nonzero(low >= 0)
         (strip, row), (column, inside) = np.divmod(high[a, b], STRIP), np.divmod(low[a, b], STRIP)
         sums = np.zeros((*low.shape, PLANES))
-        sums[a, b] = self.pairs.sums[strip * (strip + 1) // 2 + column, :, row, inside]
+        sums[a, b] = self.pairs.sums[strip * (strip + 1) // 2 + column, row, :, inside]
         weight, first, second = (sums[..., k] for k in (WEIGHTS, FIRST, SECOND))
         samples = sums[..., SAMPLES].astype(np.int64)
         weight = np.where(samples >= COMPARABLE_SAMPLES, weight, np.inf)
@@ -116,7 +115,9 @@ class SideBySide:
     def check_affinities(self):
         """Affinities are equal to 1e-5."""
         pairs, tracks = self.all_pairs()
-        found = self.pairs.affinity(self.window, self.slots_of(tracks))
+        matrix = self.pairs.affinity(self.window)
+        rows = self.pairs.rows.of[self.slots_of(tracks)]
+        found = matrix[np.ix_(rows, rows)]
         for a, b, i, j in pairs:
             variance, _ = self.expected(i, j)
             expected = 0.5 if variance is None else equations.affinity(np.array(variance), SIGMA_SWITCH)

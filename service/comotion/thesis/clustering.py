@@ -28,7 +28,7 @@ class Clusters:
 
 
 ClusterFunction = Callable[[Floats32, Slots], Clusters]
-"""Affinities [n, n], symmetric, and intp [n], by which a trajectory is known from call to call."""
+"""Affinities [m, m], symmetric, and the row of each trajectory, intp [n], known by it from call to call."""
 
 
 def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
@@ -38,7 +38,7 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     """
     if name == "divisive-kmeans":
         divide = DivisiveKMeans(stop_affinity)
-        return lambda affinity, slots: _named(*divide(affinity, slots))
+        return lambda affinity, rows: _named(*divide(affinity, rows))
     # They import scikit-learn, which takes half a second and the default does not need.
     from .alternatives import best_mixture, cut_spectrum  # noqa: PLC0415
 
@@ -49,8 +49,8 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     }
     choice = known[name]
 
-    def cluster(affinity: Floats32, slots: Slots) -> Clusters:  # noqa: ARG001
-        dense = affinity.astype(np.float64)
+    def cluster(affinity: Floats32, rows: Slots) -> Clusters:
+        dense = affinity[np.ix_(rows, rows)].astype(np.float64)
         labels = choice(dense)
         return _named(labels, _sums_inside(dense, labels))
 

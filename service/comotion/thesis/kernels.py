@@ -1,18 +1,15 @@
-"""Compiled: what trajectories are at some instants, and one pass of that over the sums of all pairs.
+"""Compiled: the sums of (3.3) over all pairs, step by step, and the affinities (3.4) that follow.
 
-The twin in NumPy is :mod:`comotion.thesis.equations`: what is summed is (3.3) over the set (3.5), and what
-comes out is the logarithm of (3.4). 128 consecutive rows are a strip, and two strips make a block of
-128 x 128 pairs. The blocks of the lower triangle lie one after the other, so that a pass goes through memory
-once, however many instants it brings, and more trajectories append blocks.
+The twin in NumPy is :mod:`comotion.thesis.equations`. :func:`_add_samples` and :func:`_compare` are those two
+steps for a block, the pairs of two strips of 128 rows. The blocks of the lower triangle lie one after the
+other, so that a pass goes through memory once, however many instants it brings, and more trajectories append
+blocks.
 """
-
-import math
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Floats32, Slots, Stamps
+from ..arrays import Bools, Floats, Floats32, Ints
 from ..compiled import compiled, numba_range
-from ..trajectories.kernels import newest_at, newest_from, segment_at
 from .equations import INCOMPARABLE
 
 STRIP = 128
@@ -20,182 +17,97 @@ STRIP = 128
 SAMPLE_PLANES = 8
 X, Y, Z, WEIGHT, BOTH, OBSERVED, CHANGING, HELD = range(SAMPLE_PLANES)
 """What a sample holds of a trajectory at an instant: its place (0 beyond the space's dimension), its weight,
-and as 1 or 0 whether it has a state (`HELD`), was observed then, its states come or go, or `BOTH`."""
+and as 1 or 0 whether it has a state (`HELD`), was observed then, its state comes or goes, or `BOTH`."""
 PLANES = 4
 WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
 COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
-_LOG_INCOMPARABLE = math.log(INCOMPARABLE)
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
 _MIN_LOG = -40.0
-
-
-@compiled()
-def fill_samples(
-    times: Stamps,
-    positions: Floats,
-    speed: Floats,
-    start: Slots,
-    stop: Slots,
-    gap_ns: int,
-    slots: Slots,
-    rows: Slots,
-    stamps: Stamps,
-    after: Stamps,
-    until: Stamps,
-    samples: Floats,
-) -> None:
-    """Write what n trajectories are at T ascending instants.
-
-    Parameters
-    ----------
-    times, positions, speed, start, stop, gap_ns
-        The window.
-    slots, rows
-        intp [n]: the trajectories, and the row of each.
-    stamps
-        int64 [T] ns.
-    after, until
-        int64 [n] ns: states later than one and no later than the other come or go.
-    samples
-        float64 [strips, T, SAMPLE_PLANES, STRIP], zeros before; `WEIGHT` is the speed per second still.
-    """
-    for n in range(len(slots) if len(stamps) else 0):
-        s, strip, inside = slots[n], rows[n] // STRIP, rows[n] % STRIP
-        newest = newest_at(times[s], start[s], stop[s], stamps[0])
-        for t in range(len(stamps)):
-            newest = newest_from(times[s], newest, stop[s], stamps[t])
-            left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)
-            if left < 0:
-                continue
-            sample = samples[strip, t, :, inside]
-            for c in range(positions.shape[2]):
-                before = positions[s, left, c]
-                sample[X + c] = before + share * (positions[s, right, c] - before)
-            # Between observations the speed is that of the segment, which is kept where it ends.
-            sample[WEIGHT] = speed[s, right]
-            observed, changing = left == right, after[n] < stamps[t] <= until[n]
-            sample[OBSERVED], sample[CHANGING], sample[HELD] = observed, changing, True
-            sample[BOTH] = observed and changing
+# exp(x) is exp(x / 256) squared so often. Six terms of its series leave 1e-8 of the smallest affinity.
+_SQUARINGS = 8
+# Columns of a matrix that one core works on at once.
+_COLUMNS = 512
 
 
 @compiled(parallel=True)
-def update_blocks(
-    sums: Floats,
-    samples: Floats,
-    signs: Floats,
-    present: Bools,
-    rate: float,
-    place: Slots,
-    out: Floats32,
+def update_pairs(
+    sums: Floats, samples: Floats, signs: Floats, present: Bools, rate: float, affinity: Floats32
 ) -> None:
-    """Take samples into the sums of all blocks, and write the logarithms of the affinities that follow.
+    """Take samples into the sums of all blocks, and write the affinities that follow.
 
     Parameters
     ----------
     sums
-        float64 [blocks or more, PLANES, STRIP, STRIP]: block ``r * (r + 1) / 2 + c`` has strip r as rows and,
-        as columns, strip c <= r.
+        float64 [blocks or more, STRIP, PLANES * STRIP]: block ``r * (r + 1) / 2 + c`` has strip r as rows
+        and, as columns, strip c <= r; a row has one plane after the other.
     samples, signs
-        float64 [strips, T or more, SAMPLE_PLANES, STRIP] of :func:`fill_samples`, with weights; and [T], 1
-        where samples come and -1 where they go.
+        float64 [strips, T or more, SAMPLE_PLANES * STRIP] and [T], 1 where samples come and -1
+        where they go.
     present
         bool [strips, T, SAMPLE_PLANES]: whether any of a strip is not 0.
     rate
         -γ of (3.4).
-    place, out
-        intp [rows], row and column of `out` for each row, -1 for none; float32 [n, n], symmetric: log(0.5)
-        for pairs with fewer than two samples. Empty for no affinities.
+    affinity
+        float32 [rows, rows], symmetric; empty for none.
     """
     for n in numba_range(len(samples) * (len(samples) + 1) // 2):
-        _update_block(sums[n], np.int64(n), samples, signs, present, rate, place, out)
+        number = np.int64(n)
+        r = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)
+        c = number - r * (r + 1) // 2
+        _add_samples(sums[number], samples[r], samples[c], signs, present[c])
+        if len(affinity):
+            found = np.empty((STRIP, STRIP), np.float32)
+            _compare(sums[number], rate, found)
+            rows, columns = slice(r * STRIP, (r + 1) * STRIP), slice(c * STRIP, (c + 1) * STRIP)
+            affinity[rows, columns] = found
+            affinity[columns, rows] = found.T
 
 
-@compiled()
-def _update_block(
-    block: Floats,
-    number: np.int64,
-    samples: Floats,
-    signs: Floats,
-    present: Bools,
-    rate: float,
-    place: Slots,
-    out: Floats32,
-) -> None:
-    """One block, by its number; the other parameters are those of :func:`update_blocks`."""
-    row = int((np.sqrt(8.0 * number + 1.0) - 1.0) / 2.0)
-    column = number - row * (row + 1) // 2
-    mine, theirs = samples[row], samples[column]
-    logs, chosen = np.empty((STRIP, STRIP), np.float32), np.empty(len(signs), np.intp)
+@compiled(fastmath={"contract"})
+def _add_samples(sums: Floats, mine: Floats, theirs: Floats, signs: Floats, present: Bools) -> None:
+    """Add to the sums of a block what its rows (`mine`) and its columns (`theirs`) are at some instants."""
     for i in range(STRIP):
-        found = 0
+        row = sums[i]
         for t in range(len(signs)):
-            if mine[t, HELD, i] != 0.0 and present[column, t, _counting(mine[t], i)]:
-                chosen[found] = t
-                found += 1
-        _add_samples(block, i, mine, theirs, signs, chosen[:found])
-        if len(out):
-            _compare(block, i, rate, logs[i])
-    if len(out):
-        strips = place.reshape(-1, STRIP)
-        _write(logs, strips[row], strips[column], out)
-        _write(logs.T, strips[column], strips[row], out)
-
-
-@compiled()
-def _counting(mine: Floats, i: int) -> int:
-    """Which plane of the others says whether they have a sample with row i at an instant.
-
-    Both must have a state, one must be observed, and that of one come or go.
-    """
-    if mine[BOTH, i] != 0.0:
-        return HELD
-    if mine[OBSERVED, i] != 0.0:
-        return CHANGING
-    return OBSERVED if mine[CHANGING, i] != 0.0 else BOTH
+            my, their, sign = mine[t], theirs[t], signs[t]
+            # Both must have a state, one must be observed, and that of one come or go: what i lacks, j needs.
+            need = BOTH + int(2 * my[OBSERVED * STRIP + i] + my[CHANGING * STRIP + i])
+            if my[HELD * STRIP + i] == 0.0 or not present[t, need]:
+                continue
+            x, y, z, weight = my[X * STRIP + i], my[Y * STRIP + i], my[Z * STRIP + i], my[WEIGHT * STRIP + i]
+            for j in range(STRIP):
+                dx, dy, dz = x - their[X * STRIP + j], y - their[Y * STRIP + j], z - their[Z * STRIP + j]
+                d = np.sqrt(dx * dx + dy * dy + dz * dz)
+                counts = sign * their[need * STRIP + j]
+                # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
+                w = counts * max(weight, their[WEIGHT * STRIP + j])
+                row[WEIGHTS * STRIP + j] += w
+                row[FIRST * STRIP + j] += w * d
+                row[SECOND * STRIP + j] += w * d * d
+                row[SAMPLES * STRIP + j] += counts
 
 
 @compiled(fastmath={"contract"})
-def _add_samples(block: Floats, i: int, mine: Floats, theirs: Floats, signs: Floats, chosen: Slots) -> None:
-    """Add the samples at some instants of row i to its sums."""
-    weights, first, second, samples = block[WEIGHTS, i], block[FIRST, i], block[SECOND, i], block[SAMPLES, i]
-    for t in chosen:
-        x, y, z, weight = mine[t, X, i], mine[t, Y, i], mine[t, Z, i], mine[t, WEIGHT, i]
-        other, counts, sign = theirs[t], theirs[t, _counting(mine[t], i)], signs[t]
-        for j in range(STRIP):
-            dx, dy, dz = x - other[X, j], y - other[Y, j], z - other[Z, j]
-            d = np.sqrt(dx * dx + dy * dy + dz * dz)
-            # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-            w = sign * counts[j] * max(weight, other[WEIGHT, j])
-            weights[j] += w
-            first[j] += w * d
-            second[j] += w * d * d
-            samples[j] += sign * counts[j]
-
-
-@compiled(fastmath={"contract"})
-def _compare(block: Floats, i: int, rate: float, logs: Floats32) -> None:
-    """Logarithms of (3.4), −γσ² with σ² of (3.3), of the pairs of row i."""
-    for j in range(STRIP):
-        eta = 1.0 / block[WEIGHTS, i, j]
-        mean = eta * block[FIRST, i, j]
-        variance = max(eta * block[SECOND, i, j] - mean * mean, 0.0)
-        comparable = block[SAMPLES, i, j] >= COMPARABLE_SAMPLES
-        logs[j] = max(rate * variance, _MIN_LOG) if comparable else _LOG_INCOMPARABLE
-
-
-@compiled()
-def _write(logs: Floats32, mine: Slots, theirs: Slots, out: Floats32) -> None:
-    """Write what the pairs of two strips have where it belongs."""
+def _compare(sums: Floats, rate: float, affinity: Floats32) -> None:
+    """Affinities (3.4), exp(−γσ²) with σ² of (3.3), of the pairs of a block: float32 [STRIP, STRIP]."""
     for i in range(STRIP):
-        for j in range(STRIP if mine[i] >= 0 else 0):
-            if theirs[j] >= 0:
-                out[mine[i], theirs[j]] = logs[i, j]
+        row = sums[i]
+        for j in range(STRIP):
+            eta = 1.0 / row[WEIGHTS * STRIP + j]
+            mean = eta * row[FIRST * STRIP + j]
+            variance = max(eta * row[SECOND * STRIP + j] - mean * mean, 0.0)
+            y = max(rate * variance, _MIN_LOG) / 2**_SQUARINGS
+            # As a series, not by a call: so the loop is one of vector instructions.
+            found = 1 + y * (1 + y / 2 * (1 + y / 3 * (1 + y / 4 * (1 + y / 5))))
+            for _ in range(_SQUARINGS):
+                found *= found
+            affinity[i, j] = found if row[SAMPLES * STRIP + j] >= COMPARABLE_SAMPLES else INCOMPARABLE
 
 
-@compiled(fastmath={"contract"})
-def combine_rows(matrix: Floats32, rows: Slots, factors: Floats, out: Floats) -> None:
+@compiled(parallel=True, fastmath={"contract"})
+def combine_rows(matrix: Floats32, rows: Ints, factors: Floats, out: Floats) -> None:
     """Add some rows of a matrix, each times its factor, to a row.
 
     Parameters
@@ -205,12 +117,20 @@ def combine_rows(matrix: Floats32, rows: Slots, factors: Floats, out: Floats) ->
     out
         float64 [n].
     """
-    # Two rows a turn load and store the sums half as often.
-    for k in range(0, len(rows) - 1, 2):
-        first, second = matrix[rows[k]], matrix[rows[k + 1]]
-        for j in range(len(out)):
-            out[j] += factors[k] * first[j] + factors[k + 1] * second[j]
-    if len(rows) % 2:
-        last = matrix[rows[-1]]
-        for j in range(len(out)):
-            out[j] += factors[-1] * last[j]
+    for part in numba_range(-(-len(out) // _COLUMNS)):
+        begin, end = part * _COLUMNS, min((part + 1) * _COLUMNS, len(out))
+        for k in range(len(rows)):
+            factor, row = factors[k], matrix[rows[k]]
+            for j in range(begin, end):
+                out[j] += factor * row[j]
+
+
+@compiled()
+def holds_weak_edge(matrix: Floats32, members: Ints, stop: float) -> bool:
+    """Whether an affinity, float32 [n, n], of two members, intp [m], is at most `stop`."""
+    for k in range(1, len(members)):
+        row = matrix[members[k]]
+        for other in range(k):
+            if row[members[other]] <= stop:
+                return True
+    return False

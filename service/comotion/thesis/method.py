@@ -24,7 +24,7 @@ from ..matching import largest_first
 from ..partition import Group, Method, Partition, Previous, SpaceSpec
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
-from .clustering import ClusterFunction, by_appearance, make_clustering
+from .clustering import make_clustering
 from .pair_sums import PairSums
 
 # Velocities span half a second: in a single step at 15 Hz, noise moves a feature as far as slow motion does.
@@ -40,23 +40,21 @@ class ThesisMethod(Method):
         Its group `thesis` matters here.
     spec
         The space.
-    cluster
-        In place of the configuration's clustering.
     """
 
     matching = staticmethod(largest_first)
     # Section 3.3 propagates the labels of the last update, those of all features alike.
     established = False
 
-    def __init__(self, config: FusionConfig, spec: SpaceSpec, cluster: ClusterFunction | None = None) -> None:
+    def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         v_move = config.thesis.v_move_for(spec.unit)
         # With equal weights there still is a speed from which on a hypothesis is said to move.
         self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
         self._pair_sums = PairSums(v_move, config.thesis.switch_for(spec.unit))
-        self._cluster = cluster or make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
+        self._cluster = make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
         self._affinity: Floats32 = np.zeros((0, 0), np.float32)
-        # Where in it each trajectory of the last update is.
-        self._place: Slots = np.zeros(0, np.intp)
+        # Which of its rows are those of the last update's trajectories.
+        self._rows: Slots = np.zeros(0, np.intp)
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """The oldest observations of some slots are about to go."""
@@ -70,25 +68,23 @@ class ThesisMethod(Method):
         """Group the current trajectories."""
         # 1. Trajectories: the window holds them up to date; `current` are those to group.
         # 2. to 4. Distance samples (3.5), weights (3.2), variance (3.3) and affinity (3.4) of all pairs.
-        order = self._pair_sums.order(window, current)
-        self._affinity = self._pair_sums.affinity(window, current[order])
-        self._place = np.argsort(order)
+        self._affinity = self._pair_sums.affinity(window)
+        self._rows = self._pair_sums.rows.of[current]
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
-        clusters = self._cluster(self._affinity, current[order])
-        labels = by_appearance(clusters.labels[self._place])
+        clusters = self._cluster(self._affinity, self._rows)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
         return Partition(
             slots=current,
-            groups=labels,
+            groups=clusters.labels,
             deciding=np.ones(len(current), np.bool_),
-            confidence=clusters.cohesion[self._place],
+            confidence=clusters.cohesion,
             position=window.positions[current, window.stop[current] - 1],
-            described=self._describe(window, current, labels),
+            described=self._describe(window, current, clusters.labels),
         )
 
     def affinity(self) -> Floats32:
         """Affinity [n, n] of the last update's trajectories."""
-        return self._affinity[np.ix_(self._place, self._place)]
+        return self._affinity[np.ix_(self._rows, self._rows)]
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
         """Whether each cluster moves; the thesis tells no more of its motion."""

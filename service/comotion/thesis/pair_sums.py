@@ -12,11 +12,13 @@ from bisect import bisect_right
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
+from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-from .equations import AFFINITY_AT_SWITCH, INCOMPARABLE, weight
-from .kernels import PLANES, SAMPLE_PLANES, STRIP, WEIGHT, fill_samples, update_blocks
+from .equations import AFFINITY_AT_SWITCH, weight
+from .kernels import BOTH, CHANGING, HELD, OBSERVED, PLANES, SAMPLE_PLANES, STRIP, WEIGHT, X, update_pairs
 from .rows import Rows
 
 # Times before and after all others.
@@ -27,15 +29,14 @@ _MAX_INSTANTS = 64
 # What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
 # sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
 _FAR = 1e6
-_NOWHERE, _NO_AFFINITIES = np.zeros(0, np.intp), np.zeros((0, 0), np.float32)
+_NONE = np.zeros((0, 0), np.float32)
 
 
 class PairSums:
     """Keeps the sums of all pairs of trajectories in step with the window.
 
-    A trajectory takes part from its second observation on: with one it has at most one sample with any
-    other, which cannot be compared, and its speed is not known yet. One that its source has given up takes
-    part no more.
+    A trajectory has samples from its second observation on: with one it has at most one with any other, which
+    cannot be compared, and its speed is not known yet. One that its source has given up takes part no more.
 
     Parameters
     ----------
@@ -47,25 +48,24 @@ class PairSums:
     Attributes
     ----------
     rows
-        The row in `sums` of each slot that takes part.
+        Which row of the sums, and of the affinities, each slot that takes part has.
     sums
-        float64 [blocks or more, PLANES, STRIP, STRIP], those of :func:`.kernels.update_blocks`.
+        float64 [blocks or more, STRIP, PLANES, STRIP], those of :func:`.kernels.update_pairs`.
     """
 
     def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
         self._sigma_switch = sigma_switch
         self.rows = Rows(STRIP)
-        self.sums: Floats = untouched_zeros((0, PLANES, STRIP, STRIP), np.float64)
-        # Newest observation of each slot whose samples have been taken in.
-        self._known: Stamps = np.zeros(0, np.int64)
-        # How many observations of each slot have been taken in.
+        self.sums: Floats = untouched_zeros((0, STRIP, PLANES, STRIP), np.float64)
+        # By row: how many observations have been taken in, and the time of the newest of them.
         self._held: Slots = np.zeros(0, np.intp)
+        self._known: Stamps = np.zeros(0, np.int64)
         # Samples at the instants that wait, of which there are so many, and whether they come or go.
         self._samples: Floats = np.zeros((0, _MAX_INSTANTS, SAMPLE_PLANES, STRIP))
         self._signs: Floats = np.zeros(_MAX_INSTANTS)
         self._waiting = 0
-        self._room: Floats32 = np.zeros(0, np.float32)
+        self._affinity: Floats32 = _NONE
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Take out all samples that need one of the oldest `counts[k]` observations of `slots[k]`.
@@ -80,111 +80,87 @@ class PairSums:
         if stay.any():
             self._shorten(window, slots[stay], counts[stay])
         self.forget(slots[~stay])
-        self._held[slots[stay]] -= counts[stay]
+        self._held[self.rows.of[slots[stay]]] -= counts[stay]
 
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories; those that the window still holds come in again."""
-        slots = slots[slots < len(self._known)]
+        slots = slots[slots < len(self.rows.of)]
         slots = slots[self.rows.of[slots] >= 0]
-        self._known[slots], self._held[slots] = _NEVER, 0
-        for row in self.rows.of[slots].tolist():
-            strip, inside = divmod(row, STRIP)
+        rows = self.rows.of[slots]
+        self._held[rows] = 0
+        for strip, inside in zip(*(part.tolist() for part in np.divmod(rows, STRIP)), strict=True):
             self._samples[strip, :, :, inside] = 0.0
-            first = _blocks(strip)
-            self.sums[first : first + strip + 1, :, inside, :] = 0.0
+            self.sums[_blocks(strip) : _blocks(strip + 1), inside] = 0.0
             below = np.arange(strip, len(self._samples))
             self.sums[_blocks(below) + strip, :, :, inside] = 0.0
         self.rows.give_back(slots)
 
-    def order(self, window: Window, slots: Slots) -> Slots:
-        """In which order :meth:`affinity` takes least time: which slot comes first and so on, intp [n]."""
-        self._take_in(window)
-        return np.argsort(self.rows.of[slots], kind="stable")
-
-    def affinity(self, window: Window, slots: Slots) -> Floats32:
+    def affinity(self, window: Window) -> Floats32:
         """Affinity (3.4) of each pair of trajectories.
-
-        Parameters
-        ----------
-        window
-            Store of the trajectories.
-        slots
-            intp [n].
 
         Returns
         -------
         NDArray[float32]
-            [n, n], symmetric; 0.5 for pairs with fewer than two common samples. Overwritten by the next call.
+            [n, n], symmetric, by the :attr:`rows` of the trajectories in the window; 0.5 for pairs with fewer
+            than two common samples. Overwritten by the next call.
         """
         self._take_in(window)
-        n = len(slots)
-        if len(self._room) < n * n:
-            self._room = untouched_zeros((n * n + n * n // 4,), np.float32)
-        affinity = self._room[: n * n].reshape(n, n)
-        rows = self.rows.of[slots]
-        part = rows >= 0
-        place = np.full(len(self._samples) * STRIP, -1)
-        place[rows[part]] = np.flatnonzero(part)
-        self._pass(place, affinity)
-        np.exp(affinity, out=affinity)
-        affinity[~part], affinity[:, ~part] = INCOMPARABLE, INCOMPARABLE
-        np.fill_diagonal(affinity, 1.0)
-        return affinity
-
-    def _fit(self, window: Window) -> None:
-        """Hold all slots."""
-        extra = window.capacity - len(self._known)
-        if extra:
-            self._known = np.pad(self._known, (0, extra), constant_values=_NEVER)
-            self._held = np.pad(self._held, (0, extra))
-            self.rows.fit(window.capacity)
-
-    def _begin(self, window: Window, slots: Slots) -> None:
-        """Give rows, and room for the sums, to trajectories that take part from now on."""
-        self.rows.take(slots, window.source[slots])
-        if self.rows.strips == len(self._samples):
-            return
-        if self._waiting:
-            self._pass()
-        self._samples = np.zeros((self.rows.strips, *self._samples.shape[1:]))
-        if _blocks(self.rows.strips) > len(self.sums):
-            # Twice as many at once: growing copies everything.
-            grown = untouched_zeros((2 * _blocks(self.rows.strips), *self.sums.shape[1:]), np.float64)
-            grown[: len(self.sums)] = self.sums
-            self.sums = grown
-
-    def _taking_part(self, window: Window) -> Slots:
-        lasting = window.used & ~window.ended
-        return np.flatnonzero(lasting & (window.stop - window.start >= _MIN_OBSERVATIONS))
+        if len(self._affinity) != len(self._held):
+            self._affinity = untouched_zeros((len(self._held), len(self._held)), np.float32)
+        self._pass(self._affinity)
+        np.fill_diagonal(self._affinity, 1.0)
+        return self._affinity
 
     def _take_in(self, window: Window) -> None:
         """Note the samples that observations have brought since the last time."""
-        self._fit(window)
-        self.forget(np.flatnonzero(window.ended))
-        slots = self._taking_part(window)
-        first = window.start[slots] + self._held[slots]
-        # A late observation changes the segment that it divides, so all of its trajectory comes in again.
-        late = (self._held[slots] > 0) & (window.times[slots, first - 1] != self._known[slots])
-        self.forget(slots[late])
-        first[late] = window.start[slots[late]]
+        self._begin(window)
+        rows = np.flatnonzero(self._sampled(window))
+        slots, known = self.rows.slots[rows], self._known[rows]
+        first, newest = window.start[slots] + self._held[rows], window.times[slots, window.stop[slots] - 1]
         fresh = first < window.stop[slots]
         if not fresh.any():
             return
-        self._begin(window, slots[self.rows.of[slots] < 0])
-        newest = window.times[slots, window.stop[slots] - 1]
-        since = self._summed_until(window, slots[fresh], first[fresh])
-        after, until = np.full((2, len(slots)), _LATEST)
-        after[fresh] = since
-        self._enqueue(window, slots, (after, until), (int(since.min()), int(newest[fresh].max())), 1.0)
-        self._known[slots], self._held[slots] = newest, window.counts(slots)
-
-    def _summed_until(self, window: Window, slots: Slots, first: Slots) -> Stamps:
-        """States later than this are not in the sums yet, ns [n]; `first` is the first new observation."""
-        known, next_ns = self._known[slots], window.times[slots, first]
         # The segment that ends with the first new observation is new as well.
-        follows = known != _NEVER
-        follows[follows] = next_ns[follows] - known[follows] <= window.gap_ns
-        return np.where(follows, known, next_ns - 1)
+        begin = window.times[slots[fresh], first[fresh]]
+        follows = (self._held[rows[fresh]] > 0) & (begin - known[fresh] <= window.gap_ns)
+        since = np.where(follows, known[fresh], begin - 1)
+        after, until = np.full((2, len(self._held)), _LATEST)
+        after[rows[fresh]] = since
+        self._enqueue(window, after, until, 1.0)
+        self._known[rows], self._held[rows] = newest, window.counts(slots)
+
+    def _sampled(self, window: Window) -> Bools:
+        """Which rows have samples, bool [rows]."""
+        there, slots = self.rows.slots >= 0, self.rows.slots
+        return np.asarray(there & window.used[slots] & (window.counts(slots) >= _MIN_OBSERVATIONS), np.bool_)
+
+    def _begin(self, window: Window) -> None:
+        """Give rows, and room for the sums, to trajectories that take part from now on."""
+        self.rows.fit(window.capacity)
+        self.forget(np.flatnonzero(window.ended | self._late(window)))
+        there = window.used & ~window.ended & (window.stop > window.start)
+        slots = np.flatnonzero(there & (self.rows.of < 0))
+        self.rows.take(slots, window.source[slots])
+        extra = len(self.rows.slots) - len(self._held)
+        if not extra:
+            return
+        self._pass()
+        self._held, self._known = np.pad(self._held, (0, extra)), np.pad(self._known, (0, extra))
+        strips = len(self._held) // STRIP
+        self._samples = np.zeros((strips, *self._samples.shape[1:]))
+        if _blocks(strips) > len(self.sums):
+            # Twice as many at once: growing copies everything.
+            grown = untouched_zeros((2 * _blocks(strips), *self.sums.shape[1:]), np.float64)
+            grown[: len(self.sums)] = self.sums
+            self.sums = grown
+
+    def _late(self, window: Window) -> Bools:
+        """Which slots have observations older than what was taken in, of which they change segments."""
+        rows = np.flatnonzero(self._held > 0)
+        slots = self.rows.slots[rows]
+        late = np.zeros(window.capacity, np.bool_)
+        late[slots] = window.times[slots, window.start[slots] + self._held[rows] - 1] != self._known[rows]
+        return late
 
     def _far(self, window: Window, slots: Slots, counts: Slots) -> Bools:
         """Which slots were so far away, at an observation that goes, that subtracting it leaves a trace."""
@@ -195,39 +171,57 @@ class PairSums:
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
         """Note the samples that go with the oldest observations of each slot."""
-        part, first = self._taking_part(window), window.start[slots]
+        first = window.start[slots]
         begin, gone = window.times[slots, first + counts], window.times[slots, first + counts - 1]
-        after, until = np.full((2, len(part)), _NEVER)
-        until[np.searchsorted(part, slots)] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
-        oldest = int(window.times[slots, first].min())
-        self._enqueue(window, part, (after, until), (oldest - 1, int(until.max())), -1.0)
+        after, until = np.full((2, len(self._held)), _NEVER)
+        until[self.rows.of[slots]] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
+        self._enqueue(window, after, until, -1.0)
 
-    def _enqueue(
-        self, window: Window, slots: Slots, of: tuple[Stamps, Stamps], span: tuple[int, int], sign: float
-    ) -> None:
-        """Have the samples in a span (after, until] wait for the next pass; a full buffer makes one."""
-        columns = window.times, window.positions, window.speed, window.start, window.stop, window.gap_ns
-        first, last = (bisect_right(window.instants, time) for time in span)
+    def _enqueue(self, window: Window, after: Stamps, until: Stamps, sign: float) -> None:
+        """Have samples wait for the next pass; a full buffer makes one.
+
+        Of each row, int64 [rows] each, the states later than `after` and no later than `until` come or go.
+        """
+        first, last = (bisect_right(window.instants, int(time)) for time in (after.min(), until.max()))
         while first < last:
             if self._waiting == _MAX_INSTANTS:
                 self._pass()
             stamps = np.array(window.instants[first : min(last, first + _MAX_INSTANTS - self._waiting)])
+            changing = (after < stamps[:, None]) & (stamps[:, None] <= until)
             wait = slice(self._waiting, self._waiting + len(stamps))
-            samples = self._samples[:, wait]
-            samples[:] = 0.0
-            fill_samples(*columns, slots, self.rows.of[slots], stamps, *of, samples)
-            samples[:, :, WEIGHT] = weight(samples[:, :, WEIGHT], self._v_move)
+            self._fill(window, stamps, changing, self._samples[:, wait])
             self._signs[wait] = sign
             self._waiting += len(stamps)
             first += len(stamps)
 
-    def _pass(self, place: Slots = _NOWHERE, out: Floats32 = _NO_AFFINITIES) -> None:
-        """Take what waits into the sums; write the logarithms of affinities where they are wanted."""
+    def _fill(self, window: Window, stamps: Stamps, changing: Bools, samples: Floats) -> None:
+        """Write what all rows are at instants [T] to samples, [strips, T, SAMPLE_PLANES, STRIP]."""
+        states = states_at(window, self.rows.slots, stamps)
+        held = states.held & self._sampled(window)
+        for c in range(window.dim):
+            samples[:, :, X + c] = _by_strip(states.position[..., c])
+        samples[:, :, WEIGHT] = _by_strip(weight(states.speed, self._v_move))
+        samples[:, :, OBSERVED] = _by_strip(states.observed & held)
+        samples[:, :, CHANGING] = _by_strip(changing & held)
+        samples[:, :, BOTH] = samples[:, :, OBSERVED] * samples[:, :, CHANGING]
+        samples[:, :, HELD] = _by_strip(held)
+
+    def _pass(self, affinity: Floats32 = _NONE) -> None:
+        """Take what waits into the sums; write affinities where they are wanted."""
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
-        present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
-        signs = self._signs[: self._waiting]
-        update_blocks(self.sums, self._samples, signs, present, rate, place, out)
+        samples, signs = self._samples, self._signs[: self._waiting]
+        present = np.asarray(samples[:, : self._waiting].any(axis=3), np.bool_)
+        update_pairs(_planes_in_rows(self.sums), _planes_in_rows(samples), signs, present, rate, affinity)
         self._waiting = 0
+
+
+def _planes_in_rows(blocks: Floats) -> Floats:
+    return blocks.reshape(*blocks.shape[:2], blocks.shape[2] * blocks.shape[3])
+
+
+def _by_strip(values: NDArray[Any]) -> NDArray[Any]:
+    """From [T, rows] to [strips, T, STRIP]."""
+    return values.reshape(len(values), -1, STRIP).swapaxes(0, 1)
 
 
 def _blocks(strips: Any) -> Any:

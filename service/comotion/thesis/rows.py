@@ -22,19 +22,16 @@ class Rows:
     ----------
     of
         intp [slots], the row of each slot, -1 for none.
+    slots
+        intp [rows], the slot of each row, -1 for none.
     """
 
     def __init__(self, strip: int) -> None:
         self._strip = strip
         self.of: Slots = np.zeros(0, np.intp)
-        # By strip: its source; by strip and row inside: whether it is taken.
+        self.slots: Slots = np.zeros(0, np.intp)
+        # Of each strip, -1 for none.
         self._source: Slots = np.zeros(0, np.intp)
-        self._taken = np.zeros((0, strip), np.bool_)
-
-    @property
-    def strips(self) -> int:
-        """How many strips there are."""
-        return len(self._source)
 
     def fit(self, capacity: int) -> None:
         """Hold so many slots."""
@@ -44,23 +41,22 @@ class Rows:
         """Give rows to slots that have none, intp [n], each of a source, intp [n]."""
         for source in np.unique(sources).tolist():
             wanting = slots[sources == source]
-            self._open(source, len(wanting))
-            rows = np.flatnonzero(~self._taken & (self._source == source)[:, None])[: len(wanting)]
-            self.of[wanting] = rows
-            self._taken.flat[rows] = True
+            while len(free := self._free(source)) < len(wanting):
+                self._open(source)
+            self.of[wanting], self.slots[free[: len(wanting)]] = free[: len(wanting)], wanting
 
-    def _open(self, source: int, count: int) -> None:
-        """See to it that so many rows are free in the strips of a source."""
-        missing = count - int((~self._taken[self._source == source]).sum())
-        strips = -(-max(missing, 0) // self._strip)
-        unused = np.flatnonzero(self._source == _NOBODY)
-        more = max(strips - len(unused), 0)
-        self._source = np.pad(self._source, (0, more), constant_values=_NOBODY)
-        self._taken = np.pad(self._taken, ((0, more), (0, 0)))
-        self._source[np.flatnonzero(self._source == _NOBODY)[:strips]] = source
+    def _free(self, source: int) -> Slots:
+        return np.flatnonzero((self.slots == _NOBODY) & (np.repeat(self._source, self._strip) == source))
+
+    def _open(self, source: int) -> None:
+        """Let a strip that nobody uses, or a new one, be a source's."""
+        if not (self._source == _NOBODY).any():
+            self._source = np.append(self._source, _NOBODY)
+            self.slots = np.pad(self.slots, (0, self._strip), constant_values=_NOBODY)
+        self._source[np.flatnonzero(self._source == _NOBODY)[0]] = source
 
     def give_back(self, slots: Slots) -> None:
         """Free the rows of slots that have one."""
-        self._taken.flat[self.of[slots]] = False
+        self.slots[self.of[slots]] = _NOBODY
         self.of[slots] = _NOBODY
-        self._source[~self._taken.any(1)] = _NOBODY
+        self._source[(self.slots == _NOBODY).reshape(-1, self._strip).all(1)] = _NOBODY

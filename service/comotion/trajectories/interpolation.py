@@ -20,6 +20,8 @@ class States:
     ----------
     position
         float64 [T, n, dim], in the space's unit; 0 where not `held`.
+    speed
+        float64 [T, n], per second; between observations that of the segment; 0 where not `held`.
     observed
         bool [T, n]; an observation was made at this very instant.
     held
@@ -27,6 +29,7 @@ class States:
     """
 
     position: Floats
+    speed: Floats
     observed: Bools
     held: Bools
 
@@ -47,10 +50,11 @@ def states_at(window: Window, slots: Slots, stamps: Stamps, gap_ns: int | None =
         int64 [T] ns, ascending.
     """
     shape = len(stamps), len(slots)
-    states = States(np.zeros((*shape, window.dim)), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
+    flags = np.zeros((2, *shape), np.bool_)
+    states = States(np.zeros((*shape, window.dim)), np.zeros(shape), *flags)
     longest_ns = window.gap_ns if gap_ns is None else gap_ns
-    columns = window.times, window.positions, window.start, window.stop, longest_ns
-    fill_states(*columns, slots, stamps, states.position, states.observed, states.held)
+    columns = window.times, window.positions, window.speed, window.start, window.stop, longest_ns
+    fill_states(*columns, slots, stamps, states.position, states.speed, states.observed, states.held)
     return states
 
 

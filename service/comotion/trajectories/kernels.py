@@ -221,16 +221,21 @@ def fill_recent_steps(
 def fill_states(
     times: Stamps,
     positions: Floats,
+    speed: Floats,
     start: Slots,
     stop: Slots,
     gap_ns: int,
     slots: Slots,
     stamps: Stamps,
     position: Floats,
+    pace: Floats,
     observed: Bools,
     held: Bools,
 ) -> None:
-    """Fill position [T, n, dim], observed and held [T, n] at ascending stamps [T], zero and False before."""
+    """Fill position [T, n, dim], pace, observed, held [T, n] at ascending stamps [T], zero and False before.
+
+    The pace is the speed at an observation; between two that of the segment, which is kept where it ends.
+    """
     for n in range(len(slots) if len(stamps) else 0):
         s = slots[n]
         newest = newest_at(times[s], start[s], stop[s], stamps[0])
@@ -239,7 +244,7 @@ def fill_states(
             left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)
             if left < 0:
                 continue
-            observed[t, n], held[t, n] = left == right, True
+            observed[t, n], held[t, n], pace[t, n] = left == right, True, speed[s, right]
             for c in range(positions.shape[2]):
                 before = positions[s, left, c]
                 position[t, n, c] = before + share * (positions[s, right, c] - before)
