@@ -27,8 +27,6 @@ COMPARABLE_SAMPLES = 2
 _MIN_LOG = -40.0
 # exp(x) is exp(x / 256) squared so often. Six terms of its series leave 1e-8 of the smallest affinity.
 _SQUARINGS = 8
-# Columns of a matrix that one core works on at once.
-_COLUMNS = 512
 
 
 @compiled(parallel=True)
@@ -69,24 +67,29 @@ def update_pairs(
 def _add_samples(sums: Floats, mine: Floats, theirs: Floats, signs: Floats, present: Bools) -> None:
     """Add to the sums of a block what its rows (`mine`) and its columns (`theirs`) are at some instants."""
     for i in range(STRIP):
-        row = sums[i]
         for t in range(len(signs)):
-            my, their, sign = mine[t], theirs[t], signs[t]
-            # Both must have a state, one must be observed, and that of one come or go: what i lacks, j needs.
+            my, their = mine[t], theirs[t]
+            # Both have a state, one is observed, and that of one comes or goes: what i lacks, j needs.
             need = BOTH + int(2 * my[OBSERVED * STRIP + i] + my[CHANGING * STRIP + i])
-            if my[HELD * STRIP + i] == 0.0 or not present[t, need]:
-                continue
-            x, y, z, weight = my[X * STRIP + i], my[Y * STRIP + i], my[Z * STRIP + i], my[WEIGHT * STRIP + i]
-            for j in range(STRIP):
-                dx, dy, dz = x - their[X * STRIP + j], y - their[Y * STRIP + j], z - their[Z * STRIP + j]
-                d = np.sqrt(dx * dx + dy * dy + dz * dz)
-                counts = sign * their[need * STRIP + j]
-                # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-                w = counts * max(weight, their[WEIGHT * STRIP + j])
-                row[WEIGHTS * STRIP + j] += w
-                row[FIRST * STRIP + j] += w * d
-                row[SECOND * STRIP + j] += w * d * d
-                row[SAMPLES * STRIP + j] += counts
+            if my[HELD * STRIP + i] != 0.0 and present[t, need]:
+                _add_sample(sums[i], my, i, their, their[need * STRIP : (need + 1) * STRIP], signs[t])
+
+
+@compiled(fastmath={"contract"})
+def _add_sample(row: Floats, mine: Floats, i: int, theirs: Floats, counted: Floats, sign: float) -> None:
+    """Add the samples of row i at one instant, with those columns that are counted (1, not 0)."""
+    x, y, z = mine[X * STRIP + i], mine[Y * STRIP + i], mine[Z * STRIP + i]
+    weight = mine[WEIGHT * STRIP + i]
+    for j in range(STRIP):
+        dx, dy, dz = x - theirs[X * STRIP + j], y - theirs[Y * STRIP + j], z - theirs[Z * STRIP + j]
+        d = np.sqrt(dx * dx + dy * dy + dz * dz)
+        counts = sign * counted[j]
+        # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
+        w = counts * max(weight, theirs[WEIGHT * STRIP + j])
+        row[WEIGHTS * STRIP + j] += w
+        row[FIRST * STRIP + j] += w * d
+        row[SECOND * STRIP + j] += w * d * d
+        row[SAMPLES * STRIP + j] += counts
 
 
 @compiled(fastmath={"contract"})
@@ -98,15 +101,15 @@ def _compare(sums: Floats, rate: float, affinity: Floats32) -> None:
             eta = 1.0 / row[WEIGHTS * STRIP + j]
             mean = eta * row[FIRST * STRIP + j]
             variance = max(eta * row[SECOND * STRIP + j] - mean * mean, 0.0)
-            y = max(rate * variance, _MIN_LOG) / 2**_SQUARINGS
+            y = max(rate * variance, _MIN_LOG) * (1 / 2**_SQUARINGS)
             # As a series, not by a call: so the loop is one of vector instructions.
-            found = 1 + y * (1 + y / 2 * (1 + y / 3 * (1 + y / 4 * (1 + y / 5))))
+            found = 1 + y * (1 + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120)))))
             for _ in range(_SQUARINGS):
                 found *= found
             affinity[i, j] = found if row[SAMPLES * STRIP + j] >= COMPARABLE_SAMPLES else INCOMPARABLE
 
 
-@compiled(parallel=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def combine_rows(matrix: Floats32, rows: Ints, factors: Floats, out: Floats) -> None:
     """Add some rows of a matrix, each times its factor, to a row.
 
@@ -117,12 +120,15 @@ def combine_rows(matrix: Floats32, rows: Ints, factors: Floats, out: Floats) -> 
     out
         float64 [n].
     """
-    for part in numba_range(-(-len(out) // _COLUMNS)):
-        begin, end = part * _COLUMNS, min((part + 1) * _COLUMNS, len(out))
-        for k in range(len(rows)):
-            factor, row = factors[k], matrix[rows[k]]
-            for j in range(begin, end):
-                out[j] += factor * row[j]
+    # Two rows a turn load and store the sums half as often.
+    for k in range(0, len(rows) - 1, 2):
+        first, second = matrix[rows[k]], matrix[rows[k + 1]]
+        for j in range(len(out)):
+            out[j] += factors[k] * first[j] + factors[k + 1] * second[j]
+    if len(rows) % 2:
+        last = matrix[rows[-1]]
+        for j in range(len(out)):
+            out[j] += factors[-1] * last[j]
 
 
 @compiled()
