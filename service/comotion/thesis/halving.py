@@ -72,6 +72,9 @@ class DivisiveKMeans:
                 guess[: len(before[depth])] = before[depth][: len(guess)]
             of = affinity, members, sums, guess[members]
             second, to_second = _confirmed(*of) or _searched(*of)
+            if 2 * np.count_nonzero(second) > len(members):
+                # Of the smaller half, the next guess costs less.
+                second, to_second = ~second, sums - to_second
             if depth == len(self._sides):
                 self._sides.append(np.zeros(len(affinity), np.int8))
             self._sides[depth][members] = np.where(second, 1, -1)
@@ -82,7 +85,7 @@ class DivisiveKMeans:
 
 def _times(affinity: Floats32, members: Ints, factors: Floats) -> Floats:
     """Product of the rows and columns of m members with factors, float64 [m]; rows times 0 are not read."""
-    out, some = np.zeros(len(affinity)), factors != 0
+    out, some = np.zeros(len(affinity)), np.flatnonzero(factors)
     combine_rows(affinity, members[some], factors[some], out)
     return out[members]
 
@@ -111,7 +114,8 @@ def _searched(
     """As :func:`_confirmed`, by 2-means from several starts."""
     n, many = len(members), len(members) <= _MANY_STARTS_SIZE
     # Columns of rows: twice as fast as both at once.
-    rows = affinity.take(members, 0).take(members, 1).astype(np.float64 if many else np.float32)
+    part = affinity.take(members, 0).take(members, 1)
+    rows: Floats | Floats32 = part.astype(np.float64) if many else part
 
     def product(of: NDArray[Any]) -> Floats:
         return np.asarray(rows @ of.astype(rows.dtype), np.float64)

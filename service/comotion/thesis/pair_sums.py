@@ -209,14 +209,9 @@ class PairSums:
     def _pass(self, affinity: Floats32 = _NONE) -> None:
         """Take what waits into the sums; write affinities where they are wanted."""
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
-        samples, signs = self._samples, self._signs[: self._waiting]
-        present = np.asarray(samples[:, : self._waiting].any(axis=3), np.bool_)
-        update_pairs(_planes_in_rows(self.sums), _planes_in_rows(samples), signs, present, rate, affinity)
+        present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
+        update_pairs(self.sums, self._samples, self._signs[: self._waiting], present, rate, affinity)
         self._waiting = 0
-
-
-def _planes_in_rows(blocks: Floats) -> Floats:
-    return blocks.reshape(*blocks.shape[:2], blocks.shape[2] * blocks.shape[3])
 
 
 def _by_strip(values: NDArray[Any]) -> NDArray[Any]:
