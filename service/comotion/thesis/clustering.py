@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Floats32, Slots
 from ..config import Clustering
-from .equations import INCOMPARABLE
 from .halving import DivisiveKMeans
+from .kernels import INCOMPARABLE
 
 Labels = NDArray[np.intp]
 

@@ -15,8 +15,6 @@ from ..arrays import Bools, Floats, Stamps
 # The thesis chooses λ and γ such that the weight is 0.9 at v_move and the affinity 0.5 at sigma_switch.
 _WEIGHT_SHORT_OF_ONE = 0.1
 AFFINITY_AT_SWITCH = 0.5
-INCOMPARABLE = 0.5
-"""Affinity of a pair with fewer than two common samples: neither high nor low."""
 # ε of (3.2) in units of v_move²; the thesis gives no number. At rest a weight then is 0.0023.
 _EPSILON = 1e-3
 

@@ -83,10 +83,10 @@ class DivisiveKMeans:
         return labels[rows], inside[rows]
 
 
-def _times(affinity: Floats32, members: Ints, factors: Floats) -> Floats:
+def _times(affinity: Floats32, members: Ints, factors: NDArray[Any]) -> Floats:
     """Product of the rows and columns of m members with factors, float64 [m]; rows times 0 are not read."""
     out, some = np.zeros(len(affinity)), np.flatnonzero(factors)
-    combine_rows(affinity, members[some], factors[some], out)
+    combine_rows(affinity, members[some], factors[some].astype(np.float64), out)
     return out[members]
 
 

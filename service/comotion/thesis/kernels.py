@@ -10,7 +10,6 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Ints
 from ..compiled import compiled, numba_range
-from .equations import INCOMPARABLE
 
 STRIP = 128
 """Rows that are worked on together: the sums of 128 x 128 pairs are 524 kB, which the L2 cache holds."""
@@ -23,6 +22,8 @@ WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
 """What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
 COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
+INCOMPARABLE = 0.5
+"""Affinity of a pair with fewer than two common samples: neither high nor low."""
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
 _MIN_LOG = -40.0
 # exp(x) is exp(x / 256) squared so often. Six terms of its series leave 1e-8 of the smallest affinity.
