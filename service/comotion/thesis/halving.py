@@ -101,11 +101,16 @@ def _confirmed(
         bool [m], and float64 [m]: the sums of affinities to that half.
     """
     n, high = len(members), guess > 0
-    settled = n // _SETTLED_SHARE
-    if n <= _MANY_STARTS_SIZE or not 0 < high.sum() < n or np.count_nonzero(guess == 0) > settled:
+    count, settled = np.count_nonzero(high), n // _SETTLED_SHARE
+    if n <= _MANY_STARTS_SIZE or not 0 < count < n or np.count_nonzero(guess == 0) > settled:
         return None
-    found = _two_means(lambda of: _times(affinity, members, of[:, 0])[:, None], sums, high[:, None], 1)
-    return None if np.count_nonzero((found[0] != high) & (guess != 0)) > settled else found
+    half = _times(affinity, members, high)
+    mean, other = (sums - half) / (n - count), half / count
+    closer: Bools = _times(affinity, members, other - mean) > (other @ other - mean @ mean) / 2
+    moved = closer.astype(np.float64) - high
+    if np.count_nonzero(moved * guess) > settled or closer.all() or not closer.any():
+        return None
+    return closer, half + _times(affinity, members, moved)
 
 
 def _searched(
@@ -127,7 +132,7 @@ def _searched(
         halves = product(known) / known.sum(0)
         nearer = product(halves[:, 1:] - halves[:, :1]) > np.diff(np.square(halves).sum(0)) / 2
         starts = np.hstack([nearer, starts])
-    return _two_means(product, sums, starts[:, starts.any(0) & ~starts.all(0)], _MAX_STEPS)
+    return _two_means(product, sums, starts[:, starts.any(0) & ~starts.all(0)])
 
 
 def _around_rows(rows: Floats | Floats32, sums: Floats, count: int) -> Bools:
@@ -141,7 +146,7 @@ def _around_rows(rows: Floats | Floats32, sums: Floats, count: int) -> Bools:
     return np.asarray(second, np.bool_)
 
 
-def _two_means(product: Product, sums: Floats, second: Bools, steps: int) -> tuple[Bools, Floats]:
+def _two_means(product: Product, sums: Floats, second: Bools) -> tuple[Bools, Floats]:
     """The best of 2-means (3.6) from some starts, and the sums of affinities to its second half.
 
     Parameters
@@ -150,8 +155,6 @@ def _two_means(product: Product, sums: Floats, second: Bools, steps: int) -> tup
         Of the affinities of n members, and the sums of their rows, float64 [n].
     second
         bool [n, starts], first guesses at one half, neither of them empty.
-    steps
-        So many at most.
 
     Returns
     -------
@@ -160,7 +163,7 @@ def _two_means(product: Product, sums: Floats, second: Bools, steps: int) -> tup
     """
     n = len(second)
     settled = 0 if n <= _MANY_STARTS_SIZE else n // _SETTLED_SHARE
-    for _ in range(steps):
+    for _ in range(_MAX_STEPS):
         count, to_second = second.sum(0), product(second)
         mean, other = (sums[:, None] - to_second) / (n - count), to_second / count
         lengths = np.square(mean).sum(0), np.square(other).sum(0)
