@@ -44,7 +44,7 @@ OF_ROBOTS = [
     ("source proprioception workcell:arm --base 1,2", "--base 1,2: expected X,Y,Z"),
 ]
 OF_VIEWERS = [
-    ("view --save a.rrd", "a.rrd: exists"),
+    ("view --save a.rrd", "a.rrd exists, and is not replaced"),
     ("view --save a.png", "ends in .rrd"),
     ("view a.mcap --save b.rrd", "a.mcap"),
     ("view a.rrd --web", "rerun a.rrd"),
