@@ -39,17 +39,11 @@ def noise_variance(window: Window, slots: Slots, stamps: Sequence[int]) -> Float
     stamps
         ns, ascending; instants at which something was observed.
     """
-    square = _squared_differences(window, slots, np.array(stamps[-_INSTANTS:], np.int64))
-    count = np.isfinite(square).sum(axis=0)
-    known = count > 0
-    own = np.where(known, median(square, 0) / _CHI2_MEDIAN, 0.0) if len(square) else np.zeros(len(slots))
-    variance = np.zeros(len(slots))
-    for source in np.unique(window.source[slots]).tolist():
-        mine = window.source[slots] == source
-        pooled = float(np.median(own[mine & known])) if (mine & known).any() else 0.0
-        variance[mine] = (_POOL * pooled + count[mine] * own[mine]) / (_POOL + count[mine])
     published = window.sigma[slots, window.stop[slots] - 1]
-    return np.where(np.isfinite(published), published**2, variance)
+    variance, unknown = published**2, np.isnan(published)
+    if unknown.any():
+        variance[unknown] = _estimated(window, slots[unknown], np.array(stamps[-_INSTANTS:], np.int64))
+    return np.asarray(variance)
 
 
 def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
@@ -76,6 +70,20 @@ def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
     found[1:-1] = far[1:] & far[:-1] & back
     found[0], found[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
     return found
+
+
+def _estimated(window: Window, slots: Slots, stamps: Stamps) -> Floats:
+    """Variance of a coordinate from third divided differences, px² [n]."""
+    square = _squared_differences(window, slots, stamps)
+    count = np.isfinite(square).sum(axis=0)
+    known = count > 0
+    own = np.where(known, median(square, 0) / _CHI2_MEDIAN, 0.0) if len(square) else np.zeros(len(slots))
+    variance = np.zeros(len(slots))
+    for source in np.unique(window.source[slots]).tolist():
+        mine = window.source[slots] == source
+        pooled = float(np.median(own[mine & known])) if (mine & known).any() else 0.0
+        variance[mine] = (_POOL * pooled + count[mine] * own[mine]) / (_POOL + count[mine])
+    return variance
 
 
 def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats:

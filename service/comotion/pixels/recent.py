@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Slots
+from ..arrays import Bools, Floats, Ints, Slots, Stamps
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .noise import noise_variance
@@ -68,15 +68,25 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
         The instant.
     """
     slots = window.slots()
-    instants = np.array([stamp_ns - scale for scale in SCALES_NS[::-1]] + [stamp_ns], np.int64)
+    now = states_at(window, slots, np.array([stamp_ns], np.int64))
+    here = np.flatnonzero(now.held[0])
+    slots, position = slots[here], now.position[0, here]
+    past, seen = _past_places(window, slots, np.array(stamps, np.int64), stamp_ns - np.array(SCALES_NS))
+    return Recent(slots, position, position - past, seen, noise_variance(window, slots, stamps))
+
+
+def _past_places(window: Window, slots: Slots, stamps: Stamps, times: Stamps) -> tuple[Floats, Bools]:
+    """Where trajectories were at times [S] ns, [S, n, 2] px, and whether they were seen, bool [S, n].
+
+    The place is the median of that and of those at the instants before and after, so that one gross error
+    makes nothing move.
+    """
+    nearest = np.abs(times[:, None] - stamps).argmin(axis=1)
+    before, after = stamps[np.maximum(nearest - 1, 0)], stamps[np.minimum(nearest + 1, len(stamps) - 1)]
+    instants, rows = np.unique(np.stack([before, times, after], axis=1), return_inverse=True)
     states = states_at(window, slots, instants)
-    here = np.flatnonzero(states.held[-1])
+    place, held = states.position[rows.reshape(-1, 3)], states.held[rows.reshape(-1, 3)]
+    known = held.all(axis=1)[..., None]
     # Contiguous, so that kernels are compiled for one layout.
-    position = np.ascontiguousarray(states.position[::-1][:, here])
-    return Recent(
-        slots[here],
-        position[0],
-        position[0] - position[1:],
-        np.ascontiguousarray(states.held[-2::-1][:, here]),
-        noise_variance(window, slots[here], stamps),
-    )
+    past = np.where(known, np.sort(place, axis=1)[:, 1], place[:, 1])
+    return np.ascontiguousarray(past), np.ascontiguousarray(held[:, 1])
