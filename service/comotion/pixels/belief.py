@@ -24,14 +24,10 @@ BACKGROUND = 0
 
 # nat; limit of the evidence on either side, and most that neighbours are worth for a newborn trajectory.
 _MOST, _NEIGHBOURS = 4.0, 2.0
-# nat; least evidence for the background of a newborn, so that it takes one contradiction to leave it.
-_NEWBORN_BACKGROUND = -1.0
 # nat; of the members of a new body.
 _FIRST = 1.0
-# nat; gain of one far from all members of a body: another body may move in the same way.
-_FAR = -0.5
 # A body is shown after so many updates in a row with enough members.
-_SUPPORT = 2
+_SUPPORT = 3
 # Share of its members that a body has in one group of the window, if it counts for it as a whole.
 _WHOLE = 0.7
 # nat; gain down to which a group of the window holds its members: what parts contradicts more clearly.
@@ -112,9 +108,8 @@ class Belief:
         """Take in the motion up to an instant."""
         self._admit(window, window.slots())
         rest, labels = rest_gain(recent), self.labels(recent.slots)
-        votes = nearest_votes(recent.position, labels, len(self.bodies), recent.reach)
-        self._place(recent.slots, votes)
-        gain, motion = self._gains(recent, rest, labels, votes)
+        self._place(recent.slots, nearest_votes(recent.position, labels, len(self.bodies), recent.reach))
+        gain, motion = self._gains(recent, rest, labels)
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
@@ -207,14 +202,11 @@ class Belief:
         if not new.any():
             return
         first = _NEIGHBOURS * (2 * votes[new] - 1)
-        first[:, BACKGROUND] = np.maximum(first[:, BACKGROUND], _NEWBORN_BACKGROUND)
         first[~votes[new].any(axis=1), BACKGROUND] = _FIRST
         self._evidence[slots[new]] = first
         self._newborn[slots[new]] = False
 
-    def _gains(
-        self, recent: Recent, rest: Floats, labels: Ints, votes: Floats
-    ) -> tuple[Floats, dict[int, float]]:
+    def _gains(self, recent: Recent, rest: Floats, labels: Ints) -> tuple[Floats, dict[int, float]]:
         """Gain under each hypothesis, float64 [n, K], and how far each body that was seen has moved, px."""
         gain, motion = np.zeros((len(labels), len(self.bodies))), {}
         gain[:, BACKGROUND] = rest
@@ -225,9 +217,7 @@ class Belief:
             if found is None:
                 continue
             held = members & (self._owner[recent.slots] == column) & (found.gain > _HELD)
-            gained = np.where(held, np.maximum(found.gain, 0.0), found.gain)
-            near = members | (votes[:, column] > 0)
-            gain[:, column] = np.where(near, gained, np.minimum(gained, _FAR))
+            gain[:, column] = np.where(held, np.maximum(found.gain, 0.0), found.gain)
             motion[column] = found.motion
             body.farthest = max(body.farthest, found.motion)
         return gain, motion
