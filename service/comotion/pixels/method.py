@@ -11,9 +11,9 @@ Before a camera that moves:
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Floats32, Ints, Slots
+from ..arrays import Floats32, Slots
 from ..config import FusionConfig
-from ..matching import continued, largest_first
+from ..matching import largest_first
 from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
 from .belief import Belief
@@ -73,7 +73,9 @@ class PixelMethod(Method):
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):
-            groups[newborn], confidence[newborn] = self._newborn(window, newborn, current, groups, previous)
+            known = current[groups[current] != NO_HYPOTHESIS]
+            groups[newborn], share = assign_newborns(window, newborn, known, groups[known])
+            confidence[newborn] = share / 2
         slots = np.union1d(current, compared)
         described = describe(window, current, groups[current], residual[current], count)
         return Partition(
@@ -106,21 +108,6 @@ class PixelMethod(Method):
             position=window.positions[current, window.stop[current] - 1],
             described=describe(window, current, mine, belief.residual(window, current), len(belief.bodies)),
         )
-
-    def _newborn(
-        self, window: Window, newborn: Slots, current: Slots, groups: Ints, previous: Previous
-    ) -> tuple[Ints, Floats]:
-        """Groups of newborn trajectories and the confidence in them, at most 1/2, [n] each; step 7.
-
-        `groups` intp [capacity] are those of the others.
-        """
-        known = current[groups[current] != NO_HYPOTHESIS]
-        before, count = previous.labels, int(groups.max(initial=-1)) + 1
-        pairs = continued(before[known], groups[known], count, largest_first)
-        goes_on = {hypothesis: k for k, hypothesis in pairs.items()}
-        mine = np.array([goes_on.get(one, NO_HYPOTHESIS) for one in before[newborn].tolist()])
-        found, share = assign_newborns(window, newborn, known, groups[known], mine)
-        return found, share / 2
 
     def affinity(self) -> NDArray[np.float32]:
         """Similarity [n, n] of the last update's trajectories; 0.5 where not compared."""

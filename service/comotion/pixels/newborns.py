@@ -10,15 +10,11 @@ from ..trajectories.window import Window
 
 # Nearest neighbours that vote, and px that are added to their distance.
 _VOTERS, _SOFT_PX = 5, 5.0
-# What the previous group of a newborn trajectory counts, as a share of all votes.
-_PREVIOUS = 0.2
 # ns; time over which motion is compared, and px of distance that a px of difference in it counts for.
 _MOTION_NS, _MOTION_WEIGHT = 100_000_000, 10.0
 
 
-def assign_newborns(
-    window: Window, newborn: Slots, known: Slots, groups: Ints, previous: Ints
-) -> tuple[Ints, Floats]:
+def assign_newborns(window: Window, newborn: Slots, known: Slots, groups: Ints) -> tuple[Ints, Floats]:
     """Groups of newborn trajectories by the vote of the nearest in the image that move as they do.
 
     Parameters
@@ -28,8 +24,6 @@ def assign_newborns(
     newborn, known
         Slots intp [n] of trajectories too short to be compared, and intp [m] of others, which have the
         `groups` intp [m].
-    previous
-        intp [n]; groups that continue the hypotheses of the newborn ones, negative for none.
 
     Returns
     -------
@@ -44,11 +38,9 @@ def assign_newborns(
     # One that was seen once has a place, and no motion.
     near = nearest_votes(place, labels, count, np.inf)
     votes = np.where((span > 0)[:, None], alike, near)[: len(newborn)]
-    total = votes + _PREVIOUS * (previous[:, None] == np.arange(count))
     if not votes.any():
         return np.full(len(newborn), NO_HYPOTHESIS), np.zeros(len(newborn))
-    best = total.argmax(axis=1)
-    return best, votes[np.arange(len(newborn)), best]
+    return votes.argmax(axis=1), votes.max(axis=1)
 
 
 def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floats:
