@@ -24,6 +24,8 @@ BACKGROUND = 0
 
 # nat; limit of the evidence on either side, and most that neighbours are worth for a newborn trajectory.
 _MOST, _NEIGHBOURS = 4.0, 2.0
+# Share of the reach of neighbours within which these lie: what hangs behind a body at rest must not be drawn to it.
+_PLACE = 0.25
 # nat; of the members of a new body.
 _FIRST = 1.0
 # A body is shown after so many updates in a row with enough members.
@@ -108,7 +110,8 @@ class Belief:
         """Take in the motion up to an instant."""
         self._admit(window, window.slots())
         rest, labels = rest_gain(recent), self.labels(recent.slots)
-        self._place(recent.slots, nearest_votes(recent.position, labels, len(self.bodies), recent.reach))
+        near = nearest_votes(recent.position, labels, len(self.bodies), _PLACE * recent.reach)
+        self._place(recent.slots, near)
         gain, motion = self._gains(recent, rest, labels)
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
