@@ -176,3 +176,18 @@ def test_a_restart_keeps_what_rests():
     again = Fusion.restore(FusionConfig(window=2.0), fusion.snapshot())
     after = play(again, scene, path(30, 30, after=150)[180:], first=180)[209]
     assert after == before
+
+
+def test_gross_errors_of_single_observations_move_nothing_that_rests():
+    scene, fusion, shift = Scene(), Fusion(FusionConfig()), path(30, 30, after=60)
+    for number in range(120):
+        seen = scene.at(shift[number])
+        wild = scene.rng.random(len(seen)) < 0.05
+        seen[wild] += scene.rng.choice([-40.0, 40.0], (int(wild.sum()), 2))
+        fusion.ingest(batch(number, np.arange(WALL + HAND), seen))
+        if number % 3 == 2:
+            labels = fusion.update(stamp(number)).track_hypothesis
+    (background, body), counts = np.unique(labels[labels != UNDETERMINED], return_counts=True)
+    assert counts.sum() > 0.8 * (WALL + HAND)
+    assert body not in labels[:WALL]
+    assert background not in labels[WALL:]

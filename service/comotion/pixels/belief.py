@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints, Labels, Slots
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
-from .gains import group_gain, rest_gain
+from .gains import AT_REST_PX, group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
 from .recent import Recent
@@ -110,9 +110,9 @@ class Belief:
         """Take in the motion up to an instant."""
         self._admit(window, window.slots())
         rest, labels = rest_gain(recent), self.labels(recent.slots)
-        near = nearest_votes(recent.position, labels, len(self.bodies), _PLACE * recent.reach)
-        self._place(recent.slots, near)
-        gain, motion = self._gains(recent, rest, labels)
+        votes = nearest_votes(recent.position, labels, len(self.bodies), _PLACE * recent.reach)
+        self._place(recent.slots, votes)
+        gain, motion = self._gains(recent, rest, labels, votes)
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
@@ -209,7 +209,9 @@ class Belief:
         self._evidence[slots[new]] = first
         self._newborn[slots[new]] = False
 
-    def _gains(self, recent: Recent, rest: Floats, labels: Ints) -> tuple[Floats, dict[int, float]]:
+    def _gains(
+        self, recent: Recent, rest: Floats, labels: Ints, votes: Floats
+    ) -> tuple[Floats, dict[int, float]]:
         """Gain under each hypothesis, float64 [n, K], and how far each body that was seen has moved, px."""
         gain, motion = np.zeros((len(labels), len(self.bodies))), {}
         gain[:, BACKGROUND] = rest
@@ -220,7 +222,10 @@ class Belief:
             if found is None:
                 continue
             held = members & (self._owner[recent.slots] == column) & (found.gain > _HELD)
-            gain[:, column] = np.where(held, np.maximum(found.gain, 0.0), found.gain)
+            gained = np.where(held, np.maximum(found.gain, 0.0), found.gain)
+            # A body at rest explains all that rests: that is evidence for it only near its members.
+            near = members | (votes[:, column] > 0) | (found.motion >= AT_REST_PX)
+            gain[:, column] = np.where(near, gained, np.minimum(gained, 0.0))
             motion[column] = found.motion
             body.farthest = max(body.farthest, found.motion)
         return gain, motion

@@ -17,7 +17,7 @@ _DRIFT_PX = np.array([0.3, 0.45, 0.8, 1.2])
 # Time scales over which bodies are compared: over longer ones they turn, and hands change their shape.
 _BODY_SCALES = 2
 # px; a group that has moved less over any time scale rests.
-_AT_REST_PX = 0.5
+AT_REST_PX = 0.5
 
 
 class Explained(NamedTuple):
@@ -51,6 +51,6 @@ def group_gain(recent: Recent, members: Bools) -> Explained | None:
     gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:_BODY_SCALES], members)
     if motion < 0:
         return None
-    if motion < _AT_REST_PX:
+    if motion < AT_REST_PX:
         return Explained(rest_gain(recent, _BODY_SCALES), motion)
     return Explained(gain, motion)

@@ -86,7 +86,7 @@ def _past_places(window: Window, slots: Slots, stamps: Stamps, times: Stamps) ->
     instants, rows = np.unique(np.stack([before, times, after], axis=1), return_inverse=True)
     states = states_at(window, slots, instants)
     place, held = states.position[rows.reshape(-1, 3)], states.held[rows.reshape(-1, 3)]
-    known = held.all(axis=1)[..., None]
+    known = held[:, 0] & held[:, 1] & held[:, 2]
     # Contiguous, so that kernels are compiled for one layout.
-    past = np.where(known, np.sort(place, axis=1)[:, 1], place[:, 1])
+    past = np.where(known[..., None], np.sort(place, axis=1)[:, 1], place[:, 1])
     return np.ascontiguousarray(past), np.ascontiguousarray(held[:, 1])
