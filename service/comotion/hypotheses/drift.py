@@ -145,7 +145,8 @@ def _seen(
     for one, delay_ns in delays_ns.items():
         delay[window.source[slots] == one] = delay_ns
     x, held = np.zeros((len(stamps), len(slots), window.dim)), np.zeros(len(slots), np.bool_)
-    for delay_ns in np.unique(delay).tolist():
+    # Zero is among them, so that what this runs is compiled beforehand.
+    for delay_ns in np.unique(np.append(delay, 0)).tolist():
         mine = delay == delay_ns
         states = states_at(window, slots[mine], stamps - delay_ns, _DENSE_NS)
         x[:, mine], held[mine] = states.position, states.held.all(0)
