@@ -1,4 +1,4 @@
-"""In trajectories, out those that jump: from there on the id stands for another feature.
+"""Finds trajectories that jump: from there on the id stands for another feature.
 
 Trackers exchange features now and then, and slip from one to the next that looks alike. A trajectory across
 such a jump moves as no body does.
@@ -14,7 +14,8 @@ from .window import Window
 
 # Steps before and after a jump, and how many times as far as each of these it is from their mean velocity.
 _BEFORE, _AFTER, _FARTHER = 3, 2, 8.0
-# Least length of a jump, as a share of the extent of all: coordinates that are rounded jump by less.
+# Least length of a jump, as a share of the extent of all. Markers that are reconstructed jump by less, and
+# what was known of them is worth more: with a fiftieth the recordings of docs/research/accuracy.md lose .004.
 _LEAST = 0.1
 # Jumps of one source at one instant are alike where they differ by less than this share of their length:
 # then a body has moved. So it has, or the whole scene, where more than a share of all features jump at once.
