@@ -139,8 +139,7 @@ def _residuals(
     """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each."""
     shape = len(rows), len(poses)
     cost, squared = np.zeros(shape), np.full(shape, np.nan)
-    step = float(frames.stamps[-1] - frames.stamps[0]) * 1e-9 / max(len(frames.stamps) - 1, 1)
-    deformation = soft, float(np.exp(-step / _DEFORMATION_TIME))
+    deformation = soft, float(np.exp(-frames.step / _DEFORMATION_TIME))
     unposed = _UNCOVERED_SHARE * config.residual_cap * frames.dim
     terms = deformation, unposed, frames.dim, config.residual_cap
     body_costs(frames.arrays, rows, poses, *terms, cost, squared)

@@ -166,8 +166,7 @@ def explained(view: View, before: Offset) -> Offset:
 
 def _lag(view: View) -> float:
     """How much later groups have the speeds of the bodies that they resemble most, s; 0 for unlike ones."""
-    frames, count = view.frames, len(view.frames.stamps)
-    step = float(_seconds(frames)[-1]) / max(count - 1, 1)
+    frames, count, step = view.frames, len(view.frames.stamps), view.frames.step
     longest = min(round(_LONGEST / max(step, 1e-9)), count // 3)
     own = np.stack([_speed(frames, rows) for rows in view.groups.values()])
     other = np.stack([_speed(frames, body.rows) for body in view.bodies.values()])
@@ -223,13 +222,12 @@ def _moved(view: View, offset: Offset, before: Offset) -> RowArrays:
 
 def _later(frames: Frames, rows: Ints, delay: float) -> tuple[Floats, Floats]:
     """Positions and weights of rows some s later: by whole frames, and from there by their velocity."""
-    seconds, count = _seconds(frames), len(frames.stamps)
-    step = float(seconds[-1]) / max(count - 1, 1)
+    count, step = len(frames.stamps), frames.step
     whole = round(delay / step)
     at = np.arange(count) + whole
     some = np.clip(at, 0, count - 1)
     y, w = frames.y[rows][:, some], frames.w[rows][:, some] * (at == some)
-    return y + (delay - whole * step) * velocities(y, w > 0, seconds), w
+    return y + (delay - whole * step) * velocities(y, w > 0, _seconds(frames)), w
 
 
 def _fit(view: View, start: _Start) -> tuple[Offset, float]:

@@ -95,6 +95,11 @@ class Frames:
         return _names(self.key, self.owner)
 
     @property
+    def step(self) -> float:
+        """Time from frame to frame in the mean, s; 0 for a single one."""
+        return float(self.stamps[-1] - self.stamps[0]) * 1e-9 / max(len(self.stamps) - 1, 1)
+
+    @property
     def telling(self) -> Bools:
         """Which trajectories tell how a body moves, bool [N]: those that go on, or were seen for a while."""
         return self.current | (self.life >= _LEAST_ENDED)

@@ -27,6 +27,8 @@ _CONFIRMED_NS, _OBSERVATIONS = 500_000_000, 64
 def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     """Find the trajectories that have jumped alone, as observations after `since_ns` confirm.
 
+    They are sought among those with a long step; what that is from now on, the window is told (`far`).
+
     Parameters
     ----------
     slots
