@@ -1,17 +1,21 @@
-"""Trajectories that jump are cut; those of bodies that move abruptly, and single errors, are not."""
+"""Tracks as real sensors and filters give them: ids that jump are cut; noise and errors are borne."""
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 import comotion
 from comotion.trajectories.jumps import jumps
 from comotion.trajectories.window import Window
 
+from ..builders import labels_of
+
 RATE, COUNT = 20.0, 30
 AT = 20
+SOME, BODY = np.s_[AT:, [3, 14]], np.s_[AT:, 10:]
 
 
-def _scene(seed: int = 0):
+def scene(seed=0):
     """Ten features at rest and ten that sway, [T, 20, 3], noise 2 mm."""
     rng = np.random.default_rng(seed)
     places = rng.uniform(-1, 1, (1, 20, 3)).repeat(COUNT, 0)
@@ -19,73 +23,91 @@ def _scene(seed: int = 0):
     return places + rng.normal(0, 0.002, places.shape)
 
 
-def _exchanged(x):
-    x[AT:, [3, 14]] = x[AT:, [14, 3]]
+# Rows of a scene x, what they become, and which features are cut at which frame.
+HAPPENS = {
+    "two exchange their ids": (SOME, lambda x: x[AT:, [14, 3]], {3: AT, 14: AT}),
+    "one slips": (np.s_[AT:, 12], lambda x: x[AT:, 12] + [0.1, 0, 0], {12: AT}),
+    "a body jumps": (BODY, lambda x: x[BODY] + [0.0, 0.5, 0.0], {}),
+    "two jump together": (np.s_[AT:, 10:12], lambda x: x[AT:, 10:12] + [0.0, 0.5, 0.0], {}),
+    "all ids are others": (np.s_[AT:], lambda x: x[AT:, ::-1], {}),
+    "a single error": (np.s_[AT, 4], lambda x: x[AT, 4] + 0.5, {}),
+    "one starts": (np.s_[AT:, 4], lambda x: x[AT:, 4] + 0.1 * np.arange(1, COUNT - AT + 1)[:, None], {}),
+    "all is rounded": (np.s_[:], lambda x: np.round(x, 2), {}),
+}
 
 
-def _slipped(x):
-    x[AT:, 12] += [0.1, 0, 0]
-
-
-def _body(x):
-    x[AT:, 10:] += [0.0, 0.5, 0.0]
-
-
-def _pair(x):
-    x[AT:, 10:12] += [0.0, 0.5, 0.0]
-
-
-def _all(x):
-    x[AT:] = x[AT:, ::-1]
-
-
-def _error(x):
-    x[AT, 4] += 0.5
-
-
-def _start(x):
-    x[AT:, 4] += 0.1 * np.arange(1, COUNT - AT + 1)[:, None]
-
-
-def _rounded(x):
-    x[:] = np.round(x, 2)
-
-
-def _found(x):
+@pytest.mark.parametrize(("rows", "become", "expected"), HAPPENS.values(), ids=HAPPENS)
+def test_only_what_jumps_alone_and_stays_there_is_cut(rows, become, expected):
+    x = scene()
+    x[rows] = become(x.copy())
     window = Window(3, 10**10, 10**9)
-    slots = window.open(x.shape[1], 0)
-    found = {}
+    slots, found = window.open(x.shape[1], 0), {}
     for k, positions in enumerate(x):
-        stamp = 1 + round(k * 1e9 / RATE)
-        window.insert(slots, stamp, positions, np.full(len(slots), np.nan), None)
+        window.insert(slots, 1 + round(k * 1e9 / RATE), positions, np.full(len(slots), np.nan), None)
         if k % 2:
             jumping, first = jumps(window, slots, 1 + round((k - 2) * 1e9 / RATE))
             found |= dict(zip(jumping.tolist(), (first - window.start[jumping]).tolist(), strict=True))
-    return {int(np.flatnonzero(slots == slot)[0]): k for slot, k in found.items()}
-
-
-@pytest.mark.parametrize(
-    ("happens", "expected"),
-    [
-        (_exchanged, {3: AT, 14: AT}),
-        (_slipped, {12: AT}),
-        *((one, {}) for one in (_body, _pair, _all, _error, _start, _rounded)),
-    ],
-)
-def test_only_what_jumps_alone_and_stays_there_is_cut(happens, expected):
-    x = _scene()
-    happens(x)
-    assert _found(x) == expected
+    assert {int(np.flatnonzero(slots == slot)[0]): k for slot, k in found.items()} == expected
 
 
 def test_features_that_exchange_their_ids_exchange_their_hypotheses():
-    x = _scene()
+    x = scene()
     x = np.concatenate([x, x[::-1], x])
     x[45:, [3, 14]] = x[45:, [14, 3]]
-    scene = comotion.Scene(unit="m")
+    online = comotion.Scene(unit="m")
     for k, positions in enumerate(x):
-        scene.push(np.arange(20), positions, k / RATE)
-    update = scene.update()
-    labels = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
+        online.push(np.arange(20), positions, k / RATE)
+    labels = labels_of(online.update())
     assert labels[3] == labels[10] != labels[0] == labels[14]
     assert len(set(labels.values())) == 2
+
+
+HZ, FRAMES, TRUTH = 30, 240, np.repeat([0, 1, 2], 8)
+
+
+def clean(rng):
+    """Positions [T, N, 3] of a background and two bodies that swing and turn, without noise."""
+    t = np.arange(FRAMES) / HZ
+    points = rng.uniform(-1, 1, (len(TRUTH), 3))
+    for k in (1, 2):
+        points[k == TRUTH] = rng.uniform(-0.8, 0.8, 3) + rng.normal(0, 0.1, (8, 3))
+    found = np.tile(points, (FRAMES, 1, 1))
+    for k in (1, 2):
+        angle = 0.5 * np.sin(1.3 * k * t)
+        turn = np.zeros((FRAMES, 3, 3))
+        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+        turn[:, 1, 0], turn[:, 2, 2] = np.sin(angle), 1.0
+        turn[:, 0, 1] = -turn[:, 1, 0]
+        centre = points[k == TRUTH].mean(0)
+        shift = 0.2 * np.stack([np.sin((k + 0.5) * t), np.cos(k * t) - 1, 0 * t], 1)
+        moved = np.einsum("fij,nj->fni", turn, points[k == TRUTH] - centre) + centre
+        found[:, k == TRUTH] = moved + shift[:, None]
+    return found
+
+
+def white(rng, x):
+    return x + rng.normal(0, 0.002, x.shape)
+
+
+def with_gross_errors(rng, x):
+    wrong = rng.random(x.shape[:2]) < 0.05
+    return white(rng, x) + wrong[..., None] * rng.normal(0, 0.5, x.shape)
+
+
+def filtered(rng, x):
+    return x + gaussian_filter1d(rng.normal(0, 0.01, x.shape), 3, axis=0)
+
+
+def published_twice(rng, x):
+    return np.repeat(white(rng, x), 2, axis=0)
+
+
+@pytest.mark.parametrize("spoil", [white, with_gross_errors, filtered, published_twice])
+def test_bodies_are_found_in_spoilt_tracks(spoil):
+    rng = np.random.default_rng(1)
+    positions = spoil(rng, clean(rng))
+    times = np.arange(len(positions)) * FRAMES / HZ / len(positions)
+    labels = comotion.group(positions, times).labels[len(times) // 2 :]
+    for now in labels[::10]:
+        pairs = set(zip(TRUTH.tolist(), now.tolist(), strict=True))
+        assert len(pairs) == len(set(now.tolist())) == 3
