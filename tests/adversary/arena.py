@@ -5,20 +5,18 @@ Router, service, sources and attacker are processes of their own. The honest are
 
 import os
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self
 
 from comotion_deploy.demo import free_endpoint
-from comotion_schemas import UNDETERMINED, HypothesisUpdate
+from comotion_schemas import UNDETERMINED
 from comotion_schemas.tls import ENVIRONMENT
 from comotion_schemas.transport import client_settings
-from comotion_tools.processes import COMOTION, Managed
+from comotion_tools.processes import COMOTION
 from comotion_tools.soak.attacks import NAME
-from comotion_tools.soak.monitor import Body, Watched, votes
+from comotion_tools.soak.monitor import Watched, votes
 from comotion_tools.soak.run import hostile, system
 from comotion_tools.system import certificates
 
@@ -40,8 +38,6 @@ class Outcome:
 
     Attributes
     ----------
-    attack, seconds, did
-        Which one, how long, and how many messages or tokens the attacker has sent.
     gap_s
         Longest time between two updates.
     lost
@@ -59,8 +55,6 @@ class Outcome:
     """
 
     attack: str
-    seconds: float
-    did: int = 0
     gap_s: float = 0.0
     updates: int = 0
     lost: int = 0
@@ -71,7 +65,7 @@ class Outcome:
     memory_mb: tuple[float, ...] = ()
     load: float = 0.0
 
-    def __str__(self) -> str:
+    def __str__(self):
         cells = [
             self.attack,
             f"{self.gap_s:.2f} s",
@@ -85,10 +79,10 @@ class Outcome:
         return f"| {' | '.join(cells)} |"
 
     @property
-    def blames_the_honest(self) -> bool:
+    def blames_the_honest(self):
         return any(who in HONEST for _, who in self.problems)
 
-    def names_the_attacker(self, *kinds: str) -> bool:
+    def names_the_attacker(self, *kinds):
         """Whether one of some kinds of problem is laid to the attacker, or to a name that it has taken."""
         return any(kind in kinds and (who or "").startswith(NAME) for kind, who in self.problems)
 
@@ -102,15 +96,7 @@ class Arena(Watched):
 
     turn_s = 0.02
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        held: bool = False,
-        also: tuple[str, ...] = (),
-        secure: bool = False,
-        serve: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, folder, *, held=False, also=(), secure=False, serve=()):
         self.endpoint = free_endpoint()
         self._tls: Path | None = None
         if secure:
@@ -127,7 +113,7 @@ class Arena(Watched):
         settings = client_settings([self.endpoint], self._tls and self._tls / "hall")
         super().__init__(processes, SCENE, settings)
 
-    def __enter__(self) -> Self:
+    def __enter__(self):
         super().__enter__()
         try:
             self.start("service")
@@ -140,41 +126,41 @@ class Arena(Watched):
         return self
 
     @property
-    def last(self) -> HypothesisUpdate | None:
+    def last(self):
         """The last update."""
         return self.monitor.last
 
-    def _certified(self, process: Managed) -> Managed:
+    def _certified(self, process):
         """The process with a certificate of its own, where all have some."""
         if self._tls is not None:
             own = "fusion" if process.name == "service" else process.name
             process.command = ("env", f"{ENVIRONMENT}={self._tls / own}", *process.command)
         return process
 
-    def begin(self) -> None:
+    def begin(self):
         """Start the honest sources and wait until both are fused."""
         self.start(*self._sources)
         self.until(lambda: {one.name for one in self.last.sources} >= set(HONEST))
         self.wait(3.0)
 
     @contextmanager
-    def attacked_by(self, name: str, seconds: float) -> Iterator[Managed]:
+    def attacked_by(self, name, seconds):
         """Let the attacker run for some seconds, at most as long as the block."""
         attacker = self._certified(hostile(self.endpoint, SCENE, self._folder, seconds, 0, name))
         attacker.start()
         try:
             self.until(lambda: "sent" in attacker.account)
-            yield attacker
+            yield
         finally:
             attacker.end()
 
-    def attack(self, name: str, seconds: float) -> Outcome:
+    def attack(self, name, seconds):
         """Attack for some seconds; the figures are of that time and the three seconds after it."""
         label = f"{name}, certificates" if self._tls else name
-        outcome = Outcome(label, seconds, load=os.getloadavg()[0])
+        outcome = Outcome(label, load=os.getloadavg()[0])
         before = self.counted()
         memory, ids = [self._memory()], self._ids()
-        with self.attacked_by(name, seconds) as attacker:
+        with self.attacked_by(name, seconds):
             del self.monitor.arrived_s[:-1]
             end = time.monotonic() + seconds + 3.0
             while time.monotonic() < end:
@@ -185,7 +171,7 @@ class Arena(Watched):
         outcome.renamed = sum(now.get(body) != one for body, one in ids.items())
         arrived = [*self.monitor.arrived_s, time.monotonic()]
         outcome.gap_s = max(b - a for a, b in pairwise(arrived))
-        outcome.updates, outcome.did = len(arrived) - 2, attacker.account["sent"]
+        outcome.updates = len(arrived) - 2
         after = self.counted()
         outcome.sent = after[0] - before[0]
         outcome.lost = outcome.sent - (after[1] - before[1])
@@ -194,12 +180,12 @@ class Arena(Watched):
         outcome.memory_mb = (memory[0], max(memory), self._memory())
         return outcome
 
-    def problems(self) -> set[tuple[str, str | None]]:
+    def problems(self):
         """Kind and source of the problems that the service names now."""
         status = self.monitor.status
         return set() if status is None else {(one.kind, one.source) for one in status.problems}
 
-    def _ids(self) -> dict[Body, int]:
+    def _ids(self):
         """Hypothesis of each body, as most features of the honest have it."""
         assert self.last is not None
         found = votes(self.last, HONEST)
@@ -207,11 +193,11 @@ class Arena(Watched):
             del counts[UNDETERMINED]
         return {body: counts.most_common(1)[0][0] for body, counts in found.items() if counts}
 
-    def _memory(self) -> float:
+    def _memory(self):
         usage = self.processes["service"].usage()
         return 0.0 if usage is None else usage.memory_mb
 
-    def counted(self) -> tuple[int, int]:
+    def counted(self):
         """Batches that the honest have sent, and those fused, once all is counted; they pause meanwhile."""
         honest = [self.processes[name] for name in HONEST if self.processes[name].account]
         with self.paused(honest):
@@ -224,7 +210,7 @@ class Arena(Watched):
         self.wait(1.0)
         return sent, sum(fused)
 
-    def sessions(self) -> list[dict[str, Any]]:
+    def sessions(self):
         """What the service says became of the batches of every session."""
         end = time.monotonic() + DEADLINE_S
         while (found := self.accounts(5.0)) is None:

@@ -1,13 +1,10 @@
 """Each script attacks a running scene, see :mod:`.arena`; ``make test-long`` runs them."""
 
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from pathlib import Path
-from typing import Any
 
 import pytest
 
-from .arena import BOUND_S, Arena, Outcome
+from .arena import BOUND_S, Arena
 
 SECONDS = 6.0
 BUSY = 2.0
@@ -15,17 +12,17 @@ BUSY = 2.0
 
 
 @pytest.fixture
-def enter(tmp_path: Path) -> Iterator[Callable[..., Arena]]:
+def enter(tmp_path):
     """Start a scene: ``enter(held=True)``."""
     with ExitStack() as stack:
         yield lambda **options: stack.enter_context(Arena(tmp_path, **options))
 
 
 @pytest.fixture
-def fair(enter) -> Callable[..., Outcome]:
+def fair(enter):
     """Attack a scene: the honest lose nothing, are not blamed, and updates come."""
 
-    def run(attack: str, **options: Any) -> Outcome:
+    def run(attack, **options):
         outcome = enter(**options).attack(attack, SECONDS)
         assert outcome.lost == 0, outcome
         assert outcome.told_lost == 0, outcome

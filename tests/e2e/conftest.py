@@ -19,14 +19,15 @@ import pytest
 import zenoh
 
 from comotion_deploy.demo import free_endpoint
-from comotion_schemas import Keys, Message, decode
+from comotion_schemas import Keys, Message, SourceRef, decode, encode
 from comotion_schemas.component import Component
 from comotion_schemas.keys import Kind
-from comotion_schemas.transport import SessionSettings, declare_subscriber, open_session
+from comotion_schemas.transport import SessionSettings, declare_publisher, declare_subscriber, open_session
 from comotion_tools.processes import COMOTION, DEADLINE, Managed
 
+from .. import builders
 from .etcd_cluster import EtcdCluster
-from .tracker import Tracker
+from .tracker import Tracker, every
 
 KEYS = Keys()
 
@@ -184,6 +185,26 @@ def track():
             stack.enter_context(Tracker(stack.enter_context(component), **options).running())
 
         yield run
+
+
+@pytest.fixture
+def live_scene(session):
+    """A source that sees feature 7 and a service that groups it as hypothesis 42, at 20 Hz."""
+    observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
+    hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
+
+    def publish(seq: int) -> None:
+        now = time.time_ns()
+        observations.put(encode(builders.batch("camera", seq, now, ids=[7])))
+        fields = {
+            "sources": [SourceRef(name="camera", session=builders.SESSION)],
+            "track_id": [7],
+            "hypotheses": [builders.hypothesis(42, born_ns=now)],
+        }
+        hypotheses.put(encode(builders.update([42], scene="default", seq=seq, stamp_ns=now, **fields)))
+
+    with every(0.05, publish):
+        yield
 
 
 @pytest.fixture

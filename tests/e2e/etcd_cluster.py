@@ -3,8 +3,6 @@
 import shutil
 import signal
 import subprocess
-from pathlib import Path
-from typing import Self
 from urllib.parse import urlsplit
 
 import pytest
@@ -20,13 +18,13 @@ NEEDS_ETCD = pytest.mark.skipif(shutil.which("etcd") is None, reason="etcd-serve
 class EtcdCluster:
     """Members of a cluster as processes; `kill`, `pause` and `go_on` take the number of one."""
 
-    def __init__(self, folder: Path, members: int = 1) -> None:
+    def __init__(self, folder, members=1):
         self._folder = folder
         urls = [endpoint.replace("tcp/", "http://") for endpoint in free_endpoints(2 * members)]
         self.urls, self._peers = urls[:members], urls[members:]
         self.processes = [self._start(k) for k in range(members)]
 
-    def __enter__(self) -> Self:
+    def __enter__(self):
         try:
             self.wait()
         except BaseException:
@@ -34,21 +32,21 @@ class EtcdCluster:
             raise
         return self
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, *exception):
         self.close()
 
-    def wait(self) -> None:
+    def wait(self):
         """Wait until the cluster has a leader: it answers a write."""
         until(self._answers)
 
-    def _answers(self) -> bool:
+    def _answers(self):
         try:
             Etcd(self.urls).put("ready", b"")
         except EtcdUnavailableError:
             return False
         return True
 
-    def leader(self) -> int:
+    def leader(self):
         """The number of the member that leads."""
         from etcd3gw import client  # the extra `cluster`
 
@@ -58,24 +56,24 @@ class EtcdCluster:
                 return k
         raise AssertionError("no member leads")
 
-    def kill(self, member: int) -> None:
+    def kill(self, member):
         self.processes[member].kill()
         self.processes[member].wait()
 
-    def pause(self) -> None:
+    def pause(self):
         for process in self.processes:
             process.send_signal(signal.SIGSTOP)
 
-    def go_on(self) -> None:
+    def go_on(self):
         for process in self.processes:
             process.send_signal(signal.SIGCONT)
 
-    def close(self) -> None:
+    def close(self):
         for process in self.processes:
             process.kill()
             process.wait()
 
-    def _start(self, k: int) -> subprocess.Popen[bytes]:
+    def _start(self, k):
         cluster = ",".join(f"m{i}={peer}" for i, peer in enumerate(self._peers))
         arguments = {
             "--name": f"m{k}",

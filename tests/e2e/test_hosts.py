@@ -10,17 +10,13 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
-from comotion_tools.processes import Managed
 from comotion_tools.system import certificates
 
 from . import tracker
-from .conftest import Commands
 from .etcd_cluster import NEEDS_ETCD
 from .network import BadLink, Wire, free_endpoints
 from .tracker import until
@@ -39,7 +35,7 @@ FIRST = 3
 class Site:
     """The links with certificates, routers, etcd, replicas, sources and clients."""
 
-    def __init__(self, folder: Path, start: Commands, etcd: str) -> None:
+    def __init__(self, folder, start, etcd):
         self._start, self._pki = start, folder / "pki"
         roles = dict.fromkeys(SOURCES, "source") | {"operator": "viewer"}
         roles |= {f"router-{host}": "router" for host in HOSTS} | {
@@ -62,7 +58,7 @@ class Site:
         self.clients = {host: self._client(host) for host in HOSTS}
 
     @contextmanager
-    def cut_off(self, host: str) -> Iterator[None]:
+    def cut_off(self, host):
         """Cut all links of a host, that to etcd too."""
         links = [link for pair, link in self._links.items() if host in pair]
         links += [wire for name, wire in self._wires.items() if name == host]
@@ -73,33 +69,33 @@ class Site:
         for link in links:
             link.mend()
 
-    def router(self, host: str) -> Managed:
+    def router(self, host):
         links = [link.port for (near, _), link in self._links.items() if near == host]
         connect = [word for port in links for word in ("--connect", f"quic/127.0.0.1:{port}")]
         listen = ("--listen", self._local[host], "--listen", self._quic[host])
         own = ("--secure", self._pki, "--tls", self._pki / f"router-{host}")
         return self._start("router", *own, *listen, *connect, ready=False)
 
-    def comotion(self, host: str, certificate: str, *words: object) -> Managed:
+    def comotion(self, host, certificate, *words):
         at = ("--connect", self._local[host], "--scene", SCENE, "--tls", self._pki / certificate)
         return self._start(*words, *at, ready=False)
 
-    def _replica(self, host: str) -> Managed:
+    def _replica(self, host):
         name = f"fusion-{host}"
         standby = ("--standby", "--etcd", self._wires[host].endpoint)
         return self.comotion(host, name, "serve", "--no-state", "--name", name, *standby)
 
-    def _source(self, name: str) -> Managed:
+    def _source(self, name):
         own = {"name": name, "tls": str(self._pki / name), "seed": len(name), "noise": 0.001}
         at = {"endpoint": self._local["a"], "scene": SCENE, "rate": RATE}
         # The last batch arrives before the presence ends.
         options = json.dumps(own | at | {"stays_s": 1.0})
         return self._start.any(sys.executable, tracker.__file__, options)
 
-    def _client(self, host: str) -> Managed:
+    def _client(self, host):
         return self.comotion(host, f"viewer-{host}", "watch", "--json")
 
-    def replicas(self) -> dict[str, tuple[str, int]]:
+    def replicas(self):
         """Role and epoch of each replica, by host, as `comotion status` says on A."""
         status = self.comotion("a", "operator", "status", "--json")
         status.wait()
@@ -107,11 +103,11 @@ class Site:
         found = {row["name"]: (row["replica"], row["epoch"]) for row in rows if row["role"] == "service"}
         return {name.removeprefix("fusion-"): replica for name, replica in found.items()}
 
-    def until_active(self, host: str) -> int:
+    def until_active(self, host):
         """Wait until this replica alone is active; its epoch."""
         found: dict[str, tuple[str, int]] = {}
 
-        def is_active() -> bool:
+        def is_active():
             nonlocal found
             found = self.replicas()
             active = [name for name, (role, _) in found.items() if role == "active"]
@@ -126,7 +122,7 @@ def site(tmp_path, start, etcd):
     return Site(tmp_path, start, etcd.urls[0])
 
 
-def bodies(line: str) -> set[int]:
+def bodies(line):
     """Ids of both bodies if a line of a client shows them at their present places; else nothing."""
     shown = json.loads(line) if line.startswith("{") else {}
     well = bool(shown) and shown["service"]["state"] != "silent" and shown["service"]["age"] < 1.0
@@ -137,7 +133,7 @@ def bodies(line: str) -> set[int]:
     return present if well and len(live) == len(SOURCES) and len(present) == 2 else set()
 
 
-def seen(site: Site, hosts: Iterable[str] = HOSTS) -> set[int]:
+def seen(site, hosts=HOSTS):
     """The ids that the clients on these hosts show from now on, once they show both bodies."""
     found = []
     for host in hosts:
@@ -148,10 +144,10 @@ def seen(site: Site, hosts: Iterable[str] = HOSTS) -> set[int]:
     return found[0]
 
 
-def until_counted(site: Site, condition: Callable[[dict[str, int]], object]) -> dict[str, int]:
+def until_counted(site, condition):
     """The first counters of the active service from now on, as a client shows them, with a condition."""
 
-    def counters(line: str) -> dict[str, int]:
+    def counters(line):
         return json.loads(line)["service"]["counters"] if line.startswith("{") else {}
 
     client = site.clients["a"]
@@ -161,7 +157,7 @@ def until_counted(site: Site, condition: Callable[[dict[str, int]], object]) -> 
     return counters(found)
 
 
-def accounts_for(sent: int, now: dict[str, int]) -> bool:
+def accounts_for(sent, now):
     """Whether counters tell how many batches never came, but for a few.
 
     The service counts from the first batch that it sees. When routes change, a batch that others overtake

@@ -1,11 +1,9 @@
 """Which of several services of a scene goes on, where nobody elects one."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-import zenoh
 
 from comotion import Fusion
 from comotion.runtime import presence
@@ -41,11 +39,11 @@ def other(component, free_port_endpoint, connect):
     return connect(free_port_endpoint)
 
 
-def say(other: zenoh.Session, seq: int, session: str = OTHER) -> None:
+def say(other, seq, session=OTHER):
     other.put(KEYS.hypotheses, encode(replace(UPDATE, seq=seq, session=session)))
 
 
-def looks(mine: Presence, meanwhile: Callable[[int], None], seconds: float = 0.5) -> None:
+def looks(mine, meanwhile, seconds=0.5):
     """Look again and again, as the loop does."""
     end, k = time.monotonic() + seconds, 0
     while time.monotonic() < end:

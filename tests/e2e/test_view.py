@@ -3,36 +3,16 @@
 import json
 import subprocess
 import sys
-import time
 
 import pytest
 
-from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
-from comotion_schemas.transport import declare_publisher
-
-from .. import builders
-from ..builders import SESSION
-from .tracker import every
+from comotion_schemas import Keys
 
 pytest.importorskip("rerun", reason="needs the extra view")
-KEYS = Keys("default")
+KEYS = Keys()
 
 
-def update(seq: int) -> HypothesisUpdate:
-    camera, body = SourceRef(name="camera", session=SESSION), builders.hypothesis(1, space="wall")
-    now = time.time_ns()
-    return builders.update([1], scene="default", seq=seq, stamp_ns=now, sources=[camera], hypotheses=[body])
-
-
-@pytest.fixture
-def scene(session):
-    """A service, at 10 Hz."""
-    hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-    with every(0.1, lambda seq: hypotheses.put(encode(update(seq)))):
-        yield
-
-
-def test_a_live_scene_into_a_file(start, endpoint, session, listen, scene, tmp_path):
+def test_a_live_scene_into_a_file(start, endpoint, session, listen, live_scene, tmp_path):
     statuses = listen(session, KEYS.streams("status"), "status")
     process = start("view", "--save", tmp_path / "a.rrd", "--connect", endpoint, "--json")
     shown = statuses.until(lambda s: s.role == "viewer" and s.counters.get("updates", 0) > 2)
@@ -43,4 +23,4 @@ def test_a_live_scene_into_a_file(start, endpoint, session, listen, scene, tmp_p
     assert result["dropped"] == 0
     command = [sys.executable, "-m", "rerun", "rrd", "print", tmp_path / "a.rrd"]
     printed = subprocess.run(command, check=True, capture_output=True, text=True)
-    assert "/spaces/wall/features/camera" in printed.stdout
+    assert "/spaces/world/features/camera" in printed.stdout

@@ -8,11 +8,9 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import zenoh
 
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
@@ -21,11 +19,11 @@ from comotion_tools.processes import DEADLINE
 
 
 @contextmanager
-def every(seconds: float, step: Callable[[int], object]) -> Iterator[None]:
+def every(seconds, step):
     """Call ``step(0)``, ``step(1)`` and so on, in a thread, for as long as the context lasts."""
     over = threading.Event()
 
-    def run() -> None:
+    def run():
         for seq in itertools.count():
             if over.wait(seconds):
                 return
@@ -38,7 +36,7 @@ def every(seconds: float, step: Callable[[int], object]) -> Iterator[None]:
     thread.join(DEADLINE)
 
 
-def until(condition: Callable[[], object], meanwhile: Callable[[], object] = lambda: None) -> None:
+def until(condition, meanwhile=lambda: None):
     """Look again and again until something is so."""
     end = time.monotonic() + DEADLINE
     while not condition():
@@ -47,7 +45,7 @@ def until(condition: Callable[[], object], meanwhile: Callable[[], object] = lam
         time.sleep(0.005)
 
 
-def until_heard(publisher: zenoh.Publisher) -> zenoh.Publisher:
+def until_heard(publisher):
     """Wait until the session knows of a subscriber; until then Zenoh drops what is put."""
     matched = threading.Event()
     listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
@@ -61,21 +59,14 @@ def until_heard(publisher: zenoh.Publisher) -> zenoh.Publisher:
 class Tracker:
     """Tracks twelve features in metres: the first six move along x, the others along y."""
 
-    def __init__(
-        self,
-        component: Component,
-        space: str = "world",
-        seed: int = 7,
-        noise: float = 0.0,
-        rate: float = 20.0,
-    ) -> None:
+    def __init__(self, component, space="world", seed=7, noise=0.0, rate=20.0):
         self._component, self._space, self._noise, self._rate = component, space, noise, rate
         self._rng = np.random.default_rng(seed)
         self._rest = self._rng.random((12, 3)) * 0.4
         self.publisher = stream_publisher(component.session, component.keys, "obs", component.name)
         self.sent = 0
 
-    def batch(self, seq: int) -> ObservationBatch:
+    def batch(self, seq):
         """What it sees now."""
         stamp_ns = time.time_ns()
         positions = self._rest + self._rng.normal(0, self._noise, self._rest.shape)
@@ -94,7 +85,7 @@ class Tracker:
             positions=positions.astype(np.float32),
         )
 
-    def send(self, seq: int) -> None:
+    def send(self, seq):
         self.publisher.put(encode(self.batch(seq)))
         self.sent = seq + 1
 
@@ -103,7 +94,7 @@ class Tracker:
         return every(1 / self._rate, self.send)
 
 
-def main(endpoint, name, scene="default", tls=None, ahead_s=0.0, stays_s=0.0, **options) -> None:
+def main(endpoint, name, scene="default", tls=None, ahead_s=0.0, stays_s=0.0, **options):
     """Publish until stopped, by a clock that is so far ahead; be present for some s after the last batch."""
     clock = time.time_ns
     time.time_ns = lambda: clock() + round(ahead_s * 1e9)

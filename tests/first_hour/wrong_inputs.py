@@ -78,15 +78,15 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         "quaternions: expected rows of 4, got 3",
     ),
     "infinite": (lambda: comotion.Scene().push(IDS, np.full((30, 3), np.inf), 0.0), "id 0 has a position"),
+    "infinite, live": (lambda: publisher().observe(ids=IDS, positions=P[0] + np.inf), "id 0 has a position"),
+    "a negative id": (lambda: comotion.Scene().push([-1], P[0, :1], 0.0), "id -1 is negative"),
+    "too few ids": (lambda: comotion.Scene().push(IDS, P[0, :1], 0.0), "there are 30 ids for 1 positions"),
 }
 """By name: a call that raises :class:`comotion.Error`, and words of its message."""
 
 SAID: dict[str, tuple[Callable[[], object], str]] = {
     "int64 ns since a start": (lambda: comotion.group(P, NS), ""),
-    "datetime64": (
-        lambda: comotion.group(P, NS.astype("datetime64[ns]")),
-        "",
-    ),
+    "datetime64": (lambda: comotion.group(P, NS.astype("datetime64[ns]")), ""),
     "a row of NaN": (lambda: comotion.group(np.where(IDS[:, None] == 3, np.nan, P), TIMES), ""),
     "positions in mm": (
         lambda: comotion.group(scene(1000.0), TIMES),

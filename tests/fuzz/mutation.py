@@ -1,4 +1,4 @@
-"""A seed and inputs in, mutated inputs out."""
+"""Changes of inputs by chance."""
 
 import random
 from collections.abc import Iterator, Sequence

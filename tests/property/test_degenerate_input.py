@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import HypothesisUpdate, decode, encode
+from comotion_schemas import decode, encode
 
 from ..builders import T0 as START_NS
 from ..builders import batch
@@ -28,7 +28,7 @@ SHAPES = (
 )
 
 
-def shape(name: str, count: int, dim: int, rng: np.random.Generator) -> np.ndarray:
+def shape(name, count, dim, rng):
     """Positions [count, dim] of one frame."""
     x = np.random.default_rng(count).normal(0, 1, (count, dim))
     match name:
@@ -54,9 +54,7 @@ def shape(name: str, count: int, dim: int, rng: np.random.Generator) -> np.ndarr
     return x
 
 
-def play(
-    config: FusionConfig, unit: str, dim: int, name: str, *, count: int = 8, sigma: float | None = None
-) -> tuple[Fusion, HypothesisUpdate]:
+def play(config, unit, dim, name, *, count=8, sigma=None):
     fusion = Fusion(config)
     rng = np.random.default_rng(1)
     for frame in range(12):
@@ -81,14 +79,12 @@ def play(
     sigma=st.none() | st.sampled_from([1e-320, 1e-9, 1.0, 1e300]),
     window=st.sampled_from([0.01, 0.05, 0.3, 10.0]),
 )
-def test_no_noise_and_no_window_break_an_update(
-    method: str, space: tuple[str, int], name: str, count: int, sigma: float | None, window: float
-) -> None:
+def test_no_noise_and_no_window_break_an_update(method, space, name, count, sigma, window):
     play(FusionConfig(method=method, window=window), *space, name, count=count, sigma=sigma)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_coordinate_beyond_all_measure_is_refused_as_out_of_range(method: str) -> None:
+def test_a_coordinate_beyond_all_measure_is_refused_as_out_of_range(method):
     fusion, update = play(FusionConfig(method=method), "m", 3, "scattered")
     now = update.published_ns + FRAME_NS
     fusion.ingest(batch("hostile", 12, now, [[0, 0, 0], [3e38, 0, 0]], space="s"))
@@ -98,7 +94,7 @@ def test_a_coordinate_beyond_all_measure_is_refused_as_out_of_range(method: str)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_track_without_an_observation_in_the_window_is_not_current(method: str) -> None:
+def test_a_track_without_an_observation_in_the_window_is_not_current(method):
     fusion, update = play(FusionConfig(method=method, window=0.2, track_timeout=5), "m", 3, "scattered")
     assert len(update.track_id) == 8
     assert not len(fusion.update(update.published_ns + 900_000_000).track_id)

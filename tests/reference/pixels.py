@@ -29,18 +29,9 @@ def fit_local_motions(start, displacement, seen, members, ridge):
     return motions, used
 
 
-def capped(start, displacement, seen, motions, caps):
-    """Capped squared residuals [Q, H, N]."""
-    return np.array(
-        [
-            [
-                np.minimum(residual(m, *start[q], *displacement[q]) * seen[q], c)
-                for m, c in zip(*row, strict=True)
-            ]
-            for q, row in enumerate(zip(motions, caps, strict=True))
-        ]
-    )
-
-
 def total_residuals(start, displacement, seen, motions, caps):
-    return capped(start, displacement, seen, motions, caps).sum(axis=0)
+    """Sums over frame pairs of the capped squared residuals [H, N]."""
+    return sum(
+        np.array([np.minimum(residual(m, *x, *d) * s, c) for m, c in zip(of, most, strict=True)])
+        for x, d, s, of, most in zip(start, displacement, seen, motions, caps, strict=True)
+    )

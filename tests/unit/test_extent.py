@@ -14,7 +14,7 @@ from comotion.hypotheses.records import Current
 from comotion.partition import PoseReference
 from comotion_schemas.rigid import matrix
 
-from ..builders import S, batch
+from ..builders import S, batch, play
 
 HALF = np.array([0.3, 0.2, 0.1])
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF
@@ -84,22 +84,21 @@ def test_one_wrong_feature_does_not_make_a_box_cross_the_image(count):
 
 
 def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():
-    rng, fusion = np.random.default_rng(0), Fusion()
+    rng = np.random.default_rng(0)
     floor = rng.uniform(-1, 1, (20, 3))
     body = np.vstack([CORNERS, rng.uniform(-HALF, HALF, (8, 3))])
-    for k in range(90):
-        R = Rotation.from_rotvec([0, 0, 0.02 * k]).as_matrix()
-        now = np.vstack([body @ R.T + [0.01 * k, 0, 0.5], floor])
-        seen = np.ones(len(now), bool)
-        seen[4:8] = k < 70  # a face of the body turns out of sight
-        noisy = now + rng.normal(0, 0.001, now.shape)
-        ids = np.flatnonzero(seen).astype(np.uint64)
-        fusion.ingest(batch("mine", k, k * S // 30, noisy[seen], ids=ids))
-        if k % 3 == 0:
-            update = fusion.update(k * S // 30)
-    (moving,) = [h for h in update.hypotheses if h.state == "moving"]
+
+    def moved(k, points):
+        return Rotation.from_rotvec([0, 0, 0.02 * k]).apply(points) + np.array([0.01 * k, 0, 0.5])
+
+    def seen(k, now):
+        positions = np.vstack([moved(k, body), floor]) + rng.normal(0, 0.001, (36, 3))
+        # A face of the body turns out of sight.
+        ids = np.arange(36) if k < 70 else np.r_[:4, 8:36]
+        return batch("mine", k, now, positions[ids], ids=ids)
+
+    (moving,) = [h for h in play(Fusion(), range(90), seen, every=3)[-1].hypotheses if h.state == "moving"]
     assert moving.size == 12
-    hidden = CORNERS[4:8] @ Rotation.from_rotvec([0, 0, 0.02 * 87]).as_matrix().T + [0.87, 0, 0.5]
     larger = replace(moving.box, half=[h + 0.02 for h in moving.box.half])
-    assert holds(larger, hidden)
+    assert holds(larger, moved(89, CORNERS[4:8]))
     np.testing.assert_allclose(np.sort(moving.box.half), np.sort(HALF), rtol=0.15)

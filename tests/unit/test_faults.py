@@ -89,17 +89,6 @@ def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back()
     assert fusion.stats.late == 1
 
 
-def test_a_space_that_nobody_publishes_any_more_takes_another_unit():
-    fusion = Fusion()
-    run(fusion, 0, 5)
-    fusion.update(at(199))
-    update = run(fusion, 200, 210, source="other", session="b" * 16, unit="px", ids=np.arange(50, 62))
-    assert set(update.track_id.tolist()) == set(range(50, 62))
-    fusion.ingest(batch("cam", 500, at(210), POINTS))
-    fusion.update(at(210))
-    assert fusion.stats.rejected == {"space-mismatch": 1}
-
-
 @pytest.mark.parametrize("step_s", [-3600, 1])
 def test_a_step_of_all_clocks_of_sources_loses_nothing_and_keeps_ids(step_s):
     """The clock of the service goes on: it is not set with them."""

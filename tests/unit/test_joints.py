@@ -9,23 +9,21 @@ from comotion.joints.pair import Pair
 from comotion.partition import BodyMotion
 from comotion_schemas import decode, encode
 
-from ..builders import batch
+from ..builders import batch, play, restored
 
 TURN_NOISE, SHIFT_NOISE = np.radians(0.64), 0.0015
-SECOND_NS = 1_000_000_000
-FRAME_NS = SECOND_NS // 15
+FRAME_NS = 1_000_000_000 // 15
 
 
 def motion(R, t, *, static=False, start=0):
     count = len(R)
+    covariance = np.eye(3) * (0.0 if static else TURN_NOISE**2)
     return BodyMotion(
         stamps=(start + np.arange(count)) * FRAME_NS,
         R=R,
         t=t,
         posed=np.ones(count, bool),
-        turn_covariance=np.zeros((count, 3, 3))
-        if static
-        else np.tile(np.eye(3) * TURN_NOISE**2, (count, 1, 1)),
+        turn_covariance=np.tile(covariance, (count, 1, 1)),
         place_variance=np.full(count, 0.0 if static else SHIFT_NOISE**2),
         centre=np.zeros(3),
         radius=0.0 if static else 0.1,
@@ -120,25 +118,20 @@ def test_a_joint_that_breaks_is_released():
     assert found.known.kind in {"undetermined", "free"}
 
 
-def door_batches(seconds):
-    rng = np.random.default_rng(3)
-    wall = rng.uniform([-1, -0.2, 0], [1, 0.2, 1], (25, 3))
-    door = rng.uniform([0, 0, 0], [0.4, 0.02, 0.6], (14, 3))
-    for k in range(round(seconds * 15)):
-        angle = 1.2 * np.clip(k / 15 - 1, 0, 3) / 3
-        turned = door @ Rotation.from_rotvec([0, 0, angle]).as_matrix().T
-        yield batch("cam", k, k * FRAME_NS, np.vstack([wall, turned]) + rng.normal(0, 0.002, (39, 3)))
-
-
 @pytest.fixture(scope="module")
 def door():
     """Updates of a door that opens by 69 degrees in 3 s, and the fusion after them."""
-    fusion, updates = Fusion(FusionConfig(window=5.0)), []
-    for seen in door_batches(5):
-        fusion.ingest(seen)
-        if seen.seq % 3 == 2:
-            updates.append(fusion.update(seen.stamp_ns))
-    return fusion, updates
+    rng = np.random.default_rng(3)
+    wall = rng.uniform([-1, -0.2, 0], [1, 0.2, 1], (25, 3))
+    leaf = rng.uniform([0, 0, 0], [0.4, 0.02, 0.6], (14, 3))
+
+    def seen(k, now):
+        angle = 1.2 * np.clip(k / 15 - 1, 0, 3) / 3
+        turned = leaf @ Rotation.from_rotvec([0, 0, angle]).as_matrix().T
+        return batch("cam", k, now, np.vstack([wall, turned]) + rng.normal(0, 0.002, (39, 3)))
+
+    fusion = Fusion(FusionConfig(window=5.0))
+    return fusion, play(fusion, range(75), seen, rate=15, every=3)
 
 
 def test_updates_say_that_a_door_turns_about_its_hinge(door):
@@ -156,7 +149,6 @@ def test_updates_say_that_a_door_turns_about_its_hinge(door):
 
 def test_a_restart_keeps_the_joint(door):
     fusion, updates = door
-    again = Fusion.restore(fusion.config, fusion.snapshot(clean=True))
-    (joint,) = again.update(updates[-1].published_ns).joints
+    (joint,) = restored(fusion, clean=True).update(updates[-1].published_ns).joints
     assert joint.kind == "revolute"
     assert joint.position == pytest.approx(updates[-1].joints[0].position, abs=0.05)

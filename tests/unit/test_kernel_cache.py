@@ -7,10 +7,9 @@ import pkgutil
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CodeType
 
 import pytest
 from numba.core.dispatcher import Dispatcher
@@ -42,7 +41,7 @@ def run():
 class Package:
     """A package of two folders with a kernel each; that of the second calls that of the first."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root):
         self.root, self.home = root / "package", root / "home"
         for folder, source in (("first", INNER), ("second", OUTER)):
             (self.root / folder).mkdir(parents=True)
@@ -51,7 +50,7 @@ class Package:
         (self.root / "__init__.py").touch()
         shutil.copy(str(compiled.__file__), self.root)
 
-    def run(self) -> tuple[int, int, int]:
+    def run(self):
         """Result of the outer kernel in a process of its own; how often it was loaded, and compiled."""
         env = {**os.environ, "PYTHONPATH": str(self.root.parent), "XDG_CACHE_HOME": str(self.home)}
         env.pop("NUMBA_CACHE_DIR", None)
@@ -63,11 +62,11 @@ class Package:
         result, loaded, built = map(int, done.stdout.split())
         return result, loaded, built
 
-    def files(self) -> set[Path]:
+    def files(self):
         """What is kept of the kernels."""
         return set(self.root.rglob("*.nb[ic]"))
 
-    def change_callee(self) -> None:
+    def change_callee(self):
         """Change the inner kernel, and nothing else that a file system could tell."""
         file = self.root / "first" / "kernels.py"
         before = file.stat()
@@ -77,11 +76,11 @@ class Package:
 
 
 @pytest.fixture
-def package(tmp_path: Path) -> Package:
+def package(tmp_path):
     return Package(tmp_path)
 
 
-def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_loaded(package: Package) -> None:
+def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_loaded(package):
     assert package.run() == (7, 0, 1)
     before = package.files()
     assert package.run() == (7, 1, 0)
@@ -93,9 +92,7 @@ def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_loaded(packag
     assert not package.files() & before
 
 
-def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_process_compiles(
-    package: Package,
-) -> None:
+def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_process_compiles(package):
     (package.root / "__pycache__").touch()
     assert package.run() == (7, 0, 1)
     assert package.run() == (7, 1, 0)
@@ -105,17 +102,17 @@ def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_
     assert package.run() == (7, 0, 1)
 
 
-def modules() -> Iterator[ModuleType]:
+def modules():
     for found in pkgutil.walk_packages(comotion.__path__, "comotion."):
         yield importlib.import_module(found.name)
 
 
-def names(code: CodeType) -> set[str]:
+def names(code):
     inside = (constant for constant in code.co_consts if isinstance(constant, CodeType))
     return set(code.co_names).union(*(names(part) for part in inside))
 
 
-def imported(module: ModuleType) -> dict[str, str]:
+def imported(module):
     """Names that a module imports from elsewhere in the package, and from which of its modules."""
     tree = ast.parse(Path(str(module.__file__)).read_text())
     return {
@@ -126,7 +123,7 @@ def imported(module: ModuleType) -> dict[str, str]:
     }
 
 
-def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover() -> None:
+def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover():
     found = 0
     outside = set()
     covered = {str(path) for path in compiled.kernel_sources()}

@@ -9,7 +9,7 @@ import pytest
 import comotion
 from comotion import FusionConfig
 from comotion_experiments.offline import run_offline
-from comotion_schemas import UNDETERMINED, ObservationBatch
+from comotion_schemas import ObservationBatch
 from comotion_schemas.transport import SessionSettings
 from comotion_sources import simulator
 from comotion_sources.runtime import SourcePublisher
@@ -64,19 +64,6 @@ def test_a_simulated_scene_gives_the_last_update_of_evaluate(scene, tmp_path):
     assert (tmp_path / "bodies.png").stat().st_size > 10_000
 
 
-def test_online_groups_the_same_bodies(scene):
-    positions, times, _ = scene
-    scene_ = comotion.Scene(unit="m", config=CONFIG)
-    ids = np.arange(positions.shape[1])
-    for now, t in zip(positions, times, strict=True):
-        update = scene_.push(ids, now, t)
-    update = scene_.update()
-    offline = comotion.group(positions, times, config=CONFIG).labels[-1]
-    online = dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
-    pairs = {(online.get(i, UNDETERMINED), label) for i, label in enumerate(offline.tolist()) if label >= 0}
-    assert len(pairs) == len({label for _, label in pairs}) >= 2
-
-
 def test_several_sources_are_one_scene(scene):
     positions, times, _ = scene
     found = comotion.group({"a": positions[:, ::2], "b": positions[::2, 1::2]}, {"a": times, "b": times[::2]})
@@ -88,16 +75,9 @@ def test_several_sources_are_one_scene(scene):
         _ = found.labels
 
 
-def test_bad_rows_are_errors_or_on_request_left_out_and_counted():
-    strict, forgiving = comotion.Scene(), comotion.Scene(drop_invalid=True)
-    rows = [[0, 0, 0], [np.nan] * 3, [1, np.inf, 0], [2, 2, 2]]
-    with pytest.raises(ValueError, match="id 3 has a position that is infinite"):
-        strict.push([1, 2, 3, 4], rows, 0.0)
-    with pytest.raises(ValueError, match="id -1 is negative"):
-        strict.push([-1], [[0, 0, 0]], 0.0)
-    with pytest.raises(ValueError, match="there are 2 ids for 1 positions"):
-        strict.push([1, 2], [[0, 0, 0]], 0.0)
-    forgiving.push([1, 2, 3, -4], rows, 0.0)
+def test_bad_rows_are_left_out_and_counted_on_request():
+    forgiving = comotion.Scene(drop_invalid=True)
+    forgiving.push([1, 2, 3, -4], [[0, 0, 0], [np.nan] * 3, [1, np.inf, 0], [2, 2, 2]], 0.0)
     assert forgiving.dropped == {"range": 1, "non-finite": 1}
     update = forgiving.update()
     assert update.track_id.tolist() == [1]
@@ -135,17 +115,14 @@ def test_a_source_takes_ordinary_data():
     (batch,) = sent
     assert (batch.ids.tolist(), batch.sigma.tolist()) == ([5], [pytest.approx(0.1)])
     assert source.dropped == {"range": 1, "non-finite": 1}
-    with pytest.raises(ValueError, match="id 6 has a position that is infinite"):
-        publisher()[0].observe(ids=[5, 6], positions=[[0, 0, 0], [np.inf, 0, 0]])
     with pytest.raises(ValueError, match="connect or settings"):
         SourcePublisher("mine", space="w", unit="m", dim=3, connect="tcp/x:1", settings=SessionSettings())
 
 
 def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
     source, _ = publisher()
-    places = np.random.default_rng(0).normal(size=(9, 3)) + np.array([5e5, 4.2e6, 0])
     for k in range(2):
-        source.observe(ids=range(9), positions=places, stamp_ns=k)
+        source.observe(ids=[0, 1], positions=[[5e5, 4.2e6, 0], [5e5, 4.2e6, 1]], stamp_ns=k)
     (record,) = caplog.records
     assert "positions are 4.2e+06 from the origin" in record.message
 

@@ -1,7 +1,5 @@
 """Links between a plain camera's hypotheses and the bodies of a metric space."""
 
-from collections.abc import Callable, Iterator
-
 import cv2
 import numpy as np
 import pytest
@@ -11,29 +9,28 @@ from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
 from comotion.linking.camera import CameraModel
 from comotion_clients.metrics import tracks_of
-from comotion_schemas import HypothesisUpdate, ObservationBatch, decode, encode
+from comotion_schemas import decode, encode
 
 from ..builders import batch
 
 RATE = 15
 BODIES = ("room", "lid", "cart")
-Motion = Callable[[float], tuple[Rotation, np.ndarray]]
 
 
-def still(t: float) -> tuple[Rotation, np.ndarray]:
+def still(t):
     return Rotation.identity(), np.zeros(3)
 
 
-def lid(t: float) -> tuple[Rotation, np.ndarray]:
+def lid(t):
     turn = Rotation.from_rotvec([0.2 * np.sin(2 * t), 0, np.sin(1.5 * t)])
     return turn, np.array([-0.4, 0.08 * np.sin(1.3 * t), 0.1 + 0.1 * np.sin(t)])
 
 
-def cart(t: float) -> tuple[Rotation, np.ndarray]:
+def cart(t):
     return Rotation.from_rotvec([0, 0, 0.3 * t]), np.array([0.4, -0.45 + 0.16 * t, 0.1])
 
 
-def camera(**changes: object) -> Camera:
+def camera(**changes):
     """A camera 1.3 m from the scene, looking at it from above."""
     forward = np.array([0.0, 1.0, -0.8]) / np.hypot(1, 0.8)
     right = np.array([1.0, 0.0, 0.0])
@@ -45,28 +42,20 @@ def camera(**changes: object) -> Camera:
     return Camera(**(values | changes))
 
 
-def pixels_of(view: Camera, points: np.ndarray) -> np.ndarray:
+def pixels_of(view, points):
     inside = (points - np.asarray(view.translation)) @ CameraModel(view).rotation
     K = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1.0]])
     found, _ = cv2.projectPoints(inside, np.zeros(3), np.zeros(3), K, np.array(view.distortion or [0.0] * 5))
     return np.asarray(found.reshape(-1, 2))
 
 
-def shapes(rng: np.random.Generator, counts: tuple[int, int, int]) -> list[np.ndarray]:
+def shapes(rng, counts):
     """Features of the room, behind the rest, and of two boxes about their own origins."""
     room = rng.uniform([-0.8, 0.35, -0.1], [0.8, 0.8, 0.5], (counts[0], 3))
     return [room, *(rng.uniform(-0.12, 0.12, (n, 3)) for n in counts[1:])]
 
 
-def messages(
-    view: Camera,
-    motions: tuple[Motion, Motion, Motion] = (still, lid, cart),
-    *,
-    seconds: float = 4.0,
-    seen: tuple[Motion, Motion, Motion] | None = None,
-    missing: float = 0.2,
-    start: float = 0.0,
-) -> Iterator[ObservationBatch]:
+def messages(view, motions=(still, lid, cart), *, seconds=4.0, seen=None, missing=0.2, start=0.0):
     """What a depth camera and a plain one see: other features of the same bodies, at other instants.
 
     `seen`: the motions that the plain camera sees, if others. Feature id // 1000 is the body.
@@ -88,7 +77,7 @@ def messages(
             yield batch(source, frame, stamp, x[here], ids=seen_ids, space=space, unit=unit)
 
 
-def run(fusion: Fusion, batches: Iterator[ObservationBatch], every: int = 30) -> HypothesisUpdate:
+def run(fusion, batches, every=30):
     for count, heard in enumerate(batches, 1):
         fusion.ingest(heard)
         if count % every == 0:
@@ -96,7 +85,7 @@ def run(fusion: Fusion, batches: Iterator[ObservationBatch], every: int = 30) ->
     return fusion.update(heard.stamp_ns) if count % every else update
 
 
-def main_body(update: HypothesisUpdate) -> dict[int, str]:
+def main_body(update):
     """Body of which each hypothesis has most features."""
     votes: dict[int, list[int]] = {}
     for table in tracks_of(update).values():
@@ -105,7 +94,7 @@ def main_body(update: HypothesisUpdate) -> dict[int, str]:
     return {h: BODIES[int(np.bincount(given).argmax())] for h, given in votes.items()}
 
 
-def linked_bodies(update: HypothesisUpdate) -> dict[str, set[str]]:
+def linked_bodies(update):
     """Body of each linked image hypothesis -> bodies of the hypotheses it is linked to."""
     body = main_body(update)
     found: dict[str, set[str]] = {}
@@ -115,18 +104,18 @@ def linked_bodies(update: HypothesisUpdate) -> dict[str, set[str]]:
     return found
 
 
-def fused(view: Camera | None) -> Fusion:
+def fused(view):
     return Fusion(FusionConfig(linking={"cameras": {} if view is None else {"plain/pixels": view}}))
 
 
 @pytest.fixture(scope="module")
-def moved() -> Fusion:
+def moved():
     fusion = fused(camera())
     run(fusion, messages(camera()))
     return fusion
 
 
-def test_every_body_is_linked_to_itself_and_both_ways(moved: Fusion) -> None:
+def test_every_body_is_linked_to_itself_and_both_ways(moved):
     update = Fusion.restore(moved.config, moved.snapshot()).update(1004_000_000_000)
     assert linked_bodies(update) == {name: {name} for name in BODIES}
     of = {h.id: h for h in update.hypotheses}
@@ -137,16 +126,16 @@ def test_every_body_is_linked_to_itself_and_both_ways(moved: Fusion) -> None:
     assert encode(decode(encode(update))) == encode(update)
 
 
-def test_links_need_motion() -> None:
+def test_links_need_motion():
     fusion = fused(camera())
     update = run(fusion, messages(camera(), (still, still, still)))
     assert all(h.linked is None for h in update.hypotheses)
 
 
-def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
+def test_a_link_outlasts_the_motion_and_a_restart(moved):
     """When all motion has left the window, the bodies stay apart and keep their links."""
 
-    def stopped(motion: Motion) -> Motion:
+    def stopped(motion):
         return lambda t: motion(min(t, 4.0))
 
     fusion = Fusion.restore(FusionConfig(window=2.0, linking=moved.config.linking), moved.snapshot())
@@ -156,7 +145,7 @@ def test_a_link_outlasts_the_motion_and_a_restart(moved: Fusion) -> None:
     assert linked_bodies(update) == {name: {name} for name in BODIES}
 
 
-def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
+def test_links_of_another_calibration_are_forgotten(moved):
     for cameras in ({"plain/pixels": camera(frame="elsewhere")}, {"other/pixels": camera()}, {}):
         fusion = Fusion.restore(FusionConfig(linking={"cameras": cameras}), moved.snapshot())
         update = fusion.update(1004_000_000_000)
@@ -172,27 +161,27 @@ def test_links_of_another_calibration_are_forgotten(moved: Fusion) -> None:
         {"fx": 160.0, "fy": 160.0},
     ],
 )
-def test_a_wrong_calibration_links_no_moving_body(wrong: dict[str, object]) -> None:
+def test_a_wrong_calibration_links_no_moving_body(wrong):
     update = run(fused(camera(**wrong)), messages(camera()), every=60)
     assert linked_bodies(update).keys() <= {"room"}
     assert linked_bodies(update).get("room", set()) <= {"room"}
 
 
-def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none() -> None:
-    def lift(t: float) -> tuple[Rotation, np.ndarray]:
+def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none():
+    def lift(t):
         return Rotation.from_rotvec([0, 0.3 * t, 0]), np.array([-0.35, 0.0, 0.1 + 0.07 * t])
 
     update = run(fused(camera()), messages(camera(), (still, still, cart), seen=(still, lift, cart)))
     assert linked_bodies(update) == {"room": {"room"}, "cart": {"cart"}}
 
 
-def test_distortion_is_undone() -> None:
+def test_distortion_is_undone():
     view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
     update = run(fused(view), messages(view))
     assert linked_bodies(update) == {name: {name} for name in BODIES}
 
 
-def test_without_calibration_or_poses_there_are_no_links() -> None:
+def test_without_calibration_or_poses_there_are_no_links():
     update = run(fused(None), messages(camera(), seconds=2.0))
     assert all(h.linked is None for h in update.hypotheses)
     config = FusionConfig(method="thesis", linking={"cameras": {"plain/pixels": camera()}})

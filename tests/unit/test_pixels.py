@@ -11,11 +11,10 @@ from comotion.config import PixelsConfig
 from comotion.pixels.geometry import Geometry
 from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames, evenly_spaced
-from comotion.pixels.noise import gross_errors
 from comotion_clients.metrics import misclassification
 
 from .. import builders
-from ..builders import MS, T0, labels_of
+from ..builders import labels_of, play, restored
 
 
 def frames_of(positions, visible=None, noise=0.0):
@@ -69,27 +68,25 @@ def test_noise_that_is_known_does_not_join_bodies():
     assert group(frames_of(positions), PixelsConfig()).labels.max() == 0
 
 
-def batch(seq, stamp_ns, ids, positions):
-    ids = np.asarray(ids, np.uint64)
-    return builders.batch("cam", seq, stamp_ns, positions, space="cam/pixels", unit="px", ids=ids)
+def image(seq, now, positions, ids=None):
+    ids = np.arange(len(positions)) if ids is None else ids
+    ids = ids.astype(np.uint64)
+    return builders.batch("cam", seq, now, positions, space="cam/pixels", unit="px", ids=ids)
 
 
 class Camera:
     """Two bodies at 15 Hz; trajectory i is born at `born[i]` and lost at `lost[i]`, in frames."""
 
-    def __init__(self, born, lost, frames=40):
-        self.positions, self.truth = affine_scene(np.random.default_rng(9), (40, 30), frames, 0.1)
-        self.born = np.full(70, 0) if born is None else born
-        self.lost = np.full(70, frames) if lost is None else lost
+    def __init__(self, born=(0,) * 70, lost=(40,) * 70):
+        self.positions, self.truth = affine_scene(np.random.default_rng(9), (40, 30), 40, 0.1)
+        self.born, self.lost = np.array(born), np.array(lost)
 
     def play(self, fusion, start, stop):
-        updates = []
-        for k in range(start, stop):
-            alive = (self.born <= k) & (k < self.lost)
-            stamp = T0 + k * 1000 * MS // 15
-            fusion.ingest(batch(k, stamp, np.flatnonzero(alive), self.positions[k, alive]))
-            updates.append(fusion.update(stamp))
-        return updates
+        return play(fusion, range(start, stop), self.seen, rate=15)
+
+    def seen(self, k, now):
+        alive = (self.born <= k) & (k < self.lost)
+        return image(k, now, self.positions[k, alive], np.flatnonzero(alive))
 
 
 def pixel_fusion():
@@ -116,11 +113,9 @@ def test_identities_outlive_births_and_deaths():
 def test_newborns_start_from_their_neighbours():
     born = np.zeros(70, int)
     born[[3, 50]] = 38
-    camera = Camera(born, None)
-    final = camera.play(pixel_fusion(), 0, 40)[-1]
+    final = Camera(born).play(pixel_fusion(), 0, 40)[-1]
     of = labels_of(final)
-    hypotheses = {h.id for h in final.hypotheses}
-    assert {of[3], of[50]} <= hypotheses
+    assert {of[3], of[50]} <= {h.id for h in final.hypotheses}
     # In the scene the bodies overlap in the image, so only being near something is promised.
     assert all(final.track_confidence[np.isin(final.track_id, [3, 50])] <= 0.5)
 
@@ -128,13 +123,12 @@ def test_newborns_start_from_their_neighbours():
 def test_a_hypothesis_says_how_it_moves():
     rng = np.random.default_rng(11)
     x = rng.uniform(100, 300, (40, 2))
-    fusion = pixel_fusion()
-    for k in range(30):
+
+    def seen(k, now):
         moved = np.concatenate([x + np.array([3.0 * k, 0.0]), x + 150.0])
-        stamp = T0 + k * 1000 * MS // 15
-        fusion.ingest(batch(k, stamp, np.arange(80), moved + rng.normal(0, 0.05, moved.shape)))
-        update = fusion.update(stamp)
-    by_state = {h.state: h for h in update.hypotheses}
+        return image(k, now, moved + rng.normal(0, 0.05, moved.shape))
+
+    by_state = {h.state: h for h in play(pixel_fusion(), range(30), seen, rate=15)[-1].hypotheses}
     assert set(by_state) == {"moving", "static"}
     assert by_state["moving"].twist.linear == pytest.approx([45.0, 0.0], abs=0.5)
     assert by_state["moving"].twist.angular == pytest.approx(0.0, abs=0.02)
@@ -146,13 +140,13 @@ def test_what_rests_in_the_image_of_a_moving_camera_is_undetermined():
     # The camera drives along z between walls; of a car ahead at its own speed nobody knows that it moves.
     wall = np.stack([rng.choice([-3.0, 3.0], 90), rng.uniform(-2, 1.5, 90), rng.uniform(8, 16, 90)], axis=1)
     car = rng.uniform([280, 220], [360, 280], (30, 2))
-    fusion = pixel_fusion()
-    for k in range(30):
+
+    def seen(k, now):
         ahead = wall - [0.0, 0.0, 0.15 * k]
         moved = np.concatenate([320 + 500 * ahead[:, :2] / ahead[:, 2:], car])
-        stamp = T0 + k * 1000 * MS // 15
-        fusion.ingest(batch(k, stamp, np.arange(120), moved + rng.normal(0, 0.1, moved.shape)))
-        update = fusion.update(stamp)
+        return image(k, now, moved + rng.normal(0, 0.1, moved.shape))
+
+    update = play(pixel_fusion(), range(30), seen, rate=15)[-1]
     of, states = labels_of(update), {h.id: h.state for h in update.hypotheses}
     assert {states[of[k]] for k in range(90, 120)} == {"undetermined"}
     assert {states[of[k]] for k in range(90)} == {"moving"}
@@ -166,30 +160,18 @@ def with_gross_errors(rng, positions, share):
     return positions + wild[..., None] * off, wild
 
 
-def test_gross_errors_of_single_observations_are_told_from_motion():
-    rng = np.random.default_rng(7)
-    positions, _ = affine_scene(rng, (60, 50))
-    shaken = positions + rng.normal(0, 5, (len(positions), 1, 2))
-    wild_ones, wild = with_gross_errors(rng, shaken, 0.03)
-    visible = rng.random(wild.shape) > 0.1
-    found = gross_errors(wild_ones, visible, np.full(110, 0.01))
-    # Two in a row, and those beside a frame that is missing, are not seen to come back.
-    assert found[wild & visible].mean() > 0.6
-    assert found[~wild].mean() < 0.01
-
-
 def test_gross_errors_do_not_join_or_part_bodies():
-    camera = Camera(None, None)
+    camera = Camera()
     camera.positions, _ = with_gross_errors(np.random.default_rng(2), camera.positions, 0.03)
     final = camera.play(pixel_fusion(), 0, 40)[-1]
     assert misclassification(final.track_hypothesis, camera.truth[final.track_id.astype(int)]) <= 0.03
 
 
 def test_a_restart_keeps_hypotheses():
-    camera = Camera(None, None)
+    camera = Camera()
     fusion = pixel_fusion()
     before = camera.play(fusion, 0, 30)[-1]
-    again = Fusion.restore(fusion.config, fusion.snapshot())
+    again = restored(fusion)
     after, unbroken = camera.play(again, 30, 40)[-1], camera.play(fusion, 30, 40)[-1]
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
     np.testing.assert_array_equal(after.track_hypothesis, unbroken.track_hypothesis)

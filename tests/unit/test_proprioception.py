@@ -1,15 +1,12 @@
 """Proprioception: kinematics against MuJoCo and by hand, readings from every input, batches."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion_sources.calibration.model import Extrinsics
 from comotion_sources.proprioception.joint_logs import read_csv
-from comotion_sources.proprioception.samples import JointSample, joint_sample
+from comotion_sources.proprioception.samples import joint_sample
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
@@ -40,23 +37,23 @@ URDF = """<?xml version="1.0"?>
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> Path:
+def urdf(tmp_path):
     path = tmp_path / "two.urdf"
     path.write_text(URDF)
     return path
 
 
-def reading(names: tuple[str, ...], positions: np.ndarray, stamp_ns: int = 0) -> JointSample:
+def reading(names, positions, stamp_ns=0):
     return joint_sample(stamp_ns, names, positions)
 
 
-def test_urdf_kinematics_agree_with_the_product_of_transformations(urdf: Path) -> None:
+def test_urdf_kinematics_agree_with_the_product_of_transformations(urdf):
     """By hand, link after link; meshes that are not there and links without mass do not matter."""
     base = Extrinsics.from_quaternion([0.1, 0.2, 0.3, 0.9], [1.0, -2.0, 0.5])
     kinematics = Kinematics(load_model(urdf), ["upper", "tool0"], base)
     assert kinematics.joints == ("shoulder", "lift")
 
-    def frame(turn: Rotation, way: list[float]) -> np.ndarray:
+    def frame(turn, way):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = turn.as_matrix(), way
         return matrix
@@ -77,7 +74,7 @@ def test_urdf_kinematics_agree_with_the_product_of_transformations(urdf: Path) -
             assert turned == pytest.approx(expected[:3, :3], abs=1e-9)
 
 
-def test_sigma_is_what_encoders_of_that_resolution_make(urdf: Path) -> None:
+def test_sigma_is_what_encoders_of_that_resolution_make(urdf):
     """Against the spread of poses under rounding errors drawn at random."""
     coarse = Encoders(angular=0.02, linear=0.004, floor=1e-9)
     kinematics = Kinematics(load_model(urdf), ["tool0"], encoders=coarse)
@@ -89,14 +86,14 @@ def test_sigma_is_what_encoders_of_that_resolution_make(urdf: Path) -> None:
     assert kinematics.poses(reading(("shoulder", "lift"), q)).sigma[0] == pytest.approx(expected, rel=0.05)
 
 
-def packer(rate: float = 200.0, span: float = 0.02) -> tuple[Packer, Callable[[float], JointSample]]:
+def packer(rate=200.0, span=0.02):
     scene = Scene.named("arm")
     made = Packer(Kinematics(scene.model, scene.robot), rate=rate, span=span)
     return made, lambda t: reading(scene.joints, scene.configuration(t), round(t * 1e9))
 
 
 @pytest.mark.parametrize(("given", "rate"), [(500, 200), (200, 200), (190, 200), (1000, 100), (100, 500)])
-def test_the_rate_is_a_limit_that_jitter_does_not_halve(given: int, rate: int) -> None:
+def test_the_rate_is_a_limit_that_jitter_does_not_halve(given, rate):
     made, at = packer(rate=rate, span=0.1)
     rng = np.random.default_rng(7)
     packs = [made.add(at(k / given + rng.uniform(0, 0.1) / given)) for k in range(2 * given)]
@@ -104,7 +101,7 @@ def test_the_rate_is_a_limit_that_jitter_does_not_halve(given: int, rate: int) -
     assert instants / 2 == pytest.approx(min(given, rate), rel=0.06)
 
 
-def test_csv_logs_are_read_with_either_kind_of_time(tmp_path: Path) -> None:
+def test_csv_logs_are_read_with_either_kind_of_time(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text(
         "stamp_ns, shoulder, lift\n1795227314415000123,0.5,-0.25\n\n1795227314420000123,0.6,1e-3\n"

@@ -30,7 +30,7 @@ SESSION = "00000000000000aa"
 
 class TestTicker:
     @pytest.mark.parametrize(("late", "skipped"), [(0, 0), (99, 0), (100, 1), (250, 2), (1000, 10)])
-    def test_missed_deadlines_are_skipped_and_counted(self, late: int, skipped: int) -> None:
+    def test_missed_deadlines_are_skipped_and_counted(self, late, skipped):
         ticker = Ticker(100, start_ns=0)
         assert ticker.advance(100 + late) == skipped
         # The next is ahead and on the grid: nothing is bunched.
@@ -39,14 +39,14 @@ class TestTicker:
 
 
 class TestEventClock:
-    def test_a_stamp_far_ahead_moves_nothing_while_others_keep_the_time(self) -> None:
+    def test_a_stamp_far_ahead_moves_nothing_while_others_keep_the_time(self):
         clock = EventClock()
         for k in range(30):
             clock.observe(k * SECOND // 10, k * SECOND // 10)
             clock.observe(10**6 * SECOND, k * SECOND // 10)
         assert clock.now_ns() == 29 * SECOND // 10
 
-    def test_a_gap_that_all_share_is_crossed(self) -> None:
+    def test_a_gap_that_all_share_is_crossed(self):
         clock = EventClock()
         clock.observe(SECOND, 0)
         clock.observe(60 * SECOND, SECOND)
@@ -54,17 +54,17 @@ class TestEventClock:
         clock.observe(60 * SECOND, SECOND + 1)
         assert clock.now_ns() == 60 * SECOND
 
-    def test_a_step_of_the_wall_clock_is_known_but_not_followed(self, monkeypatch) -> None:
+    def test_a_step_of_the_wall_clock_is_known_but_not_followed(self, monkeypatch):
         clock = WallClock()
         wall, before = time.time_ns(), clock.now_ns()
         monkeypatch.setattr(time, "time_ns", lambda: wall + 3_600 * SECOND)
         assert 0 <= clock.now_ns() - before < 60 * SECOND
         assert abs(clock.set_by_ns() - 3_600 * SECOND) < 60 * SECOND
 
-    def test_a_pause_of_the_process_between_two_looks_at_clocks_is_no_step(self, monkeypatch) -> None:
+    def test_a_pause_of_the_process_between_two_looks_at_clocks_is_no_step(self, monkeypatch):
         monotonic, pauses = [0], [5 * SECOND]
 
-        def read() -> int:
+        def read():
             wall = 1_000 * SECOND + monotonic[0]
             monotonic[0] += pauses.pop() if pauses else 0
             return wall
@@ -75,22 +75,22 @@ class TestEventClock:
         assert (clock.now_ns(), clock.set_by_ns()) == (1_005 * SECOND, 0)
 
 
-def batch(stamp_ns: int) -> ObservationBatch:
+def batch(stamp_ns):
     return builders.batch("cam", 0, stamp_ns, np.zeros((2, 2)), session=SESSION, ids=[1, 2])
 
 
-def source(name: str, age_s: float, *, live: bool) -> SourceHealth:
+def source(name, age_s, *, live):
     return SourceHealth(name, SESSION, int(age_s * SECOND), SECOND // 10, live, live)
 
 
 class TestHealth:
-    def report(self, health: Health, at_s: float, stats: Stats, **changes):
+    def report(self, health, at_s, stats, **changes):
         arrivals = {"received": {}, "present": {}, "rejection": ""}
         arrivals |= {name: changes.pop(name) for name in arrivals if name in changes}
         fields = {"sources": [], "stats": stats, "notes": []} | changes
         return health.report(int(at_s * SECOND), intake=SimpleNamespace(**arrivals), **fields)
 
-    def test_silent_sources_degrade_and_when_all_are_silent_it_stalls(self) -> None:
+    def test_silent_sources_degrade_and_when_all_are_silent_it_stalls(self):
         sources = [source("a", 0.1, live=True), source("b", 7.0, live=False)]
         fields = self.report(Health(), 1, Stats(), present=dict.fromkeys("abc", 0), sources=sources)
         assert fields.state == "degraded"
@@ -99,7 +99,7 @@ class TestHealth:
         fields = self.report(Health(), 1, Stats(), present={"b": 0}, sources=sources[1:])
         assert fields.state == "stalled"
 
-    def test_a_scene_that_all_sources_have_left_is_stalled(self) -> None:
+    def test_a_scene_that_all_sources_have_left_is_stalled(self):
         stats = Stats(batches=5, fused=5)
         fields = self.report(Health(), 1, stats, sources=[source("a", 30.0, live=False)])
         assert fields.state == "stalled"
@@ -107,7 +107,7 @@ class TestHealth:
         assert self.report(Health(), 1, stats).state == "stalled"
 
     @pytest.mark.parametrize("counter", ["lost", "late", "overruns"])
-    def test_trouble_degrades_for_some_seconds(self, counter: str) -> None:
+    def test_trouble_degrades_for_some_seconds(self, counter):
         health, stats = Health(), Stats()
         self.report(health, 0, stats)
         setattr(stats, counter, 3)
@@ -120,7 +120,7 @@ class TestHealth:
 
 
 class TestWatchdog:
-    def test_a_report_is_passed_on_until_the_loop_hangs(self) -> None:
+    def test_a_report_is_passed_on_until_the_loop_hangs(self):
         watchdog = Watchdog()
         assert watchdog.status().message == "preparing"
         watchdog.report(StatusFields(message="2 live sources"))
@@ -131,17 +131,17 @@ class TestWatchdog:
         assert watchdog.status().message == "no update for 4.0 s"
 
 
-def kept(path: Path, fusion: Fusion, *, clean: bool = False) -> bytes:
+def kept(path, fusion, *, clean=False):
     """Write a state as the service does; returns the bytes."""
     write_state(path, fusion.capture(clean=clean)())
     return path.read_bytes()
 
 
-def next_id(fusion: Fusion) -> int:
+def next_id(fusion):
     return Header.read(fusion.snapshot(clean=True)).following
 
 
-def running(stamp_ns: int = SECOND, scene: str = "default", first_id: int = 1) -> Fusion:
+def running(stamp_ns=SECOND, scene="default", first_id=1):
     fusion = Fusion(FusionConfig(), scene=scene, session="f" * 16, first_id=first_id)
     fusion.ingest(batch(stamp_ns))
     fusion.update(stamp_ns)
@@ -149,10 +149,10 @@ def running(stamp_ns: int = SECOND, scene: str = "default", first_id: int = 1) -
 
 
 class TestStateFile:
-    def load(self, path: Path, scene: str = "default", now_ns: int | None = None) -> Fusion:
+    def load(self, path, scene="default", now_ns=None):
         return load_fusion(path, FusionConfig(), scene, SESSION, now_ns)
 
-    def test_what_was_written_is_taken_up_under_a_new_session(self, tmp_path: Path) -> None:
+    def test_what_was_written_is_taken_up_under_a_new_session(self, tmp_path):
         fusion = running(scene="cell")
         before = fusion.update(SECOND)
         kept(tmp_path / "state", fusion, clean=True)
@@ -174,9 +174,7 @@ class TestStateFile:
             lambda data: b"COMOTION" + data[8:],
         ],
     )
-    def test_a_bad_file_is_kept_aside_and_no_id_is_given_out_twice(
-        self, tmp_path: Path, damage, caplog
-    ) -> None:
+    def test_a_bad_file_is_kept_aside_and_no_id_is_given_out_twice(self, tmp_path, damage, caplog):
         data = damage(kept(tmp_path / "state", running(first_id=5000)))
         (tmp_path / "state").write_bytes(data)
         assert next_id(self.load(tmp_path / "state")) > 5000
@@ -186,7 +184,7 @@ class TestStateFile:
         assert next_id(self.load(tmp_path / "state")) > 5000
 
     @pytest.mark.parametrize("damage", [b"", b"comotion-ids 5001 00000000\n", b"\xff" * 100])
-    def test_damaged_ids_are_said_and_not_believed(self, tmp_path: Path, damage, caplog) -> None:
+    def test_damaged_ids_are_said_and_not_believed(self, tmp_path, damage, caplog):
         kept(tmp_path / "state", running(first_id=5000))
         (tmp_path / "state").unlink()
         assert next_id(self.load(tmp_path / "state")) > 5000
@@ -194,35 +192,31 @@ class TestStateFile:
         assert next_id(self.load(tmp_path / "state")) < 5000
         assert "state.ids is damaged" in caplog.text
 
-    def test_a_state_from_which_no_update_follows_is_refused(
-        self, tmp_path: Path, monkeypatch, caplog
-    ) -> None:
+    def test_a_state_from_which_no_update_follows_is_refused(self, tmp_path, monkeypatch, caplog):
         kept(tmp_path / "state", running())
         monkeypatch.setattr(Fusion, "update", lambda fusion, now_ns: fusion.no_such_thing)
         assert next_id(self.load(tmp_path / "state")) > 1000
         assert "no update follows from it: AttributeError" in caplog.text
 
-    def test_what_killed_processes_have_left_is_removed(self, tmp_path: Path) -> None:
+    def test_what_killed_processes_have_left_is_removed(self, tmp_path):
         for name in (".state.4711", ".state.12", ".state.old", "state.4711"):
             (tmp_path / name).touch()
         self.load(tmp_path / "state")
         assert {p.name for p in tmp_path.iterdir()} == {".state.old", "state.4711"}
 
-    def test_a_state_of_another_scene_is_refused(self, tmp_path: Path, caplog) -> None:
+    def test_a_state_of_another_scene_is_refused(self, tmp_path, caplog):
         kept(tmp_path / "state", Fusion(scene="one"))
         assert self.load(tmp_path / "state", "two").scene == "two"
         assert "'one', not 'two'" in caplog.text
 
-    def test_a_state_from_the_future_is_refused_and_its_ids_are_not_reused(
-        self, tmp_path: Path, caplog
-    ) -> None:
+    def test_a_state_from_the_future_is_refused_and_its_ids_are_not_reused(self, tmp_path, caplog):
         kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
         again = self.load(tmp_path / "state", now_ns=90 * SECOND)
         assert again.timeline.watermark_ns is None
         assert next_id(again) > 5000
         assert "10.0 s in the future" in caplog.text
 
-    def test_a_new_scene_keeps_the_one_before_and_says_how_old_it_is(self, tmp_path: Path, caplog) -> None:
+    def test_a_new_scene_keeps_the_one_before_and_says_how_old_it_is(self, tmp_path, caplog):
         caplog.set_level("INFO")
         kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
         os.utime(tmp_path / "state", (0, time.time() - 600))
@@ -233,7 +227,7 @@ class TestStateFile:
         assert not (tmp_path / "state").exists()
         begin_afresh(tmp_path / "state")
 
-    def test_every_scene_of_every_network_has_a_file_of_its_own(self, tmp_path: Path, monkeypatch) -> None:
+    def test_every_scene_of_every_network_has_a_file_of_its_own(self, tmp_path, monkeypatch):
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
         assert default_path("cell", ["tcp/127.0.0.1:7447"]) == tmp_path / "comotion" / "cell.state"
         assert default_path("cell", ["tcp/host:1"]).name == "cell@tcp-host-1.state"
@@ -243,7 +237,7 @@ class TestStateFile:
 
 
 class TestStateKeeper:
-    def test_it_is_due_at_an_interval_and_when_the_hypotheses_change(self, tmp_path: Path) -> None:
+    def test_it_is_due_at_an_interval_and_when_the_hypotheses_change(self, tmp_path):
         one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
         with StateKeeper(tmp_path / "state", 100 * SECOND, Fusion()) as keeper:
             assert keeper.is_due(one, now)
@@ -252,7 +246,7 @@ class TestStateKeeper:
             assert keeper.is_due(one, now + 100 * SECOND)
             assert keeper.is_due(two, now + 90 * SECOND)
 
-    def test_one_that_takes_long_to_write_is_written_less_often(self, tmp_path: Path, monkeypatch) -> None:
+    def test_one_that_takes_long_to_write_is_written_less_often(self, tmp_path, monkeypatch):
         spent = iter((0, SECOND))
         monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
         one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
@@ -262,7 +256,7 @@ class TestStateKeeper:
         assert not keeper.is_due(two, now + 10 * SECOND)
         assert keeper.is_due(two, now + 12 * SECOND)
 
-    def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self) -> None:
+    def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self):
         fusion = Fusion(FusionConfig())
         spec = simulator.load_scene("3d_async")
         batches = (b for b in simulator.batches(simulator.simulate(spec)) if isinstance(b, ObservationBatch))
@@ -274,7 +268,7 @@ class TestStateKeeper:
                 captured.append((fusion.capture(), fusion.snapshot()))
         assert all(b"".join(produce()) == data for produce, data in captured)
 
-    def test_the_last_state_is_written_before_the_end(self, tmp_path: Path) -> None:
+    def test_the_last_state_is_written_before_the_end(self, tmp_path):
         fusion = Fusion()
         with StateKeeper(tmp_path / "state", 0, fusion) as keeper:
             for k in range(50):
@@ -283,7 +277,7 @@ class TestStateKeeper:
         assert (tmp_path / "state").read_bytes() == fusion.snapshot(clean=True)
         assert not any(thread.name == "state" for thread in threading.enumerate())
 
-    def test_a_folder_that_cannot_be_written_is_told_once_and_survived(self, tmp_path: Path, caplog) -> None:
+    def test_a_folder_that_cannot_be_written_is_told_once_and_survived(self, tmp_path, caplog):
         blocked = tmp_path / "blocked"
         blocked.write_text("a file, not a folder")
         with StateKeeper(blocked / "state", 0, Fusion()) as keeper:
@@ -291,10 +285,10 @@ class TestStateKeeper:
         assert "state not written" in keeper.error
         assert caplog.text.count("cannot write the state") == 1
 
-    def test_a_state_is_replaced_in_one_step(self, tmp_path: Path, monkeypatch) -> None:
+    def test_a_state_is_replaced_in_one_step(self, tmp_path, monkeypatch):
         write_atomically(tmp_path / "state", [b"o", b"ld"])
 
-        def fail(descriptor: int) -> None:
+        def fail(descriptor):
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(os, "fsync", fail)

@@ -14,47 +14,49 @@ from comotion.runtime import server
 from comotion.runtime.overload import Overload
 from comotion.shedding import MOST, Load
 from comotion_experiments.offline import run_offline
-from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
+from comotion_schemas import UNDETERMINED
 from comotion_sources import simulator
 
 from .. import builders
-from ..builders import labels_of
+from ..builders import labels_of, play
 
 SECOND = 10**9
 PERIOD = SECOND // 10
 
 
-def body(count: int, seed: int) -> np.ndarray:
+def body(count, seed):
     return np.random.default_rng(seed).uniform(-0.2, 0.2, (count, 3))
 
 
-def batch(k: int, positions: np.ndarray, *, first: int = 0, source: str = "a") -> ObservationBatch:
+def batch(k, now, positions, *, first=0, source="a"):
     noise = np.random.default_rng([k, first]).normal(0, 0.001, positions.shape)
-    ids = np.arange(first, first + len(positions), dtype=np.uint64)
-    return builders.batch(source, k, 10**18 + k * PERIOD // 2, positions + noise, ids=ids)
+    return builders.batch(source, k, now, positions + noise, ids=np.arange(first, first + len(positions)))
 
 
-def scene(k: int) -> np.ndarray:
+def scene(k, now):
     """Two bodies of eight features: one rests, the other swings beside it, from the first second on."""
-    swing = 0.3 * np.sin(0.1 * max(k - 20, 0))
-    return np.concatenate([body(8, 1), body(8, 2) + np.array([0.5, swing, 0.0])])
+    return batch(k, now, two(k, 8, 0.5))
 
 
-def run(fusion: Fusion, frames: range) -> list[HypothesisUpdate]:
-    updates = []
-    for k in frames:
-        fusion.ingest(batch(k, scene(k)))
-        if k % 2:
-            updates.append(fusion.update(10**18 + k * PERIOD // 2))
-    return updates
+def two(k, count, apart):
+    swing = np.array([apart, 0.3 * np.sin(0.1 * max(k - 20, 0)), 0.0])
+    return np.concatenate([body(count, 1), body(count, 2) + swing])
 
 
-def groups(update: HypothesisUpdate) -> int:
+def crowd(k, now):
+    return batch(k, now, two(k, 250, 1.0))
+
+
+def run(fusion, frames, *sources):
+    return play(fusion, frames, *(sources or [scene]), rate=20, every=2)
+
+
+def groups(update):
     return len(set(update.track_hypothesis.tolist()) - {UNDETERMINED})
 
 
 class TestObservations:
-    def test_none_is_left_out(self) -> None:
+    def test_none_is_left_out(self):
         counts = []
         for level in (0, MOST):
             fusion = Fusion(FusionConfig())
@@ -64,33 +66,28 @@ class TestObservations:
         assert counts[0] == counts[1]
 
     @pytest.mark.parametrize("method", ["comotion", "thesis"])
-    def test_of_a_large_space_some_are_grouped_and_new_ones_join_by_place_and_motion(self, method) -> None:
+    def test_of_a_large_space_some_are_grouped_and_new_ones_join_by_place_and_motion(self, method):
         fusion = Fusion(FusionConfig(method=method, thesis=ThesisConfig(sigma_switch=0.02)))
-        sizes = []
 
-        def crowd(k: int) -> np.ndarray:
-            swing = np.array([0.0, 0.3 * np.sin(0.1 * max(k - 20, 0)), 0.0])
-            return np.concatenate([body(250, 1), body(250, 2) + np.array([1.0, 0.0, 0.0]) + swing])
+        def newcomers(k, now):
+            """Features that come up on the body that swings."""
+            return (
+                batch(k, now, two(k, 250, 1.0)[250:260] + 0.01, first=1000, source="b") if k >= 70 else None
+            )
 
-        for k in range(90):
-            if k == 60:
-                fusion.shed(MOST)
-            fusion.ingest(batch(k, crowd(k)))
-            if k >= 70:
-                # Features that come up on the body that swings.
-                fusion.ingest(batch(k, crowd(k)[250:260] + 0.01, first=1000, source="b"))
-            if k % 2:
-                update = fusion.update(10**18 + k * PERIOD // 2)
-                sizes.append(len(fusion.affinity("world").tracks))
-        assert sizes[28] == 500
-        assert max(sizes[30:]) == 200
+        run(fusion, range(58), crowd)
+        assert len(fusion.affinity("world").tracks) == 500
+        fusion.shed(MOST)
+        for k in range(58, 90, 2):
+            (update,) = run(fusion, range(k, k + 2), crowd, newcomers)
+            assert k < 60 or len(fusion.affinity("world").tracks) <= 200
         labels = labels_of(update)
         rests, swings = ({labels[one] for one in ids} for ids in (range(250), range(250, 500)))
         assert (len(rests), len(swings)) == (1, 1)
         assert rests != swings
         assert {labels[1000 + one] for one in range(10)} == swings
 
-    def test_at_the_highest_level_the_result_is_as_good_within_a_twentieth(self) -> None:
+    def test_at_the_highest_level_the_result_is_as_good_within_a_twentieth(self):
         messages = list(simulator.batches(simulator.simulate(simulator.load_scene("3d_4"), seed=1)))
         means = []
         for level in (0, MOST):
@@ -101,19 +98,16 @@ class TestObservations:
         assert means[0] > 0.9
         assert means[1] > means[0] - 0.05
 
-    def test_another_part_of_a_large_space_may_be_grouped_at_each_update(self) -> None:
+    def test_another_part_of_a_large_space_may_be_grouped_at_each_update(self):
         fusion = Fusion(FusionConfig())
-        for k in range(80):
-            swing = np.array([0.0, 0.3 * np.sin(0.1 * max(k - 20, 0)), 0.0])
-            fusion.ingest(batch(k, np.concatenate([body(250, 1), body(250, 2) + swing + [1.0, 0.0, 0.0]])))
-            if k % 2:
-                fusion.shed((0, MOST, 5, MOST, 5)[k // 2 % 5] if k > 40 else 0)
-                update = fusion.update(10**18 + k * PERIOD // 2)
+        for k in range(0, 80, 2):
+            fusion.shed((0, MOST, 5, MOST, 5)[k // 2 % 5] if k >= 40 else 0)
+            (update,) = run(fusion, range(k, k + 2), crowd)
         assert fusion.stats.faults == 0
         labels = labels_of(update)
-        assert len({labels[one] for one in range(250)} | {labels[one] for one in range(250, 500)}) == 2
+        assert len({labels[one] for one in range(500)}) == 2
 
-    def test_a_body_that_comes_up_while_searches_are_rare_is_found(self) -> None:
+    def test_a_body_that_comes_up_while_searches_are_rare_is_found(self):
         fusion = Fusion(FusionConfig())
         assert groups(run(fusion, range(20))[-1]) == 1
         fusion.shed(4)
@@ -129,7 +123,7 @@ class TestObservations:
         (3, {"judging": False, "deciding": False, "boxes": False}),
     ],
 )
-def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, monkeypatch) -> None:
+def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, monkeypatch):
     asked = {}
 
     def spied(plain):
@@ -148,7 +142,7 @@ def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, mo
     assert fusion.stats.shed == (2 if level else 0)
 
 
-def updates(load: Load, took_s: float, start_s: float, count: int, *, busy: float = 1.0) -> list[int]:
+def updates(load, took_s, start_s, count, *, busy=1.0):
     """Levels after updates of one kind, ten a second, that take `busy` times their processor time."""
     took_ns = round(took_s * SECOND)
     return [
@@ -157,12 +151,12 @@ def updates(load: Load, took_s: float, start_s: float, count: int, *, busy: floa
 
 
 class TestLoad:
-    def test_one_slow_update_is_enough_and_slower_ones_raise_it_more(self) -> None:
+    def test_one_slow_update_is_enough_and_slower_ones_raise_it_more(self):
         assert updates(Load(PERIOD), 0.1, 0.0, 1) == [1]
         assert updates(Load(PERIOD), 0.4, 0.0, 1) == [5]
         assert updates(Load(PERIOD), 7.0, 0.0, 3) == [MOST, MOST, MOST]
 
-    def test_a_level_that_was_slow_is_tried_again_now_and_then(self) -> None:
+    def test_a_level_that_was_slow_is_tried_again_now_and_then(self):
         """Done in full an update takes 0.4 s after a while, at any other level 5 ms."""
         load, slow = Load(PERIOD), []
         updates(load, 0.02, 0.0, 10)
@@ -176,7 +170,7 @@ class TestLoad:
         assert waits[2:].min() > 5
         assert len(waits) > 3
 
-    def test_after_a_pause_of_the_machine_all_is_done_again_within_a_second(self) -> None:
+    def test_after_a_pause_of_the_machine_all_is_done_again_within_a_second(self):
         load = Load(PERIOD)
         for start_s in range(0, 100, 2):
             assert updates(load, 3.0, start_s, 1, busy=100) == [MOST]
@@ -184,7 +178,7 @@ class TestLoad:
             assert levels[3] == MOST
             assert levels[4:] == 6 * [0]
 
-    def test_slow_updates_of_a_scene_find_their_level_and_stay_there(self) -> None:
+    def test_slow_updates_of_a_scene_find_their_level_and_stay_there(self):
         """Each level halves a cost of 0.3 s: the first that fits is kept but for a try now and then."""
         load, levels = Load(PERIOD), []
         for k in range(600):
@@ -195,7 +189,7 @@ class TestLoad:
 
 
 class TestOverload:
-    def test_it_says_what_is_left_out_and_when_it_is_over(self, caplog) -> None:
+    def test_it_says_what_is_left_out_and_when_it_is_over(self, caplog):
         load = Overload(PERIOD)
         with caplog.at_level("INFO"):
             load.note(round(0.16 * SECOND), PERIOD // 10, 0)
@@ -207,7 +201,7 @@ class TestOverload:
         assert len(caplog.messages) == 2
 
     @pytest.mark.parametrize("shedding", [True, False])
-    def test_switched_off_it_leaves_out_nothing(self, shedding, monkeypatch) -> None:
+    def test_switched_off_it_leaves_out_nothing(self, shedding, monkeypatch):
         fusion = Fusion(FusionConfig(limits=LimitsConfig(shedding=shedding)))
         levels: list[int] = []
         monkeypatch.setattr(fusion, "shed", levels.append)

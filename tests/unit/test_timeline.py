@@ -47,9 +47,8 @@ class Clockwork:
         return [(*names[e.session], "released" if isinstance(e, Instants) else "ended") for e in events]
 
     def health(self, name, now_ns):
-        return next(
-            (h for h in self.timeline.sources.health(T0 + now_ns, T0 + now_ns) if h.name == name), None
-        )
+        rows = self.timeline.sources.health(T0 + now_ns, T0 + now_ns)
+        return next((h for h in rows if h.name == name), None)
 
     @property
     def watermark(self):
@@ -245,7 +244,7 @@ def test_one_source_too_many_is_refused_while_all_others_send():
     clock.feed(*(batch(f"s{k}", 0, T0) for k in range(5)))
     assert len(clock.at(0)) == 3
     assert clock.stats.rejected == {"limit": 2}
-    clock.feed(batch("s1", 1, T0 + 2 * S), batch("s2", 1, T0 + 2 * S), batch("s4", 1, T0 + 2 * S))
+    clock.feed(*(batch(name, 1, T0 + 2 * S) for name in ("s1", "s2", "s4")))
     assert {row[1] for row in clock.at(2 * S)} == {"s1", "s2", "s4"}
 
 
@@ -254,19 +253,6 @@ def test_a_batch_of_too_many_instants_is_refused(clock):
     clock.feed(batch("a", 0, int(stamps[-1]), ids=np.arange(100_000), stamps_ns=stamps))
     assert clock.at(MS) == []
     assert clock.stats.rejected == {"limit": 1}
-
-
-def test_the_first_instant_of_a_new_session_ends_the_one_before(clock):
-    clock.feed(batch("s", 0, T0), batch("other", 0, T0))
-    assert clock.sessions_at(0) == [("other", "a", "released"), ("s", "a", "released")]
-    clock.feed(batch("s", 0, T0 + 320 * MS, session="b" * 16), batch("other", 1, T0 + 310 * MS))
-    assert clock.sessions_at(320 * MS) == [("other", "a", "released")]
-    clock.feed(batch("other", 2, T0 + 320 * MS))
-    assert clock.sessions_at(320 * MS) == [
-        ("other", "a", "released"),
-        ("s", "a", "ended"),
-        ("s", "b", "released"),
-    ]
 
 
 def test_a_restored_timeline_goes_on(clock):

@@ -9,113 +9,103 @@ import cv2
 import numpy as np
 import pytest
 
+from comotion_clients.viewing.picture import ScenePicture
 from comotion_deploy.cli import run
-from comotion_schemas import UNDETERMINED, Event, Pose, Preview, TruthBatch, Twist
+from comotion_schemas import UNDETERMINED, Event, Pose, Preview, TruthBatch, Twist, encode
 
 from ..builders import SESSION, S, batch, hypothesis, update
 from ..command_line import refused
 
 
-def test_without_the_extra_the_command_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture
+def sink():
+    """The module, where the extra `view` is there."""
+    pytest.importorskip("rerun", reason="needs the extra view").set_strict_mode(True)
+    return pytest.importorskip("comotion_clients.viewing.sink")
+
+
+def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert refused(capsys, "view", "--web") == "error: rerun is not installed: pip install 'comotion[view]'"
 
 
-class TestWithRerun:
-    """Needs the extra `view`."""
-
-    @pytest.fixture(autouse=True)
-    def _strict(self) -> None:
-        rerun = pytest.importorskip("rerun", reason="needs the extra view")
-        rerun.set_strict_mode(True)
-
-    def test_without_a_display_the_command_says_what_to_do(
-        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        monkeypatch.delenv("DISPLAY", raising=False)
-        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-        monkeypatch.setattr(sys, "platform", "linux")
-        assert "use --web (browser) or --save FILE.rrd" in refused(capsys, "view")
-
-    def test_page_and_data_are_for_this_machine_alone(self) -> None:
-        from comotion_clients.viewing.sink import Destination, RerunSink, free_port
-
-        page, data = free_port(), free_port()
-        with RerunSink(Destination(web_port=page, data_port=data)) as sink:
-            assert str(page) in sink.url
-            # Of every listening socket: local address and state, see proc_net_tcp.
-            lines = [Path("/proc/net", name).read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
-            sockets = [line.split() for line in lines[0] + lines[1]]
-            addresses = {s[1].split(":")[0] for s in sockets if int(s[1].split(":")[1], 16) in {page, data}}
-        assert addresses == {"0100007F"}
-
-    @pytest.mark.parametrize("taken", ["web_port", "data_port"])
-    def test_a_port_in_use_is_an_error_that_names_it(self, taken: str) -> None:
-        from comotion_clients.viewing.sink import Destination, RerunSink, free_port
-
-        with socket.create_server(("127.0.0.1", 0)) as other:
-            port = other.getsockname()[1]
-            ports = {"web_port": free_port(), "data_port": free_port(), taken: port}
-            with pytest.raises(OSError, match=str(port)), RerunSink(Destination(**ports)):
-                pass
-
-    def test_every_shape_arrives_in_the_file(self, tmp_path: Path) -> None:
-        from comotion_clients.viewing.picture import ScenePicture
-        from comotion_clients.viewing.sink import Destination, RerunSink
-
-        picture = ScenePicture("lab")
-        with RerunSink(Destination(file=tmp_path / "a.rrd")) as sink:
-            for k in range(1, 6):
-                moments = _feed(picture, k)
-                sink.arrange(picture.layout)
-                sink.show(moments)
-        told = _printed(tmp_path / "a.rrd")
-        expected = [
-            "/cameras/a/image", "/cameras/a/features", "/lags/a", "/legend/dots", "/log", "/rates/a",
-            "/scores/plane/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
-            "/spaces/plane/hypotheses", "/spaces/plane/trails", "/spaces/plane/twist/linear",
-        ]  # fmt: skip
-        assert [path for path in expected if path not in told] == []
-
-    def test_a_recording_is_shown(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        pytest.importorskip("mcap")
-        from comotion_clients.recording.file import RecordingFile
-        from comotion_schemas import encode
-
-        with RecordingFile(tmp_path / "a.mcap", scene="lab") as file:
-            for k in range(1, 6):
-                file.add("comotion/@v1/lab/obs/a", k * S, encode(_batch(k)), _batch(k))
-                file.add("comotion/@v1/lab/hypotheses", k * S, encode(_update(k)), _update(k))
-        assert run(["view", str(tmp_path / "a.mcap"), "--save", str(tmp_path / "a.rrd")]) == 0
-        assert "5 updates" in capsys.readouterr().err
-        assert "/spaces/plane/features/a" in _printed(tmp_path / "a.rrd")
+def test_without_a_display_the_command_says_what_to_do(sink, monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert "use --web (browser) or --save FILE.rrd" in refused(capsys, "view")
 
 
-def _printed(path: Path) -> str:
+def test_page_and_data_are_for_this_machine_alone(sink):
+    page, data = sink.free_port(), sink.free_port()
+    with sink.RerunSink(sink.Destination(web_port=page, data_port=data)) as shown:
+        assert str(page) in shown.url
+        # Of every listening socket: local address and state, see proc_net_tcp.
+        lines = [Path("/proc/net", name).read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
+        sockets = [line.split() for line in lines[0] + lines[1]]
+        addresses = {s[1].split(":")[0] for s in sockets if int(s[1].split(":")[1], 16) in {page, data}}
+    assert addresses == {"0100007F"}
+
+
+@pytest.mark.parametrize("taken", ["web_port", "data_port"])
+def test_a_port_in_use_is_an_error_that_names_it(sink, taken):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        ports = {"web_port": sink.free_port(), "data_port": sink.free_port(), taken: port}
+        with pytest.raises(OSError, match=str(port)), sink.RerunSink(sink.Destination(**ports)):
+            pass
+
+
+def test_every_shape_arrives_in_the_file(sink, tmp_path):
+    picture = ScenePicture("lab")
+    with sink.RerunSink(sink.Destination(file=tmp_path / "a.rrd")) as shown:
+        for k in range(1, 6):
+            moments = feed(picture, k)
+            shown.arrange(picture.layout)
+            shown.show(moments)
+    told = printed(tmp_path / "a.rrd")
+    expected = [
+        "/cameras/a/image", "/cameras/a/features", "/lags/a", "/legend/dots", "/log", "/rates/a",
+        "/scores/plane/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
+        "/spaces/plane/hypotheses", "/spaces/plane/trails", "/spaces/plane/twist/linear",
+    ]  # fmt: skip
+    assert [path for path in expected if path not in told] == []
+
+
+def test_a_recording_is_shown(sink, tmp_path, capsys):
+    pytest.importorskip("mcap")
+    from comotion_clients.recording.file import RecordingFile
+
+    with RecordingFile(tmp_path / "a.mcap", scene="lab") as file:
+        for k in range(1, 6):
+            for key, message in (("obs/a", seen(k)), ("hypotheses", found(k))):
+                file.add(f"comotion/@v1/lab/{key}", k * S, encode(message), message)
+    assert run(["view", str(tmp_path / "a.mcap"), "--save", str(tmp_path / "a.rrd")]) == 0
+    assert "5 updates" in capsys.readouterr().err
+    assert "/spaces/plane/features/a" in printed(tmp_path / "a.rrd")
+
+
+def printed(path):
     import rerun_cli
 
-    program = Path(rerun_cli.__file__).with_name("rerun")
-    return subprocess.run(
-        [program, "rrd", "print", "-v", path], check=True, capture_output=True, text=True
-    ).stdout
+    command = [Path(rerun_cli.__file__).with_name("rerun"), "rrd", "print", "-v", path]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
-def _feed(picture, k):
+def feed(picture, k):
     image = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
-    picture.on_batch(_batch(k), float(k), k * S)
+    picture.on_batch(seen(k), float(k), k * S)
     picture.on_truth(TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
-    seen = {"encoding": "jpeg", "image": image, "ids": [10], "pixels": [[1, 2]]}
-    picture.on_preview(Preview(source="a", session=SESSION, stamp_ns=k * S, **seen), float(k))
-    return picture.on_update(_update(k), float(k)) + picture.tick(k + 0.5)
+    jpeg = {"encoding": "jpeg", "image": image, "ids": [10], "pixels": [[1, 2]]}
+    picture.on_preview(Preview(source="a", session=SESSION, stamp_ns=k * S, **jpeg), float(k))
+    return picture.on_update(found(k), float(k)) + picture.tick(k + 0.5)
 
 
-def _batch(k: int):
+def seen(k):
     return batch("a", k, k * S, np.full((2, 2), k), space="plane", ids=[10, 11])
 
 
-def _update(k: int):
+def found(k):
     pose, twist = Pose(translation=[0.0, 0.0], rotation=0.1), Twist(linear=[1.0, 0.0], angular=1.0)
     return update(
         [1, UNDETERMINED],

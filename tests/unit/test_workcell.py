@@ -1,7 +1,5 @@
 """The workcell: motion, truth, images that a tracker can work with, and files others can read."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,32 +13,32 @@ from comotion_sources.frames import AMBIGUOUS  # noqa: E402
 from comotion_sources.klt import TrackerConfig  # noqa: E402
 from comotion_sources.poses import read_trajectory  # noqa: E402
 from comotion_sources.workcell import Scene, Viewpoint, open_camera  # noqa: E402
-from comotion_sources.workcell.atlas import Atlas, build_atlas  # noqa: E402
+from comotion_sources.workcell.atlas import build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def truck() -> Scene:
+def truck():
     return Scene.named("truck")
 
 
 @pytest.fixture(scope="module")
-def atlas(truck: Scene) -> Atlas:
+def atlas(truck):
     return build_atlas(truck.model, 0)
 
 
 @pytest.fixture(scope="module")
-def view(truck: Scene, atlas: Atlas) -> Viewpoint:
+def view(truck, atlas):
     return Viewpoint(truck, "a", (320, 240), atlas=atlas)
 
 
 @pytest.fixture(scope="module")
-def renderer(truck: Scene, view: Viewpoint, atlas: Atlas) -> Renderer:
+def renderer(truck, view, atlas):
     return Renderer(truck, view.intrinsics, view.extrinsics, atlas)
 
 
-def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck: Scene, view: Viewpoint) -> None:
+def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck, view):
     again = Viewpoint(Scene.named("truck"), "a", (320, 240))
     first, second = (v.frame(truck.configuration(5.0), 5_000_000_000) for v in (view, again))
     assert np.array_equal(first.image, second.image)
@@ -48,9 +46,7 @@ def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck: Sc
     assert not np.array_equal(first.depth, view.frame(truck.configuration(5.0), 5_000_000_001).depth)
 
 
-def test_depth_and_geoms_agree_with_single_rays_of_mujoco(
-    truck: Scene, view: Viewpoint, renderer: Renderer
-) -> None:
+def test_depth_and_geoms_agree_with_single_rays_of_mujoco(truck, view, renderer):
     """What cannot move is cast once and moving bodies on top: nothing may get lost between the two."""
     for t in (5.0, 10.0):
         ideal = renderer.render(truck.configuration(t))
@@ -71,7 +67,7 @@ def test_depth_and_geoms_agree_with_single_rays_of_mujoco(
             assert ideal.depth[v, u] == pytest.approx(distance, abs=1e-5)
 
 
-def test_a_camera_not_attached_runs_through_the_scene() -> None:
+def test_a_camera_not_attached_runs_through_the_scene():
     camera = open_camera("truck/b?size=160x120&rate=10&duration=0.3&cover=0.1-0.2")
     frames = list(camera)
     assert [f.stamp_ns for f in frames] == [0, 100_000_000, 200_000_000]
@@ -85,7 +81,7 @@ def test_a_camera_not_attached_runs_through_the_scene() -> None:
     assert list(camera) == []
 
 
-def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path: Path) -> None:
+def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path):
     camera = WorkcellCamera(parse("eye-in-hand/hand?size=240x180&rate=10&duration=2"))
     folder = tmp_path / "tum"
     write_tum(camera, folder)

@@ -36,6 +36,8 @@ def files(tmp_path_factory):
 OF_ROBOTS = [
     ("source workcell nope", "no workcell scene 'nope'; one of arm,"),
     ("source workcell", "which scene?"),
+    ("source klt workcell:moon/a", "moon"),
+    ("source klt workcell:truck", "SCENE/CAMERA"),
     ("source workcell truck --write-tum x --camera z", "truck has no camera 'z'"),
     ("source proprioception none.urdf --joints ur", "none.urdf: No such file"),
     ("source proprioception workcell:arm --csv none.csv", "none.csv: no such file"),
@@ -50,6 +52,9 @@ OF_VIEWERS = [
     ("view a.rrd --web", "rerun a.rrd"),
     ("view --save b.rrd --memory much", "2GB"),
 ]
+
+
+OF_RECORDINGS = "record --repair", "record --export", "evaluate", "source replay"
 WRONG = [
     ("confg", "No such command 'confg'"),
     ("config --sett a=1", "No such option: --sett"),
@@ -97,23 +102,15 @@ WRONG = [
     ("source klt video.avi --tracker window=1000", "tracker parameter window: "),
     ("source external-camera video.avi --marker-size 0.1", "an external camera needs its extrinsics"),
     (
-        "source external-camera video.avi --marker-size 0.1 --extrinsics identity",
-        "markers need the camera's intrinsics",
+        "source external-camera video.avi --marker-size 1 --extrinsics identity",
+        "the camera's intrinsics",
     ),
-    (
-        "source external-camera video.avi --marker-size 0.1 --dictionary 9x9",
-        "no marker dictionary '9x9'; one of 4x4_100",
-    ),
+    ("source external-camera video.avi --marker-size 1 --dictionary 9x9", "'9x9'; one of 4x4_100"),
     ("record take.txt", "ends in .mcap"),
     ("record --out x.mcap", "--out needs"),
     ("record x.mcap --repair y.mcap", "do not record"),
     ("record x.mcap --reserve 1e12", "MiB are to stay free"),
-    *(
-        (f"{command} {n}.mcap", f"{n}.mcap")
-        for command in ("record --repair", "record --export")
-        for n in "012"
-    ),
-    *((f"{command} {n}.mcap", f"{n}.mcap") for command in ("evaluate", "source replay") for n in "012"),
+    *((f"{command} {n}.mcap", f"{n}.mcap") for command in OF_RECORDINGS for n in "012"),
     ("evaluate nothing.npz", "nothing.npz: No such file"),
     ("evaluate ms.npz", "look like milliseconds"),
     ("evaluate sim:fig4_4 --scene lab", "--scene is only for a running scene, without FILES"),

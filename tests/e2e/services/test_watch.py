@@ -10,44 +10,12 @@ import subprocess
 import sys
 import termios
 import threading
-import time
 
-import pytest
-
-from comotion_schemas import HypothesisUpdate, Keys, SourceRef, encode
-from comotion_schemas.transport import declare_publisher
-
-from ... import builders
-from ...builders import SESSION
 from ...command_line import refused
-from ..tracker import DEADLINE, every
-
-KEYS = Keys("default")
+from ..tracker import DEADLINE
 
 
-@pytest.fixture
-def scene(session):
-    """A source and a service, at 20 Hz."""
-    observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
-    hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-
-    def publish(seq: int) -> None:
-        observations.put(encode(builders.batch("camera", seq, time.time_ns(), ids=[7])))
-        hypotheses.put(encode(update(seq)))
-
-    with every(0.05, publish):
-        yield
-
-
-def update(seq: int) -> HypothesisUpdate:
-    now = time.time_ns()
-    camera, body = SourceRef(name="camera", session=SESSION), builders.hypothesis(42, born_ns=now)
-    return builders.update(
-        [42], scene="default", seq=seq, stamp_ns=now, sources=[camera], track_id=[7], hypotheses=[body]
-    )
-
-
-def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint, scene):
+def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint, live_scene):
     at = ("--connect", endpoint)
     lines = start("watch", *at, ready=False)
     once = start("watch", "--once", "--json", "--timeout", DEADLINE, *at, ready=False)
@@ -71,7 +39,7 @@ def test_once_without_a_scene_is_one_clear_line(endpoint, capsys):
 class Terminal:
     """A process on a pseudo-terminal."""
 
-    def __init__(self, columns: int, rows: int, *arguments: str) -> None:
+    def __init__(self, columns, rows, *arguments):
         self._main, worker = pty.openpty()
         self.resize(columns, rows)
         self.popen = subprocess.Popen(
@@ -85,13 +53,13 @@ class Terminal:
         os.close(worker)
         self.text = ""
 
-    def resize(self, columns: int, rows: int) -> None:
+    def resize(self, columns, rows):
         fcntl.ioctl(self._main, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
-    def type(self, keys: str) -> None:
+    def type(self, keys):
         os.write(self._main, keys.encode())
 
-    def until(self, wanted: str) -> None:
+    def until(self, wanted):
         """Read the screen until it says so."""
         alarm = threading.Timer(DEADLINE, self.popen.send_signal, (signal.SIGKILL,))
         alarm.start()
@@ -104,7 +72,7 @@ class Terminal:
         alarm.cancel()
         self.text += seen
 
-    def close(self) -> int:
+    def close(self):
         try:
             return self.popen.wait(DEADLINE)
         finally:
@@ -112,7 +80,7 @@ class Terminal:
             os.close(self._main)
 
 
-def test_a_terminal_of_80x24(endpoint, scene):
+def test_a_terminal_of_80x24(endpoint, live_scene):
     terminal = Terminal(80, 24, "watch", "--connect", endpoint)
     terminal.until("sorted by size")
     terminal.until("camera")
