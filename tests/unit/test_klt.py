@@ -26,8 +26,15 @@ def warped(image, matrix):
     return cv2.warpAffine(image, matrix, SHAPE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
 
 
-def to_uint8(image, rng, noise=1.0):
-    return np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
+def frame(k, image, rng, noise=1.0, depth=None):
+    """Frame k of 30 a second, with noise."""
+    seen = np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
+    return Frame(k * PERIOD, seen, depth)
+
+
+def places(tracks):
+    """Feature to its pixel, float64."""
+    return dict(zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True))
 
 
 def motion(k, shift, angle=0.0, zoom=0.0):
@@ -59,24 +66,20 @@ def test_features_follow_a_known_motion(name):
     rng, image = np.random.default_rng(3), texture(1)
     tracker = Tracker(TrackerConfig(max_features=120, respawn_every=10))
     poses = [motion(k, *MOTIONS[name]) for k in range(25)]
-    birth: dict[int, tuple[int, np.ndarray]] = {}
-    alive_at_start: set[int] = set()
+    birth, first = {}, {}
     for k, matrix in enumerate(poses):
-        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, matrix), rng)))
-        for feature, pixel in zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True):
-            birth.setdefault(feature, (k, pixel))
-        if k == 0:
-            alive_at_start = set(tracks.ids.tolist())
-    errors = [
-        np.linalg.norm(moved(birth[feature][1], poses[birth[feature][0]], poses[-1]) - pixel)
-        for feature, pixel in zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True)
-    ]
-    assert len(alive_at_start) > 110
+        now = places(tracker.step(frame(k, warped(image, matrix), rng)))
+        birth = {feature: (k, pixel) for feature, pixel in now.items()} | birth
+        first = first or now
+    errors = []
+    for feature, pixel in now.items():
+        k, begun = birth[feature]
+        errors.append(np.linalg.norm(moved(begun, poses[k], poses[-1]) - pixel))
+    assert len(first) > 110
     # All that do not leave the image are still there.
-    first = np.array([birth[i][1] for i in sorted(alive_at_start)])
-    last = moved(first, poses[0], poses[-1])
+    last = moved(np.array([*first.values()]), poses[0], poses[-1])
     inside = ((last > 12) & (last < np.array(SHAPE[::-1]) - 13)).all(axis=1)
-    kept = np.isin(sorted(alive_at_start), tracks.ids)
+    kept = np.isin([*first], [*now])
     assert kept[inside].mean() > 0.9
     assert np.median(errors) < (0.5 if name == "turning" else 0.25)  # the window turns with the image
     assert np.quantile(errors, 0.95) < 1.0
@@ -94,15 +97,13 @@ def crossing(k):
 def test_features_end_when_something_passes_in_front_of_them():
     rng = np.random.default_rng(0)
     tracker = Tracker(TrackerConfig(max_features=200, respawn_every=1000))
-    first = tracker.step(Frame(0, to_uint8(crossing(0), rng)))
-    start = dict(zip(first.ids.tolist(), first.pixels, strict=True))
-    ended: set[int] = set()
+    start, ended = places(tracker.step(frame(0, crossing(0), rng))), set()
     for k in range(1, 20):
-        tracks = tracker.step(Frame(k * PERIOD, to_uint8(crossing(k), rng)))
+        tracks = tracker.step(frame(k, crossing(k), rng))
         ended |= set(tracks.ended.tolist())
     behind = {i for i, (x, y) in start.items() if 110 < x < 205 and 70 < y < 170}
-    left = [(i, pixel) for i, pixel in zip(tracks.ids.tolist(), tracks.pixels, strict=True) if i in behind]
-    wandered = [i for i, pixel in left if np.linalg.norm(pixel - start[i]) > 2]
+    now = places(tracks)
+    wandered = [i for i in behind & now.keys() if np.linalg.norm(now[i] - start[i]) > 2]
     assert len(behind) > 15
     assert len(behind & ended) > 0.8 * len(behind)
     assert len(wandered) <= 0.05 * len(start)
@@ -113,13 +114,12 @@ def test_features_stay_on_their_spot_however_long_they_live():
     rng, image = np.random.default_rng(7), texture(5)
     tracker = Tracker(TrackerConfig(max_features=80, respawn_every=1000))
     poses = [motion(k, (0.23, 0.11), 0.004, 0.001) for k in range(120)]
-    ramp = np.linspace(-20, 20, SHAPE[1])
+    ramp, birth = np.linspace(-20, 20, SHAPE[1]), {}
     for k, matrix in enumerate(poses):
-        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, matrix) + ramp * k / 120, rng, 2.0)))
-        if k == 0:
-            birth = dict(zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True))
-    true = moved(np.array([birth[i] for i in tracks.ids.tolist()]), poses[0], poses[-1])
-    errors = np.linalg.norm(tracks.pixels - true, axis=1)
+        now = places(tracker.step(frame(k, warped(image, matrix) + ramp * k / 120, rng, 2.0)))
+        birth = birth or now
+    true = moved(np.array([birth[i] for i in now]), poses[0], poses[-1])
+    errors = np.linalg.norm(np.array([*now.values()]) - true, axis=1)
     assert len(errors) > 40
     assert np.quantile(errors, 0.9) < 0.3
 
@@ -133,11 +133,10 @@ def test_no_feature_goes_along_a_line_with_the_shadow_that_crosses_it():
         floor[row : row + 5, np.arange(30, SHAPE[1], 80)[:, None] + np.arange(5)] = 40.0
     floor = cv2.GaussianBlur(floor, (0, 0), 1.0)
     tracker = Tracker(TrackerConfig(respawn_every=5))
-    birth: dict[int, np.ndarray] = {}
+    birth = {}
     for k in range(30):
         shadow = 1 - 0.35 / (1 + np.exp((y - 60 - 3 * k) / 4.0))
-        tracks = tracker.step(Frame(k * PERIOD, to_uint8(floor * shadow, rng, 1.5)))
-        for feature, pixel in zip(tracks.ids.tolist(), tracks.pixels.astype(float), strict=True):
+        for feature, pixel in places(tracker.step(frame(k, floor * shadow, rng, 1.5))).items():
             assert np.linalg.norm(pixel - birth.setdefault(feature, pixel)) < 1.5
     assert len(birth) >= 12
 
@@ -145,41 +144,36 @@ def test_no_feature_goes_along_a_line_with_the_shadow_that_crosses_it():
 def test_ended_features_are_told_once_and_ids_are_never_used_again():
     rng, image = np.random.default_rng(0), texture(4)
     tracker = Tracker(TrackerConfig(max_features=80, respawn_every=3))
-    alive: set[int] = set()
-    ended: set[int] = set()
+    alive, ended = set(), set()
     for k in range(30):
-        tracks = tracker.step(Frame(k * PERIOD, to_uint8(warped(image, motion(k, (6.0, 3.0))), rng)))
+        tracks = tracker.step(frame(k, warped(image, motion(k, (6.0, 3.0))), rng))
         now = set(tracks.ids.tolist())
         assert set(tracks.ended.tolist()) == alive - now
         assert not now & ended
         assert (np.diff(tracks.ids.astype(np.int64)) > 0).all()
-        assert {i for i, born in zip(tracks.ids.tolist(), tracks.born, strict=True) if born} == now - alive
-        ended |= set(tracks.ended.tolist())
-        alive = now
+        assert set(tracks.ids[tracks.born].tolist()) == now - alive
+        ended, alive = ended | (alive - now), now
     assert set(tracker.reset().tolist()) == alive
-    after = tracker.step(Frame(31 * PERIOD, to_uint8(image[:120, :160], rng)))
+    after = tracker.step(frame(31, image[:120, :160], rng))
     assert not set(after.ids.tolist()) & (alive | ended)
 
 
-def plane(tilt, near=1.0):
+def plane(tilt):
     """Depth of a plane: 1/z is linear in the pixel."""
-    x = np.arange(SHAPE[1], dtype=np.float64)
-    row = 1.0 / (1.0 / near + tilt * (x - 160) / 300.0)
+    row = 1.0 / (1.0 + tilt * (np.arange(SHAPE[1]) - 160) / 300.0)
     return np.tile(row, (SHAPE[0], 1)).astype(np.float32)
 
 
 def depth_frames(depths, count):
     rng, image = np.random.default_rng(0), texture(1)
     for k in range(count):
-        yield Frame(k * PERIOD, to_uint8(warped(image, motion(k, (1.5, 0.0))), rng), depths(k))
+        yield frame(k, warped(image, motion(k, (1.5, 0.0))), rng, depth=depths(k))
 
 
 def test_points_lie_where_the_camera_saw_them():
     tracker = Tracker(TrackerConfig(max_features=60), CAMERA)
     for frame in depth_frames(lambda k: plane(0.3), 5):
         tracks = tracker.step(frame)
-    assert tracks.points is not None
-    assert tracks.sigma is not None
     assert np.isfinite(tracks.points).all()
     np.testing.assert_allclose(CAMERA.project(tracks.points), tracks.pixels, atol=1e-3)
     true = 1.0 / (1.0 + 0.3 * (tracks.pixels[:, 0].astype(float) - 160) / 300.0)
@@ -217,7 +211,6 @@ def test_features_outlive_frames_without_depth_but_not_holes_in_it():
     assert len(seen[-1].ids) > 0.9 * len(seen[0].ids)
     assert np.isfinite(seen[-1].points).all()
 
-    tracker.reset()
     tracker = Tracker(config, CAMERA)
     seen = [tracker.step(frame) for frame in depth_frames(lambda k: hole if k >= 2 else plane(0.0), 9)]
     left = set(seen[1].ids[seen[1].pixels[:, 0] < 140].tolist())

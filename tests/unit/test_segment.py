@@ -29,7 +29,7 @@ FRAMES, SHAPE = 24, (120, 160)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
+def folder(tmp_path_factory):
     """Images at 10 Hz of a patch that moves to the right before a background at rest."""
     path = tmp_path_factory.mktemp("images")
     for k in range(FRAMES):
@@ -37,7 +37,7 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
-def segment(folder: Path, *arguments: object) -> None:
+def segment(folder, *arguments):
     assert run(["segment", str(folder), "--rate", "10", "--max-features", "60", *map(str, arguments)]) == 0
 
 
@@ -92,12 +92,18 @@ def test_frames_of_an_earlier_run_are_not_mixed_with_new_ones(folder, tmp_path, 
 
 
 def picture():
-    """A bright disc on a dark ground, and the true object of each pixel."""
+    """A bright disc on a dark ground, and where the disc is."""
     y, x = np.mgrid[0:120, 0:160]
     disc = (x - 90) ** 2 + (y - 50) ** 2 < 30**2
     rng = np.random.default_rng(0)
     image = np.where(disc, 180, 60)[..., None] + rng.normal(0, 6, (120, 160, 3))
-    return image.clip(0, 255).astype(np.uint8), disc.astype(np.int32)
+    return image.clip(0, 255).astype(np.uint8), disc
+
+
+def features(disc, count):
+    """Pixels of features anywhere, and their labels: 7 on the disc, else 3."""
+    pixels = np.random.default_rng(1).uniform([0, 0], [159, 119], (count, 2)).astype(np.float32)
+    return pixels, np.where(disc[pixels[:, 1].astype(int), pixels[:, 0].astype(int)], 7, 3)
 
 
 def overlap(one, other):
@@ -106,38 +112,32 @@ def overlap(one, other):
 
 
 def test_regions_end_at_the_edges_of_the_image():
-    image, true = picture()
-    rng = np.random.default_rng(1)
-    pixels = rng.uniform([0, 0], [159, 119], (60, 2)).astype(np.float32)
-    labels = np.where(true[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] == 1, 7, 3)
+    image, disc = picture()
+    pixels, labels = features(disc, 60)
     labels[:5] = -1
     found = regions(image, pixels, labels)
     assert set(np.unique(found)) == {3, 7}
-    assert overlap(found == 3, true == 0) > 0.95
-    assert overlap(found == 7, true == 1) > 0.9
+    assert overlap(found == 3, ~disc) > 0.95
+    assert overlap(found == 7, disc) > 0.9
 
 
 def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
-    image = np.full((120, 160, 3), 90, np.uint8)
-    image[40:80, 10:50] = 200
+    image, body = np.full((120, 160, 3), 90, np.uint8), np.zeros((120, 160), bool)
+    body[40:80, 10:50] = True
+    image[body] = 200
     on_body = np.random.default_rng(0).uniform([14, 44], [46, 76], (20, 2))
     background = np.array([[x, y] for x in (4, 60, 155) for y in (4, 60, 115)])
     pixels = np.vstack([on_body, background]).astype(np.float32)
-    true = np.zeros((120, 160), np.int32)
-    true[40:80, 10:50] = 1
-    found = regions(image, pixels, np.repeat([7, 3], [20, 9]))
-    assert overlap(found == 7, true == 1) > 0.9
+    assert overlap(regions(image, pixels, np.repeat([7, 3], [20, 9])) == 7, body) > 0.9
 
 
 def test_one_wrong_feature_has_no_region_of_its_own():
-    image, true = picture()
-    rng = np.random.default_rng(1)
-    pixels = rng.uniform([0, 0], [159, 119], (120, 2)).astype(np.float32)
-    labels = np.where(true[pixels[:, 1].astype(int), pixels[:, 0].astype(int)] == 1, 7, 3)
+    image, disc = picture()
+    pixels, labels = features(disc, 120)
     pixels[-1], labels[-1] = (10, 110), 7
     found = regions(image, pixels, labels)
     assert not (found[90:, :30] == 7).any()
-    assert overlap(found == 7, true == 1) > 0.9
+    assert overlap(found == 7, disc) > 0.9
 
 
 def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
@@ -158,7 +158,7 @@ def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
 NEAR = 8.0  # px
 
 
-def nearest_labels(pixels: np.ndarray, labelled: np.ndarray, labels: np.ndarray) -> np.ndarray:
+def nearest_labels(pixels, labelled, labels):
     """Label of the nearest labelled feature, -1 where none is near."""
     distance = np.linalg.norm(pixels[:, None] - labelled[None], axis=2)
     nearest = distance.argmin(axis=1)
@@ -167,7 +167,7 @@ def nearest_labels(pixels: np.ndarray, labelled: np.ndarray, labels: np.ndarray)
 
 @pytest.mark.data
 @pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no recordings")
-def test_the_drawers_of_a_real_video_are_separated() -> None:
+def test_the_drawers_of_a_real_video_are_separated():
     folder = Path(os.environ["COMOTION_DATA"]) / "video"
     with np.load(folder / "ikeasmall01.npz") as file:
         times, positions, labels = file["times"], file["positions"], file["labels"]
@@ -201,7 +201,7 @@ def test_the_drawers_of_a_real_video_are_separated() -> None:
     assert np.median(errors) < 0.06
 
 
-def test_a_sheet_is_written_alone(folder, tmp_path, capsys) -> None:
+def test_a_sheet_is_written_alone(folder, tmp_path, capsys):
     segment(folder, "--sheet", tmp_path / "sheet.jpg")
     assert f"wrote {tmp_path / 'sheet.jpg'}" in capsys.readouterr().out
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sheet.jpg"]
