@@ -26,7 +26,7 @@ from comotion_schemas.transport import SessionSettings, declare_publisher, decla
 from comotion_tools.processes import COMOTION, DEADLINE, Managed
 
 from .. import builders
-from .etcd_cluster import EtcdCluster
+from .etcd_server import EtcdServer
 from .tracker import Tracker, every
 
 KEYS = Keys()
@@ -210,7 +210,7 @@ def live_scene(session):
 @pytest.fixture
 def etcd(tmp_path):
     """One server of etcd."""
-    with EtcdCluster(tmp_path) as cluster:
+    with EtcdServer(tmp_path) as cluster:
         yield cluster
 
 

@@ -7,7 +7,7 @@ import threading
 import zenoh
 
 from comotion_schemas import Keys
-from comotion_schemas.component import STATUS_PERIOD_S, Component, StatusFields
+from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings
 
 from .conftest import DEADLINE, routing
@@ -36,20 +36,6 @@ def test_a_component_is_present_and_its_ready_file_is_there_while_it_is_open(
     assert presence.recv().kind == zenoh.SampleKind.DELETE
     assert list(tmp_path.iterdir()) == []
     presence.undeclare()
-
-
-def test_status_comes_at_once_and_then_every_second(endpoint, session, listen):
-    statuses = listen(session, KEYS.stream("status", "cam"), "status")
-    fields = StatusFields(state="degraded", rates={"a": 1.5}, counters={"batches": 3}, message="so so")
-    with component(endpoint, status=lambda: fields) as one:
-        got = [statuses.next() for _ in range(3)]
-        session_id = one.session_id
-    for status in got:
-        assert (status.component, status.role, status.session) == ("cam", "source", session_id)
-        assert (status.state, status.rates, status.message) == ("degraded", {"a": 1.5}, "so so")
-        assert status.counters == {"batches": 3}
-    # Never sooner than due: the schedule is kept on the same machine's clock.
-    assert got[2].stamp_ns - got[0].stamp_ns >= 1.9 * STATUS_PERIOD_S * 1e9
 
 
 def test_a_status_that_fails_is_reported_and_does_not_end_the_reporting(endpoint, session, listen):

@@ -20,16 +20,6 @@ def update(seq: int, scene: str = "default", *, session: str = SESSION) -> Hypot
     return builders.update(scene=scene, seq=seq, stamp_ns=seq, session=session)
 
 
-def test_the_last_update_comes_at_once_and_then_the_next(session, endpoint):
-    publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
-    for seq in range(3):
-        publisher.put(encode(update(seq)))
-    with subscribe("default", endpoint, timeout=DEADLINE) as updates:
-        assert next(updates).seq == 2
-        publisher.put(encode(update(3)))
-        assert next(updates).seq == 3
-
-
 def test_a_reader_that_is_too_slow_loses_the_oldest(session, endpoint):
     publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
     other = Subscription(session, HypothesisUpdate, timeout=DEADLINE)

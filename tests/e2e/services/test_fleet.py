@@ -14,7 +14,7 @@ from comotion_schemas import HypothesisUpdate
 
 from ...builders import by_feature as labels
 from ...builders import is_sorted_out
-from ..etcd_cluster import NEEDS_ETCD
+from ..etcd_server import NEEDS_ETCD
 from ..tracker import until
 
 pytestmark = NEEDS_ETCD

@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from comotion_schemas import Keys, ObservationBatch
-from comotion_sources.recordings import read_recording, recording_batches
+from comotion_schemas import Keys
 
 KEYS = Keys()
 
@@ -21,34 +20,6 @@ def take(tmp_path):
     labels, names = np.array([1, 1, 2, 2, 1, -1, 2]), np.array(["arm", "hand"])
     np.savez(path, positions=positions, times=np.arange(200) / 50, labels=labels, segment_names=names)
     return path
-
-
-def by_source(messages):
-    """Of each source its batches by their stamp in ms."""
-    result = {}
-    for one in messages:
-        if isinstance(one, ObservationBatch):
-            result.setdefault(one.source, {})[round(one.stamp_ns / 1e6)] = one
-    return result
-
-
-def check(found, expected):
-    """What has arrived is right, and most of it has; Zenoh may drop under load."""
-    assert found.keys() == expected.keys()
-    for source, of in found.items():
-        assert len(of) > 0.8 * len(expected[source])
-        for at, batch in of.items():
-            np.testing.assert_array_equal(batch.ids, expected[source][at].ids)
-            np.testing.assert_array_equal(batch.positions, expected[source][at].positions)
-
-
-def test_a_replay_publishes_what_the_recording_yields(start, endpoint, session, listen, take):
-    """Divided between sources of two rates; tests/unit/test_recordings.py has what else it yields."""
-    observations = listen(session, KEYS.streams("obs"), "obs")
-    options = ("--stamps", "original", "--speed", 4, "--rate", "25,10", "--split", 2)
-    assert start("source", "replay", take, *options, "--connect", endpoint).wait() == 0
-    expected = recording_batches(read_recording(take), split=2, rates=[25.0, 10.0])
-    check(by_source(observations.drain()), by_source(expected))
 
 
 def test_a_loop_is_a_new_session_and_a_late_joiner_gets_the_truth(start, endpoint, session, listen, take):

@@ -10,7 +10,7 @@ from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
 
 from ...builders import by_feature as labels
 from ...builders import is_sorted_out
-from ..etcd_cluster import NEEDS_ETCD
+from ..etcd_server import NEEDS_ETCD
 from ..network import Wire
 from ..tracker import DEADLINE, until
 
