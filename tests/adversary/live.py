@@ -13,7 +13,6 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -24,7 +23,6 @@ import numpy as np
 
 from comotion import FusionConfig
 from comotion_clients.evaluate import evaluate
-from comotion_clients.metrics import Score
 from comotion_deploy.demo import free_endpoint
 from comotion_experiments.inputs import Message
 from comotion_experiments.offline import run_offline
@@ -75,7 +73,7 @@ class Live:
     level: int
     back_s: float | None
 
-    def __str__(self) -> str:
+    def __str__(self):
         back = "-" if self.back_s is None else f"{self.back_s:.1f} s"
         scores = [*(f"{one:.3f}" for one in self.nmi), *(f"{one:.1f}" for one in self.hypotheses)]
         came = f"{self.updates} of {self.due}", f"{self.gap_s:.2f} s"
@@ -91,29 +89,29 @@ class _Client(Watched):
 
     turn_s = 0.05
 
-    def _begin(self) -> None:
+    def _begin(self):
         super()._begin()
         self._sources = self.subscribe(TruthBatch), self.subscribe(ObservationBatch)
         self.messages: list[Message] = []
         self.level = 0
 
-    def turn(self) -> None:
+    def turn(self):
         super().turn()
         self.messages += [one for source in self._sources for _, one in source.drain()]
         if self.monitor.status is not None:
             self.level = max(self.level, _level(self.monitor.status))
 
     @property
-    def has_batches(self) -> bool:
+    def has_batches(self):
         return any(isinstance(one, ObservationBatch) for one in self.messages)
 
 
-def _level(status: Status) -> int:
+def _level(status):
     found = re.search(r"level (\d+) of", status.message)
     return int(found[1]) if found else 0
 
 
-def _processes(scene: str, folder: Path, endpoint: str, seconds: float) -> dict[str, Managed]:
+def _processes(scene, folder, endpoint, seconds):
     at = f"--connect {endpoint} --scene {_NAME}"
     commands = {"router": f"router --listen {endpoint}", "service": f"serve --no-state {at}"}
     sources = _WORKCELL
@@ -123,7 +121,7 @@ def _processes(scene: str, folder: Path, endpoint: str, seconds: float) -> dict[
     return {name: Managed(name, (*COMOTION, *words.split()), folder) for name, words in commands.items()}
 
 
-def _scene_file(scene: str, folder: Path, seconds: float) -> Path:
+def _scene_file(scene, folder, seconds):
     """The scene for so long, and with so many features."""
     name, _, count = scene.partition(":")
     text = (Path(scenes.__path__[0]) / f"{name}.toml").read_text()
@@ -136,7 +134,7 @@ def _scene_file(scene: str, folder: Path, seconds: float) -> Path:
     return file
 
 
-def measure(scene: str, cores: float, seconds: float, *, quiet: bool = True) -> Live:
+def measure(scene, cores, seconds, *, quiet=True):
     """Run a scene for some seconds with a share of a core for the service."""
     with tempfile.TemporaryDirectory() as name:
         folder, endpoint = Path(name), free_endpoint()
@@ -175,7 +173,7 @@ def measure(scene: str, cores: float, seconds: float, *, quiet: bool = True) -> 
         )
 
 
-def _back(client: _Client) -> float | None:
+def _back(client):
     """How long until nothing is left out."""
     began = time.monotonic()
     while (passed := time.monotonic() - began) < _BACK_S:
@@ -186,20 +184,20 @@ def _back(client: _Client) -> float | None:
     return None
 
 
-def _offline(messages: list[Message]) -> list[Score]:
+def _offline(messages):
     batches = [one for one in messages if isinstance(one, ObservationBatch)]
     truths = [one for one in messages if isinstance(one, TruthBatch)]
     ordered = sorted(batches, key=lambda one: one.stamp_ns)
     return run_offline([*truths, *ordered], FusionConfig()).scores
 
 
-def _mean(scores: list[Score], first_ns: int, name: str) -> float:
+def _mean(scores, first_ns, name):
     settled_ns = first_ns + round(SETTLED_S * 1e9)
     values = [getattr(one, name) for one in scores if one.stamp_ns >= settled_ns]
     return float(np.nanmean(values))
 
 
-def show(scenes: Sequence[str], cores: Sequence[float], seconds: float) -> None:
+def show(scenes, cores, seconds):
     """Print the table, a line as it comes."""
     print(HEAD, flush=True)
     for scene in scenes:
@@ -207,7 +205,7 @@ def show(scenes: Sequence[str], cores: Sequence[float], seconds: float) -> None:
             print(measure(scene, share, seconds), flush=True)
 
 
-def main() -> None:
+def main():
     """Print a row of each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cores", type=lambda text: [float(one) for one in text.split(",")], default=CORES)

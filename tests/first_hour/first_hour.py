@@ -1,4 +1,4 @@
-"""A newcomer's first hour: ``first_hour.py [FOLDER]`` writes the seconds of each step, and what was printed.
+"""A newcomer's first hour: ``first_hour.py`` prints the seconds of each step, and what it printed.
 
 Beside the seconds on the wall stand those of the processor, of all processes of a step: on a machine that
 does other work they alone say something.
@@ -55,13 +55,15 @@ class Step:
     cpu_s: float = 0.0
     status: int = 0
 
-    @property
-    def first_s(self) -> float:
-        """Second of the first line; all of its time where it prints nothing."""
-        return self.lines[0][0] if self.lines else self.seconds
+    def __str__(self):
+        begun = self.lines[0][0] if self.lines else self.seconds
+        times = f"{self.seconds:.1f} s, CPU {self.cpu_s:.1f} s, first line after {begun:.1f} s"
+        shown = self.lines if len(self.lines) <= 40 else [*self.lines[:20], (0.0, "..."), *self.lines[-9:]]
+        rows = [f"{at:6.1f} {text}"[:320] for at, text in shown]
+        return "\n".join([f"## {self.name}: {times}, status {self.status}", *rows, ""])
 
 
-def run(name: str, command: list[str], folder: Path, environment: dict[str, str]) -> Step:
+def run(name, command, folder, environment):
     """Run a command to its end and read what it prints, line by line."""
     step, begun, used_s = Step(name), time.monotonic(), _used_s()
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.DEVNULL}
@@ -73,32 +75,25 @@ def run(name: str, command: list[str], folder: Path, environment: dict[str, str]
     step.status = process.wait()
     stop.cancel()
     step.seconds, step.cpu_s = time.monotonic() - begun, _used_s() - used_s
-    print(
-        f"{step.seconds:7.1f} s  CPU {step.cpu_s:6.1f} s  first line {step.first_s:5.1f} s  "
-        f"status {step.status}  {name}",
-        flush=True,
-    )
+    print(step, flush=True)
     return step
 
 
-def _used_s() -> float:
+def _used_s():
     """Seconds that the processor has worked for processes that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def environment(folder: Path) -> dict[str, str]:
+def environment(folder):
     """That of a newcomer: nothing of a checkout, and empty caches in the folder."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COMOTION_"))}
     caches = ("NUMBA_CACHE_DIR", "XDG_STATE_HOME", "XDG_CACHE_HOME")
-    return (
-        kept
-        | {name: str(folder / name.lower()) for name in caches}
-        | {"PYTHONUNBUFFERED": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
-    )
+    kept |= {name: str(folder / name.lower()) for name in caches}
+    return kept | {"PYTHONUNBUFFERED": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 
 
-def commands(folder: Path) -> dict[str, list[str]]:
+def commands(folder):
     """The steps by their names, in order."""
     wheels, bin_ = folder / "wheels", folder / "venv" / "bin"
     python, comotion = str(bin_ / "python"), str(bin_ / "comotion")
@@ -121,7 +116,7 @@ def commands(folder: Path) -> dict[str, list[str]]:
     }
 
 
-def first_hour(folder: Path) -> list[Step]:
+def first_hour(folder):
     """Do all steps in an empty folder."""
     steps, where = [], environment(folder)
     for name, command in commands(folder).items():
@@ -131,24 +126,6 @@ def first_hour(folder: Path) -> list[Step]:
     return steps
 
 
-def report(steps: list[Step]) -> str:
-    """All steps as Markdown."""
-    rows = [
-        f"| {one.name} | {one.seconds:.1f} | {one.cpu_s:.1f} | {one.first_s:.1f} | {one.status} |"
-        for one in steps
-    ]
-    table = ["| step | s | CPU s | first line, s | status |", "|---|---|---|---|---|", *rows, ""]
-    head = ["# The first hour", "", *table]
-    for one in steps:
-        shown = one.lines if len(one.lines) <= 40 else [*one.lines[:20], (0.0, "..."), *one.lines[-9:]]
-        head += [f"## {one.name}", "", "```", *(f"{at:6.1f} {text}"[:320] for at, text in shown), "```", ""]
-    return "\n".join(head)
-
-
 if __name__ == "__main__":
-    where = Path(sys.argv[1] if len(sys.argv) > 1 else "out")
     with tempfile.TemporaryDirectory() as temporary:
-        text = report(first_hour(Path(temporary)))
-    where.mkdir(parents=True, exist_ok=True)
-    (where / "first-hour.md").write_text(text, encoding="utf-8")
-    print(f"written: {where / 'first-hour.md'}")
+        first_hour(Path(temporary))

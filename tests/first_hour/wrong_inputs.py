@@ -17,7 +17,7 @@ NS = (TIMES * 1e9).astype(np.int64)
 IDS = np.arange(30)
 
 
-def scene(unit: float = 1.0) -> np.ndarray:
+def scene(unit=1.0):
     """Thirty features, ten of which slide, float64 [60, 30, 3] in m / unit."""
     positions = np.repeat(np.random.default_rng(0).uniform(-1, 1, (1, 30, 3)), 60, axis=0)
     positions[:, :10, 0] += 0.4 * TIMES[:, None]
@@ -27,19 +27,19 @@ def scene(unit: float = 1.0) -> np.ndarray:
 P = scene()
 
 
-def publisher(unit: str = "m", dim: int = 3) -> SourcePublisher:
+def publisher(unit="m", dim=3):
     """A source that is not connected."""
     return SourcePublisher("mine", space="world", unit=unit, dim=dim, connect="tcp/127.0.0.1:1")
 
 
-def online(factor: float) -> None:
+def online(factor):
     """Push all instants with times in another unit."""
     scene = comotion.Scene()
     for k, t in enumerate(TIMES.tolist()):
         scene.push(IDS, P[k], t * factor)
 
 
-def rolled(every: int = 10) -> np.ndarray:
+def rolled(every=10):
     """Ids that are places in a list, which moves on by one now and then."""
     return np.stack([np.roll(one, k // every, axis=0) for k, one in enumerate(P)])
 
@@ -108,7 +108,7 @@ SAID: dict[str, tuple[Callable[[], object], str]] = {
 """By name: a call that is carried out, and words of its warning; none where the input is converted."""
 
 
-def outcome(call: Callable[[], object]) -> tuple[float, str]:
+def outcome(call):
     """Seconds that a call takes, and what it says: its error, else its warnings, else its result."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -1,7 +1,6 @@
 """Changes of inputs by chance."""
 
 import random
-from collections.abc import Iterator, Sequence
 
 _NUMBERS = (
     b"0",
@@ -16,7 +15,7 @@ _NUMBERS = (
 _MOST = 8
 
 
-def mutated(inputs: Sequence[bytes], seed: int) -> Iterator[bytes]:
+def mutated(inputs, seed):
     """Endlessly many inputs with a few changes each."""
     chance = random.Random(seed)
     while True:
@@ -26,7 +25,7 @@ def mutated(inputs: Sequence[bytes], seed: int) -> Iterator[bytes]:
         yield bytes(data)
 
 
-def _change(chance: random.Random, data: bytearray, inputs: Sequence[bytes]) -> None:
+def _change(chance, data, inputs):
     at = chance.randrange(len(data) + 1)
     end = min(len(data), at + chance.randint(1, 16))
     match chance.randrange(6):

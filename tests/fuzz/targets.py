@@ -6,9 +6,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -43,7 +41,7 @@ class Target:
     allowed: tuple[type[Exception], ...]
     modules: tuple[str, ...]
 
-    def check(self, data: bytes) -> None:
+    def check(self, data):
         """Run it; any other error, or one of several lines, is a finding."""
         try:
             self.run(data)
@@ -53,26 +51,26 @@ class Target:
                 raise AssertionError("more than one line") from error
 
 
-def batch(seq: int = 0, **fields: Any) -> ObservationBatch:
+def batch(seq=0, **fields):
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.01 * seq], [1, 1, 0.01 * seq]])
     return builders.batch(
         **({"seq": seq, "stamp_ns": NOW_NS + seq * 50 * MS, "positions": positions} | fields)
     )
 
 
-def _decode(data: bytes) -> None:
+def _decode(data):
     """What is accepted is a message that can be written and read again."""
     written = encode(decode(data))
     assert encode(decode(written)) == written
 
 
-def _messages() -> list[bytes]:
+def _messages():
     """The golden bytes of every message, a plain batch, and an update of the core."""
     golden = sorted((Path(__file__).parents[1] / "golden").glob("*.msgpack"))
     return [*(path.read_bytes() for path in golden), encode(batch()), encode(Fusion().update(NOW_NS))]
 
 
-def _core(data: bytes) -> None:
+def _core(data):
     """Numbers of the data become batches of two sources: any stamps, ids, positions, spaces, sessions."""
     fusion = Fusion(FusionConfig(window=1.0, max_tracks=50))
     now = NOW_NS
@@ -100,7 +98,7 @@ def _core(data: bytes) -> None:
     fusion.snapshot()
 
 
-def _wire(data: bytes) -> None:
+def _wire(data):
     """What arrives on a key, as the service takes it in."""
     source = data[:4].hex() or "x"
     Keys("fuzz").stream("obs", source)
@@ -112,8 +110,8 @@ def _wire(data: bytes) -> None:
         fusion.update(min(found.stamp_ns, 2**62))
 
 
-def _file(name: str, read: Callable[[Path], object]) -> Callable[[bytes], None]:
-    def run(data: bytes) -> None:
+def _file(name, read):
+    def run(data):
         path = _folder() / name
         path.write_bytes(data)
         read(path)
@@ -122,33 +120,22 @@ def _file(name: str, read: Callable[[Path], object]) -> Callable[[bytes], None]:
 
 
 @cache
-def _folder() -> Path:
+def _folder():
     return Path(tempfile.mkdtemp(prefix="comotion-fuzz-"))
 
 
-def _npz(path: Path) -> None:
-    for found in recording_batches(read_recording(path), split=2):
+def _recording(path, rate=None):
+    for found in recording_batches(read_recording(path, rate), split=2):
         encode(found)
 
 
-_TRACKS = "frame,track,x,y,visibility,confidence\n0,3,1.5,2,1,.9\n1,3,2,2,1,.8\n1,4,9,9,0,\n2,4,9,8,true,1\n"
-
-
-def _npz_seeds() -> list[bytes]:
-    buffer = io.BytesIO()
-    positions = np.random.default_rng(0).normal(size=(6, 3, 2))
-    names = np.array(["", "a"])
-    np.savez(buffer, positions=positions, times=np.arange(6) / 30, labels=np.ones(3, int), label_names=names)
-    return [buffer.getvalue()]
-
-
-def _mcap(path: Path) -> None:
+def _mcap(path):
     with MessageLog(path) as log:
         for one in log.messages():
             one.decode()
 
 
-def _mcap_seeds() -> list[bytes]:
+def _mcap_seeds():
     from mcap.writer import CompressionType, Writer
 
     from comotion_schemas.recording import MESSAGE_ENCODING
@@ -166,18 +153,18 @@ def _mcap_seeds() -> list[bytes]:
     return found
 
 
-def _tum(path: Path) -> None:
+def _tum(path):
     (path.parent / "groundtruth.txt").write_bytes(path.read_bytes())
     (path.parent / "objects.txt").write_bytes(path.read_bytes())
     (path.parent / "depth.txt").write_bytes(path.read_bytes())
     TumFolder(path.parent)
 
 
-def _state(path: Path) -> None:
+def _state(path):
     load_fusion(path, FusionConfig(), "default", SESSION, NOW_NS).update(NOW_NS)
 
 
-def _state_seeds() -> list[bytes]:
+def _state_seeds():
     fusion = Fusion(FusionConfig(window=1.0))
     for seq in range(5):
         fusion.ingest(batch(seq))
@@ -185,85 +172,45 @@ def _state_seeds() -> list[bytes]:
     return [fusion.snapshot(), Fusion().snapshot()]
 
 
-def _text(*texts: str) -> Callable[[], list[bytes]]:
-    return lambda: [text.encode() for text in texts]
-
-
-_OPENCV = """%YAML:1.0
-image_width: 640
-image_height: 480
-camera_matrix: !!opencv-matrix
-  rows: 3
-  cols: 3
-  dt: d
-  data: [525., 0., 319.5, 0., 525., 239.5, 0., 0., 1.]
-distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 1e-5]}
-"""
-_ROS = "image_width: 1\nimage_height: 1\nK: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
-_LOGS = "time,a,b\n0.0,1,2\n0.1,1,2\n", "stamp_ns,a\n1,2\n"
-_LISTS = "1.0 rgb/1.png\n2.0 rgb/2.png\n", "1 0 0 0 0 0 0 1\n"
-_CAMERA = """[intrinsics]
-width = 640
-height = 480
-fx = 525.0
-fy = 525.0
-cx = 319.5
-cy = 239.5
-[extrinsics]
-translation = [0.0, 0.0, 1.2]
-quaternion = [0.0, 0.0, 0.0, 1.0]
-"""
-_URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute">
-<parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
-</joint></robot>"""
-_CONFIG = 'scene = "cell"\n[fusion]\nwindow = 4.0\n[process.router]\nrun = "router"\n'
-
 _RECORDINGS = "comotion_sources.recordings"
 _ROBOTS = "comotion_sources.proprioception"
 
 
-def _scene_seeds() -> list[bytes]:
-    scenes = resources.files("comotion_sources") / "scenes"
-    return [(scenes / f"{name}.toml").read_bytes() for name in ("fig4_4", "3d_async")]
-
-
-def _wire_seeds() -> list[bytes]:
+def _wire_seeds():
     return [b"\0" * 4 + one for one in _messages()]
 
 
-def _core_seeds() -> list[bytes]:
+def _core_seeds():
     return [bytes(range(256)) * 2, np.random.default_rng(0).bytes(620)]
 
 
-def _of_file(
-    name: str, read: Callable[[Path], object], seeds: Callable[[], list[bytes]], *modules: str
-) -> Target:
-    return Target(_file(name, read), seeds, (InputError, UserError), modules)
+def _of_file(name, read, *modules):
+    """Its valid files are in the corpus."""
+    return Target(_file(name, read), list, (InputError, UserError), modules)
 
 
 TARGETS: dict[str, Target] = {
     "codec": Target(_decode, _messages, (DecodeError,), ("comotion_schemas",)),
     "core": Target(_core, _core_seeds, (), ("comotion.fusion", "comotion.space", "comotion.event_time")),
     "wire": Target(_wire, _wire_seeds, (DecodeError,), ("comotion_schemas", "comotion")),
-    "npz": _of_file("a.npz", _npz, _npz_seeds, _RECORDINGS),
-    "tracks": _of_file("t.csv", _npz, _text(_TRACKS), _RECORDINGS),
-    # Its valid inputs are files of the corpus, one for each processor.
-    "c3d": _of_file("a.c3d", read_recording, list, _RECORDINGS),
-    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds, "comotion_schemas.message_log", "mcap"),
-    "yaml": _of_file(
-        "a.yaml", read_calibration, _text(_OPENCV, _ROS), "comotion_sources.calibration", "yaml"
+    "npz": _of_file("a.npz", _recording, _RECORDINGS),
+    "tracks": _of_file("t.csv", lambda path: _recording(path, 30.0), _RECORDINGS),
+    "c3d": _of_file("a.c3d", read_recording, _RECORDINGS),
+    "mcap": Target(
+        _file("a.mcap", _mcap), _mcap_seeds, (InputError, UserError), ("comotion_schemas.message_log", "mcap")
     ),
-    "camera-toml": _of_file("a.toml", read_calibration, _text(_CAMERA), "comotion_sources.calibration"),
-    "scene": _of_file("s.toml", load_scene, _scene_seeds, "comotion_sources.simulator"),
-    "config": _of_file("c.toml", load_toml, _text(_CONFIG), "comotion_deploy.config_file"),
-    "urdf": _of_file("r.urdf", load_model, _text(_URDF), _ROBOTS),
-    "csv": _of_file("j.csv", lambda path: list(read_csv(path)), _text(*_LOGS), _ROBOTS),
-    "tum": _of_file("rgb.txt", _tum, _text(*_LISTS), "comotion_sources.cameras"),
+    "yaml": _of_file("a.yaml", read_calibration, "comotion_sources.calibration", "yaml"),
+    "camera-toml": _of_file("a.toml", read_calibration, "comotion_sources.calibration"),
+    "scene": _of_file("s.toml", load_scene, "comotion_sources.simulator"),
+    "config": _of_file("c.toml", load_toml, "comotion_deploy.config_file"),
+    "urdf": _of_file("r.urdf", load_model, _ROBOTS),
+    "csv": _of_file("j.csv", lambda path: list(read_csv(path)), _ROBOTS),
+    "tum": _of_file("rgb.txt", _tum, "comotion_sources.cameras"),
     "state": Target(_file("s.state", _state), _state_seeds, (), ("comotion.snapshot", "comotion.runtime")),
 }
 
 
-def corpus(name: str) -> list[bytes]:
+def corpus(name):
     """Valid inputs of a target, and inputs that were once a finding."""
     folder = CORPUS / name
     kept = sorted(folder.iterdir()) if folder.is_dir() else []

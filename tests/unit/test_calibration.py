@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -33,20 +34,7 @@ from ..builders import MS, batch
 CAMERA_A = Intrinsics(640, 480, 560.0, 555.0, 322.0, 238.5)
 CAMERA_B = Intrinsics(800, 600, 700.0, 700.0, 405.0, 295.0, np.array([-0.12, 0.05, 0.001, -0.002, 0.0]))
 
-ROS = """
-image_width: 640
-image_height: 480
-camera_name: narrow_stereo
-camera_matrix:
-  rows: 3
-  cols: 3
-  data: [438.78, 0., 305.59, 0., 437.3, 243.73, 0., 0., 1.]
-distortion_model: plumb_bob
-distortion_coefficients:
-  rows: 1
-  cols: 5
-  data: [-0.36, 0.11, 1e-3, 0.0005, 0.0]
-"""
+ROS = Path(__file__).parents[1] / "fuzz" / "corpus" / "yaml" / "valid-ros"
 
 
 def pose(rotation, translation):
@@ -168,7 +156,7 @@ def write(path, text):
 
 
 def test_calibrations_are_read_as_ros_and_opencv_write_them(tmp_path):
-    camera = read_calibration(write(tmp_path / "camera.yaml", ROS)).intrinsics
+    camera = read_calibration(write(tmp_path / "camera.yaml", ROS.read_text())).intrinsics
     assert (camera.width, camera.height, camera.fx, camera.cy) == (640, 480, 438.78, 243.73)
     np.testing.assert_allclose(camera.distortion, [-0.36, 0.11, 0.001, 0.0005, 0.0])
     storage = cv2.FileStorage(str(tmp_path / "camera.yml"), cv2.FILE_STORAGE_WRITE)

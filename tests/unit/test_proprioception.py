@@ -1,5 +1,8 @@
 """Proprioception: kinematics against MuJoCo and by hand, readings from every input, batches."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,33 +17,12 @@ from comotion_sources.proprioception import Encoders, Kinematics, load_model  # 
 from comotion_sources.proprioception.packer import Packer  # noqa: E402
 from comotion_sources.workcell import Scene  # noqa: E402
 
-URDF = """<?xml version="1.0"?>
-<robot name="two">
-  <link name="base"><visual><geometry><mesh filename="package://lost/base.stl"/></geometry></visual></link>
-  <link name="upper"><inertial><mass value="0"/>
-    <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="slider"/>
-  <link name="tool0"/>
-  <joint name="shoulder" type="revolute">
-    <parent link="base"/><child link="upper"/><origin xyz="0.1 0 0.3" rpy="0 0.2 0"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" effort="1" velocity="1"/>
-  </joint>
-  <joint name="lift" type="prismatic">
-    <parent link="upper"/><child link="slider"/><origin xyz="0 0.2 0" rpy="0.3 0 0"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/>
-  </joint>
-  <joint name="flange" type="fixed">
-    <parent link="slider"/><child link="tool0"/><origin xyz="0 0 0.15" rpy="0 0 1.2"/>
-  </joint>
-</robot>
-"""
+URDF = Path(__file__).parents[1] / "fuzz" / "corpus" / "urdf" / "valid"
 
 
 @pytest.fixture
 def urdf(tmp_path):
-    path = tmp_path / "two.urdf"
-    path.write_text(URDF)
-    return path
+    return shutil.copy(URDF, tmp_path / "two.urdf")
 
 
 def reading(names, positions, stamp_ns=0):

@@ -7,7 +7,7 @@ from comotion import Fusion, FusionConfig
 from comotion_schemas import UNDETERMINED
 
 from .. import builders
-from ..builders import T0, S, labels_of
+from ..builders import T0, S, labels_of, restored
 
 RATE = 30
 WALL, HAND = 60, 12
@@ -154,6 +154,13 @@ def test_two_bodies_that_part_are_two():
     assert len(first) == len(second) == 1
     assert not (first | second) & ({UNDETERMINED} | wall_of(labels))
     assert first != second
+
+
+def test_a_restart_keeps_what_rests():
+    fusion, scene = Fusion(FusionConfig(window=2.0)), Scene()
+    before = play(fusion, scene, path(30, 30, after=120))[179]
+    again = restored(fusion)
+    assert play(again, scene, path(30, 30, after=150)[180:], first=180)[209] == before
 
 
 def test_gross_errors_of_single_observations_move_nothing_that_rests():

@@ -2,6 +2,7 @@
 
 import io
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +14,7 @@ from comotion_sources.proprioception.joint_logs import read_csv
 from comotion_sources.recordings import read_recording
 from comotion_sources.simulator import load_scene
 
-ROS = """
-image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [438.78, 0., 305.59, 0., 437.3, 243.73, 0., 0., 1.]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.36, 0.11, 1e-3, 0.0005, 0.0]}
-"""
+ROS = (Path(__file__).parents[1] / "fuzz" / "corpus" / "yaml" / "valid-ros").read_text()
 SCENE = (resources.files("comotion_sources") / "scenes/fig4_1.toml").read_text()
 TRACKS = np.full((9, 4, 2), 9.0)
 TURN = "quaternion = [0, 0, 0, 1]"
