@@ -1,23 +1,14 @@
 """Messages for tests: a test names what matters to it, the rest has a plain value."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from comotion import Fusion
-from comotion.event_time.instants import Instants, SessionEnded
-from comotion.event_time.timeline import Timeline
+from comotion.event_time.instants import Instants
 from comotion_clients.metrics import tracks_of
-from comotion_schemas import (
-    UNDETERMINED,
-    Hypothesis,
-    HypothesisUpdate,
-    ObservationBatch,
-    SourceRef,
-    Status,
-)
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, SourceRef, Status
 
 SESSION = "a" * 16
 MS = 1_000_000
@@ -29,9 +20,7 @@ Source = Callable[[int, int], ObservationBatch | None]
 """What a source sends at a frame and its time in ns, if anything."""
 
 
-def batch(
-    source: str = "cam", seq: int = 0, stamp_ns: int = T0, positions: ArrayLike = ((0.0, 0.0, 0.0),), **fields
-) -> ObservationBatch:
+def batch(source="cam", seq=0, stamp_ns=T0, positions=((0.0, 0.0, 0.0),), **fields):
     """Positions [N, dim], in m of space world, of features 0 to N - 1."""
     positions = np.asarray(positions, np.float32)
     usual = {
@@ -46,13 +35,13 @@ def batch(
     )
 
 
-def hypothesis(number: int, **fields) -> Hypothesis:
+def hypothesis(number, **fields):
     """A moving body of one feature at the origin of space world."""
     usual = {"space": "world", "size": 1, "born_ns": 0, "state": "moving", "centroid": [0.0, 0.0, 0.0]}
     return Hypothesis(id=number, **(usual | fields))
 
 
-def update(labels: Sequence[int] = (), **fields) -> HypothesisUpdate:
+def update(labels=(), **fields):
     """A track of source a for each label, of features 0, 1, ...; each label is a listed hypothesis."""
     count, sizes = len(labels), {h: list(labels).count(h) for h in sorted({*labels} - {UNDETERMINED})}
     usual = {
@@ -73,33 +62,31 @@ def update(labels: Sequence[int] = (), **fields) -> HypothesisUpdate:
     return HypothesisUpdate(**({"published_ns": usual["stamp_ns"]} | usual))
 
 
-def status(component: str = "fusion", role: str = "service", **fields) -> Status:
+def status(component="fusion", role="service", **fields):
     """A component that is well."""
     empty = {name: {} for name in ("rates", "ages", "counters", "rejected")}
     usual = {"session": SESSION, "stamp_ns": 0, "state": "ok", "message": ""} | empty
     return Status(component=component, role=role, **(usual | fields))
 
 
-def labels_of(update: HypothesisUpdate) -> dict[int, int]:
+def labels_of(update):
     """Hypothesis of each feature; of the last source where two share an id."""
     return dict(zip(update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True))
 
 
-def by_feature(update: HypothesisUpdate) -> dict[tuple[str, int], int]:
+def by_feature(update):
     """Hypothesis by the name of a source and a feature of it."""
     rows = tracks_of(update).items()
     return {(name, track): label for (name, _), found in rows for track, label in found.items()}
 
 
-def is_sorted_out(update: HypothesisUpdate) -> bool:
+def is_sorted_out(update):
     """Both bodies of a tracker of tests/e2e are told apart, each as one hypothesis of its six features."""
     found = [label for _, label in sorted(by_feature(update).items())]
     return len(found) == 12 and len(set(found[:6])) == len(set(found[6:])) == 1 and found[0] != found[6]
 
 
-def play(
-    fusion: Fusion, frames: Iterable[int], *sources: Source, rate: float = 30, every: int = 1
-) -> list[HypothesisUpdate]:
+def play(fusion, frames, *sources, rate=30, every=1):
     """Feed frames of sources at a rate, in Hz; returns the updates, one for so many frames."""
     updates = []
     for k in frames:
@@ -112,12 +99,12 @@ def play(
     return updates
 
 
-def restored(fusion: Fusion, *, clean: bool = False) -> Fusion:
+def restored(fusion, *, clean=False):
     """A fusion that goes on from a snapshot of another."""
     return Fusion.restore(fusion.config, fusion.snapshot(clean=clean))
 
 
-def fused(timeline: Timeline, now_ns: int) -> list[Instants | SessionEnded]:
+def fused(timeline, now_ns):
     """What comes out of an advance; all of it is fused."""
     events = list(timeline.advance(now_ns))
     for event in events:

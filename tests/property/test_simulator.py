@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comotion_sources.simulator import SceneSpec, Simulation, simulate
+from comotion_sources.simulator import SceneSpec, simulate
 
 rates = st.floats(1.0, 60.0)
 
@@ -63,16 +63,3 @@ def test_sources_of_any_rate_share_one_consistent_world(spec, seed, chosen, by_o
                 assert owners.setdefault(identity, source.part) == source.part
                 assert objects.setdefault(identity, number_of_object) == number_of_object
         assert frames == len(source)
-
-
-@settings(max_examples=60)
-@given(specs(), st.integers(0, 2**32))
-def test_members_of_a_body_keep_their_distances(spec, seed):
-    first = {}
-    for frame in Simulation(spec, seed=seed, noise=0.0):
-        for k, (a, oa) in enumerate(zip(frame.ids.tolist(), frame.objects.tolist(), strict=True)):
-            for m in range(k):
-                if frame.objects[m] == oa:
-                    distance = np.linalg.norm(frame.positions[k] - frame.positions[m])
-                    expected = first.setdefault((a, int(frame.ids[m])), distance)
-                    np.testing.assert_allclose(distance, expected, atol=1e-9)

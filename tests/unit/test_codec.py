@@ -150,18 +150,14 @@ REJECTED = {
         "a source twice": update(sources=UPDATE["sources"] * 2),
         "two joints of a pair": joints({}, {"parent": 3, "child": 1}),
     },
-    "space-mismatch": {
-        "a joint in another space": joints({"space": "other"}),
-    },
+    "space-mismatch": {"a joint in another space": joints({"space": "other"})},
     "malformed": {
         "a map key that is no string": {1: 2},
         "a list": [1, 2],
         "a time of msgpack's own": obs(stamp_ns=msgpack.Timestamp(1, 2)),
         "a list that is too long": joint_states(names=["a"] * 100_001),
     },
-    "limit": {
-        "too many containers": update(hypotheses=[[{}] * 90_000 for _ in range(6)]),
-    },
+    "limit": {"too many containers": update(hypotheses=[[{}] * 90_000 for _ in range(6)])},
 }
 
 

@@ -18,7 +18,7 @@ from comotion_tools.soak.attacks import Attacker
 from comotion_tools.soak.load import BODIES, ID_STEP, KINDS, places, positions
 
 from .. import builders
-from ..builders import T0, S, labels_of
+from ..builders import T0, S, labels_of, play
 
 START = 1_000 * S
 NAMES = "left", "right", "arm"
@@ -107,10 +107,12 @@ def corners(seq):
     return np.vstack([rest, body + np.array([0.2 + 0.3 * t, 0.5])])
 
 
+def seen(seq, now):
+    return builders.batch("cam", seq, now, corners(seq))
+
+
 def step(fusion, seq):
-    now = T0 + seq * S // RATE
-    fusion.ingest(builders.batch("cam", seq, now, corners(seq)))
-    return fusion.update(now)
+    return play(fusion, [seq], seen, rate=RATE, every=1)[0]
 
 
 @pytest.fixture
@@ -118,14 +120,12 @@ def pair():
     """A leader that has run for 4 s, and a standby that has started 2 s later and followed it since."""
     leader, standby = Fusion(session="1" * 16), Fusion(session="2" * 16)
     # Ids of the leader are no longer 1 and 2.
-    for seq in range(10):
-        step(leader, seq)
+    play(leader, range(10), seen, rate=RATE)
     leader.forget()
-    for seq in range(10, 60):
-        update = step(leader, seq)
-        if seq >= 30:
-            step(standby, seq)
-            standby.follow(update)
+    play(leader, range(10, 30), seen, rate=RATE)
+    for seq in range(30, 60):
+        step(standby, seq)
+        standby.follow(step(leader, seq))
     return leader, standby
 
 

@@ -7,7 +7,7 @@ from comotion import Fusion, FusionConfig
 from comotion_schemas import encode
 
 from .. import builders
-from ..builders import MS, T0, S
+from ..builders import MS, T0, S, play
 from ..builders import by_feature as tracks_of
 
 
@@ -27,14 +27,12 @@ def two_bodies(t):
     return np.array([*rest, *([0.2 + 0.3 * t, y] for y in (0.4, 0.5, 0.6))])
 
 
-def run(fusion, start, stop, *, session="a" * 16, first_seq=0, rate=15):
-    """Feed two bodies at a rate and update after each batch; returns the updates."""
-    updates = []
-    for k, t in enumerate(np.arange(start, stop, 1 / rate)):
-        now = T0 + round(t * S)
-        fusion.ingest(batch("cam", first_seq + k, now, two_bodies(t), session=session))
-        updates.append(fusion.update(now))
-    return updates
+def run(fusion, start, stop, *, session="a" * 16):
+    """Feed two bodies at 15 Hz from one time to another, s, and update after each batch; the updates."""
+    frames = range(round(15 * start), round(15 * stop))
+    return play(
+        fusion, frames, lambda k, now: batch("cam", k, now, two_bodies(k / 15), session=session), rate=15
+    )
 
 
 def test_two_bodies_become_two_hypotheses_with_stable_ids(config):
@@ -51,26 +49,23 @@ def test_two_bodies_become_two_hypotheses_with_stable_ids(config):
 def test_what_ended_leaves_the_next_update_and_what_is_not_observed_leaves_after_the_timeout(config):
     fusion = Fusion(config)
     run(fusion, 0, 1)
-    ended = np.array([0, 1], np.uint64)
-    fusion.ingest(batch("cam", 15, T0 + 1 * S, two_bodies(1)[2:5], first_id=2, ended=ended))
-    assert set(tracks_of(fusion.update(T0 + 1 * S))) == {("cam", i) for i in range(2, 7)}
-    for k in range(1, 10):
-        now = T0 + S + k * 66 * MS
-        fusion.ingest(batch("cam", 15 + k, now, two_bodies(1)[2:5], first_id=2))
-        update = fusion.update(now)
-    assert set(tracks_of(update)) == {("cam", i) for i in range(2, 5)}
+
+    def fewer(k, now):
+        ended = np.array([0, 1], np.uint64) if k == 15 else None
+        return batch("cam", k, now, two_bodies(1)[2:5], first_id=2, ended=ended)
+
+    first, *_, last = play(fusion, range(15, 25), fewer, rate=15)
+    assert set(tracks_of(first)) == {("cam", i) for i in range(2, 7)}
+    assert set(tracks_of(last)) == {("cam", i) for i in range(2, 5)}
 
 
 def test_a_trajectory_that_comes_back_within_the_window_keeps_its_label(config):
     fusion = Fusion(config)
     before = tracks_of(run(fusion, 0, 4)[-1])
-    for k in range(15):
-        now = T0 + 4 * S + k * 67 * MS
-        fusion.ingest(batch("cam", 60 + k, now, two_bodies(4 + k * 0.067)[:6]))
-        gap = tracks_of(fusion.update(now))
+    seen = lambda k, now: batch("cam", k, now, two_bodies(k / 15)[: 6 if k < 75 else 7])  # noqa: E731
+    *_, gap, after = map(tracks_of, play(fusion, range(60, 76), seen, rate=15))
     assert ("cam", 6) not in gap
-    fusion.ingest(batch("cam", 75, T0 + 5 * S, two_bodies(5)))
-    assert tracks_of(fusion.update(T0 + 5 * S)) == before
+    assert after == before
 
 
 def test_a_new_session_ends_the_old_ones_trajectories(config):
@@ -102,7 +97,7 @@ def test_a_newcomer_gets_its_share_of_the_trajectories(config):
     for seq in range(3):
         begin = 1 + seq / 5
         fusion.ingest(batch("late", seq, T0 + round(begin * S), two_bodies(begin), space="other"))
-        update = run(fusion, begin, begin + 0.2, first_seq=50 + 10 * seq)[-1]
+        update = run(fusion, begin, begin + 0.2)[-1]
     held = [source for source, _ in tracks_of(update)]
     assert (held.count("cam"), held.count("late")) == (4, 3)
     # The oldest trajectories of the greedy source stay.
@@ -164,7 +159,7 @@ def test_a_clean_snapshot_continues_exactly(config):
     fusion = Fusion(config)
     run(fusion, 0, 4)
     twin = Fusion.restore(config, fusion.snapshot(clean=True))
-    mine, theirs = (run(f, 4, 5, first_seq=60)[-1] for f in (fusion, twin))
+    mine, theirs = (run(f, 4, 5)[-1] for f in (fusion, twin))
     assert tracks_of(mine) == tracks_of(theirs)
     assert np.allclose(fusion.affinity("world").matrix, twin.affinity("world").matrix, atol=1e-6)
     assert newest_hypothesis(twin, T0 + 5 * S) == newest_hypothesis(fusion, T0 + 5 * S)

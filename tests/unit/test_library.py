@@ -121,8 +121,9 @@ def test_a_source_takes_ordinary_data():
 
 def test_a_source_says_that_positions_are_too_far_from_the_origin(caplog):
     source, _ = publisher()
+    places = np.random.default_rng(0).normal(size=(9, 3)) + np.array([5e5, 4.2e6, 0])
     for k in range(2):
-        source.observe(ids=[0, 1], positions=[[5e5, 4.2e6, 0], [5e5, 4.2e6, 1]], stamp_ns=k)
+        source.observe(ids=range(9), positions=places, stamp_ns=k)
     (record,) = caplog.records
     assert "positions are 4.2e+06 from the origin" in record.message
 

@@ -11,7 +11,7 @@ import pytest
 
 from comotion import snapshot
 from comotion.arrays import Floats
-from comotion.saving import NOT_KEPT, plain, refill, restored
+from comotion.saving import NOT_KEPT, plain, restored
 from comotion.snapshot import HEADER_BYTES, Header, load, pieces
 
 
@@ -43,35 +43,14 @@ def filled():
     return Outer("two", {3: inner}, (Range(0, 1),), (4, Inner(np.zeros(0))), {7}, deque([(1, 2.0)]), object())
 
 
-def same(one, other):
-    assert plain(one).keys() == plain(other).keys()
-    np.testing.assert_equal(plain(one), plain(other))
-
-
 def test_what_is_saved_is_built_again():
     found = restored(Outer, plain(filled()))
-    same(found, filled())
+    np.testing.assert_equal(plain(found), plain(filled()))
     assert isinstance(found.ranges[0], Range)
     assert isinstance(found.others[3], Inner)
     assert isinstance(found.queue, deque)
     assert found.seen == {7}
     assert found.clock is None
-
-
-def test_an_object_is_filled_and_keeps_what_is_not_saved():
-    one = Outer(clock="mine")
-    refill(one, plain(filled()))
-    same(one, filled())
-    assert one.clock == "mine"
-
-
-def test_what_is_saved_shares_nothing_with_the_object():
-    one = filled()
-    state = plain(one)
-    one.others[3].points[:] = 9
-    one.seen.add(8)
-    np.testing.assert_equal(restored(Outer, state).others[3].points, np.arange(6.0).reshape(2, 3))
-    assert restored(Outer, state).seen == {7}
 
 
 def dump(state, following=0):
@@ -82,18 +61,14 @@ def unchanged(state):
     return state
 
 
-def test_values_and_arrays_come_back_with_shape_and_dtype_and_can_be_written_to():
-    state = {
-        "plain": [1, 2.5, "three", None, True],
-        "nested": {"empty": np.zeros((0, 3)), "matrix": np.arange(6, dtype=np.int32).reshape(2, 3)},
-        "scalar": np.int64(7),
-    }
-    found = load(dump(state), unchanged)
-    assert (found["plain"], found["scalar"]) == (state["plain"], 7)
-    for name, array in state["nested"].items():
-        assert np.array_equal(found["nested"][name], array)
-        assert found["nested"][name].dtype == array.dtype
-    found["nested"]["matrix"][0, 0] = 9
+def test_arrays_come_back_with_shape_and_dtype_and_can_be_written_to():
+    arrays = {"empty": np.zeros((0, 3)), "matrix": np.arange(6, dtype=np.int32).reshape(2, 3)}
+    found = load(dump({"arrays": arrays, "scalar": np.int64(7)}), unchanged)
+    assert found["scalar"] == 7
+    for name, array in arrays.items():
+        assert np.array_equal(found["arrays"][name], array)
+        assert found["arrays"][name].dtype == array.dtype
+    found["arrays"]["matrix"][0, 0] = 9
 
 
 def signed(values: bytes, arrays: bytes = b"") -> bytes:
@@ -138,10 +113,3 @@ def test_another_version_is_said(monkeypatch):
     monkeypatch.undo()
     with pytest.raises(ValueError, match=f"format 3, expected {snapshot.FORMAT}"):
         load(older, unchanged)
-
-
-@pytest.mark.parametrize("build", [lambda s: s["missing"], lambda s: s["a"][5], lambda s: s["a"].b, int])
-def test_a_state_that_does_not_fit_is_damaged(build):
-    data = dump({"a": [1]})
-    with pytest.raises(ValueError, match="damaged snapshot"):
-        load(data, build)

@@ -255,23 +255,6 @@ def test_a_batch_of_too_many_instants_is_refused(clock):
     assert clock.stats.rejected == {"limit": 1}
 
 
-def test_a_restored_timeline_goes_on(clock):
-    clock.feed(batch("s", 0, T0), batch("s", 1, T0 + 40 * MS))
-    clock.at(40 * MS)
-    # A session that has begun, but of which nothing has come out.
-    clock.feed(batch("s", 0, T0 + 360 * MS, session="b" * 16))
-    clock.at(350 * MS)
-    twin = Clockwork()
-    twin.timeline.load(clock.timeline.state())
-    assert twin.watermark == 350
-    assert twin.health("s", 360 * MS).age_ns == clock.health("s", 360 * MS).age_ns
-    twin.feed(batch("s", 1, T0 + 370 * MS, session="b" * 16), batch("s", 2, T0 + 30 * MS))
-    assert twin.sessions_at(370 * MS) == [("s", "a", "ended"), ("s", "b", "released")]
-    assert twin.stats.late == 1
-    # What waited when the state was taken did not survive, and is lost.
-    assert (clock.stats.waiting, twin.stats.waiting, twin.stats.lost) == (1, 0, 1)
-
-
 def test_a_slow_source_gives_its_trajectories_three_periods():
     clock = Clockwork()
     for k in range(5):

@@ -125,6 +125,7 @@ WRONG = [
     ("segment video.avi --sheet x.mp4", "x.mp4: the name of a sheet ends in .jpg"),
     ("record none/x.mcap --duration 1", "none: No such file"),
     ("evaluate sim:fig4_4 --duration 0", "--duration 0 is not above 0"),
+    ("evaluate sim:fig4_4 --duration 0.05", "too short"),
     ("segment", "name a video, or tracks with --tracks FILE"),
     ("segment text.mp4", "not a readable video"),
     ("segment none.mp4", "no such file"),
