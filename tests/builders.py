@@ -1,6 +1,5 @@
 """Messages for tests: a test names what matters to it, the rest has a plain value."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,6 @@ S = 1_000 * MS
 T0 = 1_700_000_000 * S
 TWO_BODIES = Path(__file__).with_name("two_bodies.toml")
 """A scene of the simulator for 2 s: one body rests, the other moves."""
-Source = Callable[[int, int], ObservationBatch | None]
-"""What a source sends at a frame and its time in ns, if anything."""
 
 
 def batch(source="cam", seq=0, stamp_ns=T0, positions=((0.0, 0.0, 0.0),), **fields):
@@ -87,7 +84,10 @@ def is_sorted_out(update):
 
 
 def play(fusion, frames, *sources, rate=30, every=1):
-    """Feed frames of sources at a rate, in Hz; returns the updates, one for so many frames."""
+    """Feed frames of sources at a rate, in Hz; returns the updates, one for so many frames.
+
+    A source is what it sends at a frame and its time in ns, if anything.
+    """
     updates = []
     for k in frames:
         now = T0 + round(k * S / rate)

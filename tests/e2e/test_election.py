@@ -22,6 +22,17 @@ def until_active(election):
     return election.epoch
 
 
+def test_one_speaks_and_when_it_resigns_the_other_does_with_a_higher_epoch(etcd):
+    with candidate(etcd, "s1") as first:
+        before = until_active(first)
+        with candidate(etcd, "s2") as second:
+            until(lambda: second.leader is not None)
+            assert second.leader == "s1"
+            assert second.epoch is None
+            first.__exit__(None, None, None)
+            assert until_active(second) > before
+
+
 def test_a_suspected_owner_loses_the_scene_at_once_and_learns_it(etcd):
     with candidate(etcd, "s1") as owner:
         before = until_active(owner)

@@ -1,4 +1,4 @@
-"""Numbers that are hard: coordinates far from the origin, scales that differ; property/test_pair_sums.py."""
+"""Numbers that are hard: coordinates far from the origin, scales that differ."""
 
 import numpy as np
 import pytest

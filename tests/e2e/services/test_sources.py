@@ -1,4 +1,4 @@
-"""Simulator and replay as processes; tests/unit/test_player.py has what pauses and late starts do."""
+"""A replay as a process; tests/unit/test_player.py has what pauses and late starts do."""
 
 from itertools import pairwise
 
