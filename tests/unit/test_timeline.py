@@ -40,12 +40,6 @@ class Clockwork:
         assert self.stats.batches == self.stats.settled()
         return events
 
-    def sessions_at(self, now_ns):
-        """(source, first letter of the session, "released" or "ended") of what comes out of an advance."""
-        events = self.advance(now_ns)
-        names = {n: (source, session[0]) for n, (source, session) in self.timeline.sessions.items()}
-        return [(*names[e.session], "released" if isinstance(e, Instants) else "ended") for e in events]
-
     def health(self, name, now_ns):
         rows = self.timeline.sources.health(T0 + now_ns, T0 + now_ns)
         return next((h for h in rows if h.name == name), None)
@@ -230,7 +224,7 @@ def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
 def test_a_flood_of_sessions_is_refused_and_the_first_one_goes_on(clock):
     for k in range(6_000):
         clock.feed(batch("a", 0, T0, session=f"{k:016x}"))
-    assert clock.sessions_at(0) == [("a", "0", "released")]
+    assert [clock.timeline.sessions[one.session] for one in clock.advance(0)] == [("a", f"{0:016x}")]
     clock.feed(batch("a", 1, T0 + MS, session=f"{0:016x}"))
     assert clock.at(MS) == [(1, "a")]
     clock.feed(batch("a", 2, T0 + 1_500 * MS, session=f"{0:016x}"))
