@@ -34,24 +34,12 @@ _PAUSED = {("silent", name) for name in HONEST}
 
 @dataclass
 class Outcome:
-    """What happened during an attack.
+    """What happened during an attack: by cells of a table.
 
-    Attributes
-    ----------
-    gap_s
-        Longest time between two updates.
-    lost
-        Batches of the honest sources that were sent and not fused, and the number sent.
-    problems
-        Kind and source of the problems that the Status named.
-    told_lost
-        Batches of the honest that the service says are lost.
-    renamed
-        Bodies that most features of the honest have under another id than before.
-    memory_mb
-        Of the service: before, at most, and 25 s after.
-    load
-        Of the machine over the last minute.
+    `gap_s`: longest time between two updates. `lost`: batches of the honest that were sent and not fused, of
+    `sent`; `told_lost`: of those, what the service says is lost. `problems`: kind and source, as the Status
+    named them. `renamed`: bodies that most features of the honest have under another id than before.
+    `memory_mb`: of the service, before, at most, and 25 s after. `load`: of the machine over the last minute.
     """
 
     attack: str

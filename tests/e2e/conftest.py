@@ -10,18 +10,14 @@ and answers with a mailbox whose ``until(predicate)`` awaits a message; ``etcd``
 import queue
 import shlex
 import time
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
-import zenoh
 
 from comotion_deploy.demo import free_endpoint
 from comotion_schemas import Keys, Message, SourceRef, decode, encode
 from comotion_schemas.component import Component
-from comotion_schemas.keys import Kind
 from comotion_schemas.transport import SessionSettings, declare_publisher, declare_subscriber, open_session
 from comotion_tools.processes import COMOTION, DEADLINE, Managed
 
@@ -32,7 +28,7 @@ from .tracker import Tracker, every
 KEYS = Keys()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Mark the tests of this folder; they may take long, for each of their waits has its own deadline."""
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
@@ -43,17 +39,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 class Mailbox:
     """Decoded messages of one key expression, in the order of arrival."""
 
-    def __init__(self, session: zenoh.Session, key: str, kind: Kind) -> None:
+    def __init__(self, session, key, kind):
         self._queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._subscriber = declare_subscriber(session, key, kind, self._put)
 
-    def _put(self, sample: zenoh.Sample) -> None:
+    def _put(self, sample):
         self._queue.put(decode(sample.payload.to_bytes()))
 
-    def next(self, deadline: float = DEADLINE) -> Any:
+    def next(self, deadline=DEADLINE):
         return self._queue.get(timeout=deadline)
 
-    def until(self, predicate: Callable[[Any], bool], deadline: float = DEADLINE) -> Any:
+    def until(self, predicate, deadline=DEADLINE):
         """The first message from now on that fulfils the predicate; messages before it are dropped."""
         end = time.monotonic() + deadline
         newest = None
@@ -66,19 +62,19 @@ class Mailbox:
                 return newest
         raise AssertionError(f"nothing of the kind within {deadline} s; the last was {newest}")
 
-    def drain(self) -> list[Any]:
+    def drain(self):
         """What has arrived so far."""
         messages = []
         while not self._queue.empty():
             messages.append(self._queue.get())
         return messages
 
-    def close(self) -> None:
+    def close(self):
         self._subscriber.undeclare()
 
 
 @contextmanager
-def routing(endpoint: str) -> Iterator[zenoh.Session]:
+def routing(endpoint):
     """A router in the process of the test, there at once; `comotion router` opens the same session."""
     with open_session(SessionSettings(mode="router", connect=(), listen=(endpoint,))) as router:
         yield router
@@ -87,7 +83,7 @@ def routing(endpoint: str) -> Iterator[zenoh.Session]:
 class Service:
     """A running service, where this test has started it, and a client's session at it."""
 
-    def __init__(self, process: Managed | None, endpoint: str, session: zenoh.Session, listen: Any) -> None:
+    def __init__(self, process, endpoint, session, listen):
         self.process, self.endpoint, self.session = process, endpoint, session
         self.updates = listen(session, KEYS.hypotheses, "hypotheses")
         self.statuses = listen(session, KEYS.stream("status", "fusion"), "status")
@@ -96,13 +92,13 @@ class Service:
 class Commands(ExitStack):
     """Runs commands, and stops them in the end, the last one first; `ready=False` to not wait for one."""
 
-    def __call__(self, *words: object, ready: bool = True, **how: Any) -> Managed:
+    def __call__(self, *words, ready=True, **how):
         process = self.any(*COMOTION, *words, **how)
         if ready:
             process.wait_ready()
         return process
 
-    def any(self, *words: object, **how: Any) -> Managed:
+    def any(self, *words, **how):
         """Start any program."""
         command = tuple(map(str, words))
         process = Managed(shlex.join(command), command, **how)
@@ -111,7 +107,7 @@ class Commands(ExitStack):
         return process
 
 
-def _stop(process: Managed) -> None:
+def _stop(process):
     # One that does not stop when told to has failed its test, and is not left behind.
     assert process.end(DEADLINE), process.name
 
@@ -179,7 +175,7 @@ def track():
     """Publish two bodies: ``track(endpoint, name, scene, rate=20.0)``."""
     with ExitStack() as stack:
 
-        def run(endpoint: str, name: str = "tracker", scene: str = "default", **options: Any) -> None:
+        def run(endpoint, name="tracker", scene="default", **options):
             settings = SessionSettings(connect=(endpoint,))
             component = Component(role="source", name=name, scene=scene, settings=settings)
             stack.enter_context(Tracker(stack.enter_context(component), **options).running())
@@ -193,7 +189,7 @@ def live_scene(session):
     observations = declare_publisher(session, KEYS.stream("obs", "camera"), "obs")
     hypotheses = declare_publisher(session, KEYS.hypotheses, "hypotheses")
 
-    def publish(seq: int) -> None:
+    def publish(seq):
         now = time.time_ns()
         observations.put(encode(builders.batch("camera", seq, now, ids=[7])))
         fields = {
@@ -218,7 +214,7 @@ def etcd(tmp_path):
 def serve(start, free_port_endpoint, connect, listen):
     """Run a service that is its own router: ``serve(*arguments)``."""
 
-    def run(*arguments: object) -> Service:
+    def run(*arguments):
         process = start("serve", "--listen", free_port_endpoint, *arguments)
         return Service(process, free_port_endpoint, connect(free_port_endpoint), listen)
 

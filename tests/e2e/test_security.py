@@ -3,10 +3,8 @@
 import json
 import signal
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import zenoh
@@ -30,7 +28,7 @@ ROLES = {"cam": "source", "laptop": "viewer", "disk": "recorder", "fusion": "ser
 class Site:
     """A folder of certificates and a router that trusts them."""
 
-    def __init__(self, folder: Path, start: Callable) -> None:
+    def __init__(self, folder, start):
         roles = {"hall": "router", "mocap": "source", **ROLES}
         self.authority = certificates(folder, roles, rate=RATE)
         self.port = free_endpoint().rpartition(":")[2]
@@ -38,14 +36,14 @@ class Site:
         self._start = start
         self.router = self.start_router()
 
-    def issue(self, role: str, name: str, **grant) -> Path:
+    def issue(self, role, name, **grant):
         return issue(self.authority, role, name, **({"rate": RATE} | grant))
 
     def start_router(self):
         folder = self.authority.folder
         return self._start("router", "--secure", folder, "--listen", f"tls/127.0.0.1:{self.port}")
 
-    def settings(self, name: str, **changes) -> SessionSettings:
+    def settings(self, name, **changes):
         tls = load_tls(self.authority.folder / name)
         return SessionSettings(connect=(self.endpoint,), tls=replace(tls, **changes))
 
@@ -68,14 +66,14 @@ def all_seeing(log_in):
     return log_in("hall")
 
 
-def samples(channel) -> list[str]:
+def samples(channel):
     found = []
     while (sample := channel.try_recv()) is not None:
         found.append(str(sample.key_expr))
     return found
 
 
-def say(session: zenoh.Session, name: str) -> None:
+def say(session, name):
     """Publish something allowed that everyone with the right to can tell: a Status."""
     publisher = session.declare_publisher(KEYS.stream("status", name))
     until_heard(publisher)
@@ -160,7 +158,7 @@ def test_a_source_reads_nothing_of_others(log_in, all_seeing):
 
 
 def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log_in):
-    def answer(query: zenoh.Query) -> None:
+    def answer(query):
         with query:
             query.reply(query.key_expr, b"yes")
 
@@ -168,7 +166,7 @@ def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log
     real = [service.declare_queryable(KEYS.query(name), answer) for name in ("status", "forget")]
     false = [s.declare_queryable(KEYS.query("config"), answer) for s in (viewer, source)]
 
-    def replies(session: zenoh.Session, name: str) -> int:
+    def replies(session, name):
         return sum(reply.ok is not None for reply in session.get(KEYS.query(name), timeout=1.0))
 
     until(lambda: replies(viewer, "status") == 1)  # the router knows of it
@@ -182,7 +180,7 @@ def test_queries_are_answered_by_the_service_alone_and_viewers_cannot_forget(log
         queryable.undeclare()
 
 
-def raw_client(site: Site, tls: TlsFiles | None, protocol: str = "tls") -> bool:
+def raw_client(site, tls, protocol="tls"):
     """Whether a client gets a session, whatever we would say of its certificate."""
     settings = SessionSettings(connect=(site.endpoint,), tls=tls or load_tls(site.authority.folder / "cam"))
     config = zenoh_config(settings)
@@ -256,7 +254,7 @@ def test_a_flood_is_cut_to_its_rate_and_others_lose_nothing(log_in, all_seeing):
     until_heard(flood)
     until_heard(other)
 
-    def send(count: int) -> None:
+    def send(count):
         """100 times the rate of the other, which keeps below its own limit."""
         for _ in range(count):
             flood.put(b"x" * 500)

@@ -18,7 +18,7 @@ from .tracker import until_heard
 KEYS = Keys()
 
 
-def expected(scene: Scene, stamp_ns: int) -> np.ndarray:
+def expected(scene, stamp_ns):
     """Positions of the robot's links at a stamp."""
     kinematics = Kinematics(scene.model, scene.robot)
     q = scene.configuration(stamp_ns % round(scene.period * 1e9) * 1e-9)
@@ -67,13 +67,10 @@ def test_the_camera_waits_for_the_workcell_and_survives_its_restart(start, endpo
     assert after.stamp_ns > before.stamp_ns
 
 
-def joints(seq: int, stamp_ns: int, names: list[str], source: str = "ur") -> bytes:
+def joints(seq, stamp_ns, names, source="ur"):
     positions = np.linspace(0.1, 0.3, len(names))
-    return encode(
-        JointStates(
-            source=source, session="0" * 16, seq=seq, stamp_ns=stamp_ns, names=names, positions=positions
-        )
-    )
+    fields = {"session": "0" * 16, "seq": seq, "stamp_ns": stamp_ns, "names": names, "positions": positions}
+    return encode(JointStates(source=source, **fields))
 
 
 def test_malformed_joint_states_are_counted_and_the_process_goes_on(start, endpoint, session, listen):

@@ -20,18 +20,16 @@ from comotion_sources.runtime import SourcePublisher
 
 from ..ros_messages import encode_sample, header, make, raw
 
+POINT, QUATERNION = (partial(make, f"geometry_msgs/msg/{kind}") for kind in ("Point", "Quaternion"))
+FIELD = partial(make, "sensor_msgs/msg/PointField", count=1)
+
 
 def transform(child, x, frame="world"):
-    return make(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(frame),
-        child_frame_id=child,
-        transform=make(
-            "geometry_msgs/msg/Transform",
-            translation=make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=1.0),
-            rotation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=2.0),
-        ),
-    )
+    place = make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=1.0)
+    turn = QUATERNION(x=0.0, y=0.0, z=0.0, w=2.0)
+    moved = make("geometry_msgs/msg/Transform", translation=place, rotation=turn)
+    kind = "geometry_msgs/msg/TransformStamped"
+    return make(kind, header=header(frame), child_frame_id=child, transform=moved)
 
 
 def tf(*transforms):
@@ -44,22 +42,12 @@ def cloud(fields=("x", "y", "z", "id"), count=3):
     points["x"] = np.arange(count)
     if "id" in fields:
         points["id"] = 10 + np.arange(count)
-    described = [
-        make(
-            "sensor_msgs/msg/PointField",
-            name=name,
-            offset=kind.fields[name][1],
-            datatype=6 if name == "id" else 7,
-            count=1,
-        )
-        for name in fields
-    ]
     message = make(
         CLOUD,
         header=header("map"),
         height=1,
         width=count,
-        fields=described,
+        fields=[FIELD(name=n, offset=kind.fields[n][1], datatype=6 if n == "id" else 7) for n in fields],
         is_bigendian=False,
         point_step=kind.itemsize,
         row_step=kind.itemsize * count,
@@ -79,11 +67,8 @@ def test_frames_of_tf_are_features_that_keep_their_ids():
 
 
 def test_bodies_of_motion_capture_have_names():
-    pose = make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=1.0, y=2.0, z=3.0),
-        orientation=make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
-    )
+    place, turn = POINT(x=1.0, y=2.0, z=3.0), QUATERNION(x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = make("geometry_msgs/msg/Pose", position=place, orientation=turn)
     one = make("motion_capture_tracking_interfaces/msg/NamedPose", name="drone", pose=pose)
     message = make(NAMED_POSES, header=header(), poses=[one])
     (found,) = Converter().convert(NAMED_POSES, raw(message, NAMED_POSES), 0)
