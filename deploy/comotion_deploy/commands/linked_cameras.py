@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError
-from .camera_options import read_calibration
+from .camera_sources import read_calibration
 
 if TYPE_CHECKING:
     from comotion import FusionConfig

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
-from .camera_options import Carried, read_calibration
+from .camera_sources import Carried, read_calibration
 from .watch import BodyNames
 
 if TYPE_CHECKING:

@@ -3,13 +3,10 @@
 import typer
 
 from ..options import add
-from .source_external_camera import ExternalCamera
-from .source_klt import Klt
-from .source_proprioception import Proprioception
-from .source_replay import Replay
-from .source_ros2 import SourceRos2
-from .source_simulator import Simulator
-from .source_workcell import Workcell
+from .camera_sources import ExternalCamera, Klt
+from .played_sources import Replay, Simulator
+from .robot_sources import Proprioception, Workcell
+from .ros2 import SourceRos2
 
 app = typer.Typer(help="Publish tracked features to a scene.", no_args_is_help=True)
 add(

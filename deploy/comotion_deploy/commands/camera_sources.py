@@ -1,4 +1,4 @@
-"""Options of what reads a camera, and their conversion."""
+"""``comotion source klt`` and ``external-camera``, and the options of all that reads a camera."""
 
 import sys
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import typer
 
 from ..errors import UserError, one_line
 from ..options import Command, Process, argument, setting
-from .source_options import Stamps
+from .played_sources import Stamps
 
 if TYPE_CHECKING:
     from comotion_sources.calibration import Calibration
@@ -182,6 +182,72 @@ class CameraSource(Camera, Process):
             **others,
         )
         run(self.what, options, **self.where())
+
+
+@dataclass(kw_only=True)
+class Klt(Carried, CameraSource):
+    """Track the features of a camera, video or RGB-D recording and publish them."""
+
+    epilog = """
+Examples:
+  comotion source klt 0   # a webcam, in the space klt/pixels
+  comotion source klt drawer.mp4 --preview tracked.mp4
+  comotion source klt rtsp://camera/stream --name door --max-features 300
+  comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --extrinsics a.toml
+  comotion source klt workcell:truck/a --name camera-a
+  comotion source klt rgbd_dataset_freiburg1_xyz --calibration camera_info.yaml --moving
+  comotion source klt workcell:eye-in-hand/hand --carried-by robot:3 --extrinsics mount.toml
+"""
+    name = "klt"
+
+    poses: Path | None = setting(
+        None,
+        "Pose of the camera over time, as TUM RGB-D's groundtruth.txt; with --stamps original.",
+        metavar="FILE",
+    )
+    carried_by: str | None = setting(
+        None,
+        "The 6-DoF feature that carries the camera, such as a link of 'source proprioception'. "
+        "--extrinsics is then the pose of the camera on it.",
+        metavar="SOURCE:ID",
+    )
+
+    def run(self) -> None:
+        """Publish until stopped, or to the end of the recording."""
+        from comotion_sources.klt.carrier import CarrierName
+
+        carrier = None if self.carried_by is None else CarrierName.parse(self.carried_by)
+        moving = self.moving or self.poses is not None or carrier is not None
+        self.publish(moving=moving, carrier=carrier)
+
+
+@dataclass(kw_only=True)
+class ExternalCamera(CameraSource):
+    """Publish features and fiducial markers of a fixed camera."""
+
+    epilog = """
+Examples:
+  comotion calibrate 0 1 --target chessboard:9x6:0.025 --calibration-a a.toml --calibration-b b.yaml -o x.toml
+  comotion source external-camera 1 --calibration b.yaml --extrinsics x.toml --marker-size 0.05
+  comotion source external-camera workcell:truck/b --name camera-b --rate 15
+"""
+    name = "external"
+
+    marker_size: float | None = setting(
+        None,
+        "Detect markers with a black square of this edge; they are published as NAME-markers.",
+        metavar="METRES",
+    )
+    dictionary: str = setting(
+        "4x4_50", "Marker dictionary, e.g. 4x4_50 or apriltag_36h11; an unknown name lists all."
+    )
+
+    def run(self) -> None:
+        """Publish until stopped, or to the end of the recording."""
+        from comotion_sources.markers import MarkerOptions
+
+        markers = None if self.marker_size is None else MarkerOptions(self.marker_size, self.dictionary)
+        self.publish(moving=False, fixed=True, markers=markers)
 
 
 def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Calibration":
