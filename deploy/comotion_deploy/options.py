@@ -280,7 +280,16 @@ class Client(Session, Tool):
 
 
 @dataclass(kw_only=True)
-class Process(Ready, Client):
+class Present(Ready, Client):
+    """Options of a command that is seen in the scene while it runs."""
+
+    def where(self) -> "Where":
+        """Return where its component runs, and how it says that it is ready."""
+        return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
+
+
+@dataclass(kw_only=True)
+class Process(Present):
     """Options of a process that is part of a scene."""
 
     name: str | None = setting(
@@ -309,10 +318,6 @@ class Process(Ready, Client):
     def settings(self) -> "SessionSettings":
         """Return the settings of its session."""
         return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
-
-    def where(self) -> "Where":
-        """Return where its component runs, and how it says that it is ready."""
-        return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
 
 
 def _name_in(tls: Path | None) -> str | None:

@@ -16,7 +16,8 @@ from foxglove import layouts
 from comotion import FusionConfig
 from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
-from comotion_clients.viewing.process import view_messages
+from comotion_clients.viewing.following import play
+from comotion_clients.viewing.picture import Drawn, ScenePicture
 from comotion_clients.viewing.sink import Destination, RerunSink
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status
 
@@ -46,7 +47,7 @@ def make(folder: Path) -> list[Path]:
             scene.add(log_ns, message)
     files[1].write_text(layout().to_json() + "\n")
     with RerunSink(Destination(file=files[2])) as sink:
-        view_messages(messages, name, sink)
+        play(Drawn(sink, ScenePicture(name)), messages)
     return files
 
 

@@ -145,7 +145,9 @@ def _set_on_signal(reader: int, stop: threading.Event) -> None:
             stop.set()
 
 
-def viewer(program: str, scene: str, settings: SessionSettings | None, **options: Any) -> "Component":
+def viewer(
+    program: str, scene: str = DEFAULT_SCENE, settings: SessionSettings | None = None, **options: Any
+) -> "Component":
     """The component of a client; `options` are further arguments of :class:`Component`."""
     name = viewer_name(program, settings)
     return Component(role="viewer", name=name, scene=scene, settings=settings, **options)

@@ -13,7 +13,6 @@ from rich.console import Console
 from comotion_clients.scene_components import ComponentsModel
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.status_view import show
-from comotion_clients.viewing.health import summary
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
 from comotion_schemas import DecodeError, Status, decode, encode
@@ -118,9 +117,19 @@ def test_watch_shows_texts_as_they_are(text):
     assert any(line.rstrip().endswith(f"limit {shown(text)}".rstrip()) for line in lines)
     assert any(line.startswith("cam") and shown(space)[:5].strip() in line for line in lines)
     assert plain_line(snapshot).isprintable()
-    for line in summary(snapshot).split("\n"):
+
+
+@given(texts.filter(bool))
+@example(MARKUP)
+def test_the_page_of_a_viewer_shows_texts_as_they_are(text):
+    summary = pytest.importorskip("comotion_clients.viewing.health").summary
+    model = SceneModel("lab")
+    model.on_status(status(text))
+    model.on_batch(builders.batch(space=shown(text) or "x"), 0.0, 0)
+    snapshot = model.snapshot(0.0)
+    for line in summary(snapshot):
         assert plain(line).isprintable()
-    row = next(line for line in summary(snapshot).split("\n") if line.startswith("|cam|"))
+    row = next(line for line in summary(snapshot) if line.startswith("|cam|"))
     assert not re.search(r"(?<!\\)[\[\]<>!`]", row)
 
 

@@ -10,8 +10,6 @@ import pytest
 from comotion_clients.feature_names import HypothesisNames
 from comotion_clients.tum import save_paths
 from comotion_clients.urdf import to_urdf
-from comotion_clients.viewing.hypotheses import draw_joints
-from comotion_clients.viewing.process import ViewOptions  # noqa: F401 - the display is one of its displays
 from comotion_schemas import Box, Joint, Pose
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import SourceRef
@@ -86,12 +84,17 @@ def test_mujoco_reads_the_urdf_and_moves_the_joints():
 
 
 def test_viewers_draw_joints():
+    pytest.importorskip("rerun", reason="needs the extra view")
+    from comotion_clients.viewing.hypotheses import draw_joints
+
     shown = update([DOOR, DRAWER, FREE])
     names = {2: "door"}
     shape, words = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette(), names)
-    assert words.labels == ("door turns on 1, 0 to 69°", "3 slides on door, 0.00 to 0.30 m")
+    texts = words.drawn[0].labels.as_arrow_array().to_pylist()
+    assert texts == ["door turns on 1, 0 to 69°", "3 slides on door, 0.00 to 0.30 m"]
     assert shape.path == "space/joints"
-    assert len(shape.ends) == len(shape.colours)
+    (lines,) = shape.drawn
+    assert len(lines.strips.as_arrow_array()) == len(lines.colors.as_arrow_array())
     assert draw_joints("space", shown.hypotheses, [FREE], 0.1, Palette()) == []
 
 

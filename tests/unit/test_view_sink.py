@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from comotion_clients.viewing.picture import ScenePicture
 from comotion_deploy.cli import run
 from comotion_schemas import UNDETERMINED, Event, Pose, Preview, TruthBatch, Twist, encode
 
@@ -57,6 +56,8 @@ def test_a_port_in_use_is_an_error_that_names_it(sink, taken):
 
 
 def test_every_shape_arrives_in_the_file(sink, tmp_path):
+    from comotion_clients.viewing.picture import ScenePicture
+
     picture = ScenePicture("lab")
     with sink.RerunSink(sink.Destination(file=tmp_path / "a.rrd")) as shown:
         for k in range(1, 6):
@@ -94,11 +95,12 @@ def printed(path):
 
 def feed(picture, k):
     image = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
-    picture.on_batch(seen(k), float(k), k * S)
-    picture.on_truth(TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
+    truth = TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={})
     jpeg = {"encoding": "jpeg", "image": image, "ids": [10], "pixels": [[1, 2]]}
-    picture.on_preview(Preview(source="a", session=SESSION, stamp_ns=k * S, **jpeg), float(k))
-    return picture.on_update(found(k), float(k)) + picture.tick(k + 0.5)
+    preview = Preview(source="a", session=SESSION, stamp_ns=k * S, **jpeg)
+    messages = (seen(k), truth, preview, found(k))
+    moments = [moment for message in messages for moment in picture.on_message(message, float(k), k * S)]
+    return moments + picture.tick(k + 0.5)
 
 
 def seen(k):

@@ -5,18 +5,20 @@ import pickle
 import numpy as np
 import pytest
 
-from comotion_clients.scoring import SETTLE_S
-from comotion_clients.viewing import shapes
-from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras
-from comotion_clients.viewing.features import Features
-from comotion_clients.viewing.hypotheses import apart, draw_hypotheses
-from comotion_clients.viewing.picture import ScenePicture
-from comotion_clients.viewing.shapes import Points
 from comotion_schemas import UNDETERMINED, Box, Preview, SourceRef, TruthBatch
 from comotion_schemas.colours import GREY, Palette, colour
 
 from .. import builders
 from ..builders import SESSION, S, hypothesis
+
+rerun = pytest.importorskip("rerun", reason="needs the extra view")
+
+from comotion_clients.scoring import SETTLE_S  # noqa: E402
+from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras  # noqa: E402
+from comotion_clients.viewing.drawing import Eye  # noqa: E402
+from comotion_clients.viewing.features import Features  # noqa: E402
+from comotion_clients.viewing.hypotheses import apart, draw_hypotheses  # noqa: E402
+from comotion_clients.viewing.picture import ScenePicture  # noqa: E402
 
 UP = (0.0, 0.0, 1.0)
 
@@ -42,9 +44,24 @@ def preview(stamp_ns, ids):
     return Preview(source="a", session=SESSION, stamp_ns=stamp_ns, **picture)
 
 
-def one(shapes, kind, path):
-    (found,) = [shape for shape in shapes if isinstance(shape, kind) and shape.path == path]
+def one(shapes, path):
+    (found,) = [shape.drawn for shape in shapes if shape.path == path]
     return found
+
+
+def values(drawn, name):
+    """What is logged as one component of Rerun's, as NumPy has it."""
+    found = getattr(drawn, name).as_arrow_array().to_pylist()
+    return np.array(found)
+
+
+def colours(drawn):
+    """Colours as (red, green, blue)."""
+    return [[c >> 24, c >> 16 & 255, c >> 8 & 255] for c in values(drawn, "colors").tolist()]
+
+
+def said(picture, *messages, arrived=0.0):
+    return [moment for message in messages for moment in picture.on_message(message, arrived, S)]
 
 
 def flat(moments):
@@ -53,25 +70,24 @@ def flat(moments):
 
 def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update():
     features = Features()
-    first = one(features.draw(update([3, UNDETERMINED]), {}), Points, "spaces/world/features/a")
-    later = one(features.draw(update([UNDETERMINED, 3], 2 * S), {}), Points, "spaces/world/features/a")
-    assert first.colours.tolist() == [list(colour(3)), list(GREY)]
-    assert later.colours.tolist() == [list(GREY), list(colour(3))]
-    assert first.values["feature"].tolist() == [10, 11]
+    first, ids = one(features.draw(update([3, UNDETERMINED]), {}), "spaces/world/features/a")
+    later, _ = one(features.draw(update([UNDETERMINED, 3], 2 * S), {}), "spaces/world/features/a")
+    assert colours(first) == [list(colour(3)), list(GREY)]
+    assert colours(later) == [list(GREY), list(colour(3))]
+    logged = {str(b.component_descriptor()): b.as_arrow_array() for b in ids.as_component_batches()}
+    assert [found.to_pylist() for name, found in logged.items() if "feature" in name] == [[10, 11]]
 
 
 def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone():
     picture = ScenePicture("lab")
-    picture.on_batch(batch("a"), 0.0, S)
-    picture.on_batch(batch("b", "b/pixels", "px", 2), 0.0, S)
     both = update([1, 2], sources=("a", "b"), track_source=[0, 1])
-    picture.on_update(both, 0.0)
+    said(picture, batch("a"), batch("b", "b/pixels", "px", 2), both)
     assert {(v.path, v.name, v.axes) for v in picture.layout.spaces} == {
         ("spaces/world", "world", "z-up"),
         ("spaces/b_pixels", "b/pixels", "image"),
     }
-    (moment,) = picture.on_update(update([1], 2 * S), 0.1)
-    gone = {shape.path for shape in moment.shapes if isinstance(shape, shapes.Cleared)}
+    (moment,) = said(picture, update([1], 2 * S))
+    gone = {shape.path for shape in moment.shapes if isinstance(shape.drawn[0], rerun.Clear)}
     assert {"spaces/b_pixels/features/b", "spaces/b_pixels/trails"} <= gone
     assert not any(path.startswith("spaces/world") for path in gone)
 
@@ -80,15 +96,15 @@ def test_labels_stand_above_their_bodies_and_none_covers_another():
     box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
     bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
     far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
-    words = one(draw_hypotheses("p", [*bodies, far], 0.5, UP, Palette()), Points, "p/hypotheses")
-    heights = words.positions[:, 2]
+    (words,) = one(draw_hypotheses("p", [*bodies, far], 0.5, UP, Palette()), "p/hypotheses")
+    heights = values(words, "positions")[:, 2]
     assert heights[0] == pytest.approx(1.4)
     assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
     assert heights[4] == pytest.approx(1.0)
 
 
 def test_labels_cover_each_other_where_an_eye_sees_them_so():
-    eye, row = shapes.Eye((0.0, -10.0, 0.0), (0.0, 0.0, 0.0)), 0.4
+    eye, row = Eye((0.0, -10.0, 0.0), (0.0, 0.0, 0.0)), 0.4
     behind = np.array([[0, 0, 0], [0, 5, 0.1], [0, -5, 1.0]], np.float32)
     lifted = apart(behind, UP, row, eye)
     seen = lifted[:, 2] / (1 + lifted[:, 1] / 10)  # from 10 away
@@ -138,10 +154,10 @@ def test_bodies_have_boxes_and_what_is_at_rest_has_none():
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    found = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), shapes.Boxes, "p/boxes")
-    assert found.centers.tolist() == [[1, 2, 3]]
-    assert found.colours.tolist() == [list(colour(4))]
-    np.testing.assert_allclose(found.turns[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)
+    (found,) = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), "p/boxes")
+    assert values(found, "centers").tolist() == [[1, 2, 3]]
+    assert colours(found) == [list(colour(4))]
+    np.testing.assert_allclose(values(found, "quaternions"), [[0, 0, half, half]], atol=1e-6)
 
 
 def test_an_image_waits_for_the_update_that_knows_its_features():
@@ -150,9 +166,12 @@ def test_an_image_waits_for_the_update_that_knows_its_features():
     assert cameras.due(update([1, 2], S), 0.1) == []
     (moment,) = cameras.due(update([1, 2], 2 * S), 0.2)
     assert moment.stamp_ns == 2 * S
-    assert one(moment.shapes, shapes.Image, "cameras/a/image").jpeg == b"jpeg"
-    points = one(moment.shapes, Points, "cameras/a/features")
-    assert points.colours.tolist() == [list(colour(2)), list(colour(1)), list(GREY)]
+    assert values(*one(moment.shapes, "cameras/a/image"), "blob").ravel().tolist() == list(b"jpeg")
+    assert colours(one(moment.shapes, "cameras/a/features")[0]) == [
+        list(colour(2)),
+        list(colour(1)),
+        list(GREY),
+    ]
     assert cameras.due(update([1, 2], 3 * S), 0.3) == []
 
 
@@ -162,15 +181,15 @@ def test_without_a_service_images_are_shown_grey_and_never_pile_up():
         cameras.add(preview(k, [10]), 0.0)
     moments = cameras.due(None, MAX_DELAY_S + 0.1)
     assert [m.stamp_ns for m in moments] == list(range(5, MAX_DELAYED + 5))
-    assert one(moments[0].shapes, Points, "cameras/a/features").colours.tolist() == [list(GREY)]
+    assert colours(one(moments[0].shapes, "cameras/a/features")[0]) == [list(GREY)]
 
 
 def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not():
     picture, drawn, images = ScenePicture("lab", rate=5.0), 0, 0
     for k in range(20):
-        moments = picture.on_update(update([1, 1], S + k * S // 10), k / 10)
+        moments = said(picture, update([1, 1], S + k * S // 10), arrived=k / 10)
         drawn += any(s.path.startswith("spaces/") for m in moments for s in m.shapes)
-        picture.on_preview(preview(S + k * S // 10, [10]), k / 10)
+        said(picture, preview(S + k * S // 10, [10]), arrived=k / 10)
         images += sum(s.path.endswith("/image") for s in flat(picture.tick(k / 10)))
     assert (drawn, images) == (10, 10)
 
@@ -178,8 +197,7 @@ def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not():
 def test_memory_does_not_grow_with_what_has_ended():
     picture, sizes = ScenePicture("lab"), []
     for k in range(1, 400):
-        picture.on_batch(batch(seq=k, stamp_ns=k * S), float(k), k * S)
-        picture.on_update(update([k], k * S, sources=(f"s{k}",)), float(k))
+        said(picture, batch(seq=k, stamp_ns=k * S), update([k], k * S, sources=(f"s{k}",)), arrived=float(k))
         picture.tick(k + 0.5)
         sizes.append(len(pickle.dumps(picture)))
     assert (sizes[-1] - sizes[199]) / 199 < 100  # bytes: the path of a source keeps its name
@@ -188,12 +206,13 @@ def test_memory_does_not_grow_with_what_has_ended():
 def test_each_space_is_scored_alone():
     picture = ScenePicture("lab")
     for source, space in (("a", "a/pixels"), ("b", "b/pixels")):
-        picture.on_batch(batch(source, space, "px", 2), 0.0, S)
-        picture.on_truth(TruthBatch(source=source, session=SESSION, ids=[10, 11], objects=[0, 1], names={}))
+        truth = TruthBatch(source=source, session=SESSION, ids=[10, 11], objects=[0, 1], names={})
+        said(picture, batch(source, space, "px", 2), truth)
     # Right in a; in b two objects are one hypothesis. The same objects, seen in two spaces, are no error.
     tracks = {"track_source": [0, 0, 1, 1], "track_id": [10, 11, 10, 11]}
     both = update([1, 2, 3, 3], sources=("a", "b"), **tracks)
-    picture.on_update(both, 0.0)
-    values = {s.path: s.value for s in flat(picture.tick(2 * SETTLE_S)) if s.path.startswith("scores/")}
-    assert (values["scores/a_pixels/nmi"], values["scores/b_pixels/nmi"]) == (1.0, 0.0)
-    assert values["scores/b_pixels/wrong"] == 0.5
+    said(picture, both)
+    scores = {s.path: s.drawn[0] for s in flat(picture.tick(2 * SETTLE_S)) if s.path.startswith("scores/")}
+    found = {path: values(drawn, "scalars").item() for path, drawn in scores.items()}
+    assert (found["scores/a_pixels/nmi"], found["scores/b_pixels/nmi"]) == (1.0, 0.0)
+    assert found["scores/b_pixels/wrong"] == 0.5

@@ -5,8 +5,9 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
+from .drawing import TRAIL_S, CameraView, Layout, SpaceView
+from .health import LEGEND_COLUMNS, LEGEND_HEIGHT, LEGEND_LIFT, LEGEND_ROWS, LEGEND_WIDTH
 from .paths import plain
-from .shapes import LEGEND, TRAIL_S, CameraView, Layout, SpaceView
 
 TIMELINE = "stamp"
 CURVES_S = 60.0
@@ -106,9 +107,9 @@ def _side(layout: Layout) -> Any:
 
 
 def _legend() -> Any:
-    across = LEGEND.width * (LEGEND.columns - 0.5)
-    down = [-2.2 * LEGEND.lift, LEGEND.height * (LEGEND.rows - 0.2)]
-    bounds = rrb.VisualBounds2D(x_range=[-LEGEND.width / 2, across], y_range=down)
+    across = LEGEND_WIDTH * (LEGEND_COLUMNS - 0.5)
+    down = [-2.2 * LEGEND_LIFT, LEGEND_HEIGHT * (LEGEND_ROWS - 0.2)]
+    bounds = rrb.VisualBounds2D(x_range=[-LEGEND_WIDTH / 2, across], y_range=down)
     return rrb.Spatial2DView(
         origin="legend", name="Hypotheses: id, state, features", background=_GROUND, visual_bounds=bounds
     )

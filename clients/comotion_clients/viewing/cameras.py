@@ -15,9 +15,10 @@ from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names, named
 
 from ..regions import regions
-from .hypotheses import apart, labels
+from . import drawing
+from .drawing import CameraView, Moment, Shape
+from .hypotheses import apart
 from .paths import Paths
-from .shapes import CameraView, Image, Moment, Points, Regions, Segments, Shape
 from .trails import Trails
 
 MAX_DELAYED = 16
@@ -85,10 +86,10 @@ class Cameras:
         shades = self._palette.colours(hypotheses)
         trails = self._trails.setdefault(name, Trails())
         moved, ends = trails.step(preview.session, preview.stamp_ns, preview.ids, preview.pixels)
-        shapes: list[Shape] = [
-            Image(f"{path}/image", preview.image),
-            Segments(f"{path}/trails", ends, shades[moved]),
-            Points(f"{path}/features", preview.pixels, shades, values={"feature": preview.ids}),
+        shapes = [
+            drawing.image(f"{path}/image", preview.image),
+            drawing.segments(f"{path}/trails", ends, shades[moved]),
+            drawing.points(f"{path}/features", preview.pixels, shades, feature=preview.ids),
             self._labels(f"{path}/hypotheses", preview, hypotheses),
         ]
         if self._dense:
@@ -109,18 +110,18 @@ class Cameras:
         shown = np.unique(seen[seen >= 0]).tolist()
         colours = self._palette.colours(np.array(shown, np.uint32)).tolist()
         named = {h % _CLASSES + 1: (r, g, b) for h, (r, g, b) in zip(shown, colours, strict=True)}
-        return [Regions(path, classes, named)]
+        return [drawing.regions(path, classes, named)]
 
-    def _labels(self, path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Points:
+    def _labels(self, path: str, preview: Preview, hypotheses: NDArray[np.uint32]) -> Shape:
         """Labels with names or ids of hypotheses at the median position of their features."""
         shown, counts = np.unique(hypotheses[hypotheses != UNDETERMINED], return_counts=True)
         shown = shown[counts >= _LABELLED]
         middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
         positions = np.array(middles, np.float32).reshape(-1, 2)
         inks = [self._palette.legible(h) for h in shown.tolist()]
-        words = tuple(named(h, self._names_of) for h in shown.tolist())
+        words = [named(h, self._names_of) for h in shown.tolist()]
         row = _ROW_SHARE * float(np.max(preview.pixels[:, 1], initial=1.0))
-        return labels(path, inks, apart(positions, (0, -1), row), words)
+        return drawing.labels(path, inks, apart(positions, (0, -1), row), words)
 
 
 def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:
@@ -132,10 +133,6 @@ def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np
         k for k, s in enumerate(update.sources) if (s.name, s.session) == (preview.source, preview.session)
     ]
     rows = np.flatnonzero(np.isin(update.track_source, mine))
-    rows = rows[np.argsort(update.track_id[rows])]
-    ids = update.track_id[rows]
-    if len(ids):
-        at = np.minimum(np.searchsorted(ids, preview.ids), len(ids) - 1)
-        same = ids[at] == preview.ids
-        numbers[same] = update.track_hypothesis[rows[at[same]]]
+    _, seen, fused = np.intersect1d(preview.ids, update.track_id[rows], return_indices=True)
+    numbers[seen] = update.track_hypothesis[rows[fused]]
     return numbers

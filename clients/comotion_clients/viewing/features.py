@@ -12,9 +12,9 @@ from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
 from ..scoring import SpaceRef, spaces_of
+from .drawing import Axes, Eye, Positions, Shape, SpaceView, nothing, points, segments
 from .hypotheses import axis_length, draw_hypotheses, draw_joints
 from .paths import Paths
-from .shapes import Axes, Cleared, Colours, Eye, Points, Positions, Segments, Shape, SpaceView
 from .trails import Trails
 
 _UP: Mapping[Axes, tuple[float, ...]] = {
@@ -83,7 +83,7 @@ class Features:
         gone = self._drawn - paths
         self._trails = {path: trails for path, trails in self._trails.items() if path in paths}
         self._drawn = paths
-        return [*(Cleared(path) for path in sorted(gone)), *shapes]
+        return [*map(nothing, sorted(gone)), *shapes]
 
     def _space(self, ref: SpaceRef) -> _Space:
         space = self._spaces.get(ref.name)
@@ -99,19 +99,19 @@ class Features:
         moving = [h.id for h in update.hypotheses if h.state == "moving" and h.space == space.ref.name]
         _aim(space, everything, len(sources), np.isin(update.track_hypothesis[here], moving))
         shapes: list[Shape] = []
-        ends: list[Positions] = [np.empty((0, 2, dim), np.float32)]
-        shades: list[Colours] = [np.empty((0, 3), np.uint8)]
+        trailing = []
         for number in sources:
-            points = _points(update, space, number, self._palette)
-            trails = self._trails.setdefault(points.path, Trails())
-            session = update.sources[number].session
-            moved, segments = trails.step(
-                session, update.stamp_ns, points.values["feature"], points.positions
-            )
-            shapes.append(points)
-            ends.append(segments)
-            shades.append(points.colours[moved])
-        shapes.append(Segments(f"{space.view.path}/trails", np.concatenate(ends), np.concatenate(shades)))
+            rows = update.track_source == number
+            path, ids = space.sources(update.sources[number].name), update.track_id[rows]
+            places = np.nan_to_num(update.track_position[rows, :dim])
+            colours = self._palette.colours(update.track_hypothesis[rows])
+            confidence = update.track_confidence[rows]
+            shapes.append(points(path, places, colours, feature=ids, confidence=confidence))
+            trails = self._trails.setdefault(path, Trails())
+            moved, ends = trails.step(update.sources[number].session, update.stamp_ns, ids, places)
+            trailing.append((ends, colours[moved]))
+        ends, colours = (np.concatenate(parts) for parts in zip(*trailing, strict=True))
+        shapes.append(segments(f"{space.view.path}/trails", ends, colours))
         bodies = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
         shapes += draw_joints(space.view.path, bodies, update.joints, space.axis, self._palette, self._names)
         seen = space.axis, _UP[space.view.axes], self._palette, self._names, space.view.eye
@@ -147,17 +147,6 @@ def look_at(positions: Positions, direction: NDArray[np.float64], moving: NDArra
     away = _DISTANCE * diagonal / np.linalg.norm(direction)
     target = (low + high) / 2
     return Eye(tuple((target + away * direction).tolist()), tuple(target.tolist()))
-
-
-def _points(update: HypothesisUpdate, space: _Space, number: int, palette: Palette) -> Points:
-    """The features of one source."""
-    rows = update.track_source == number
-    return Points(
-        space.sources(update.sources[number].name),
-        np.nan_to_num(update.track_position[rows, : space.ref.dim]),
-        palette.colours(update.track_hypothesis[rows]),
-        values={"feature": update.track_id[rows], "confidence": update.track_confidence[rows]},
-    )
 
 
 def _axes(ref: SpaceRef) -> Axes:

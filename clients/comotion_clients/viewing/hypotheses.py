@@ -1,4 +1,4 @@
-"""Hypotheses -> shapes: label, body frame, and arrows of the twist. Pure."""
+"""Hypotheses -> shapes: label, body frame, box, arrows of the twist, and joints. Pure."""
 
 from collections.abc import Sequence
 
@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import Hypothesis, Joint
-from comotion_schemas.colours import RGB, Palette
+from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.rigid import matrix
 
 from ..joint_lines import joint_lines
-from .shapes import Arrows, Boxes, Eye, Points, Positions, Segments, Shape
+from .drawing import Colours, Eye, Positions, Shape, arrows, boxes, labels, segments
 
 # Red, green and blue for x, y and z, as in other viewers; they differ in lightness as well.
 AXES = np.array([(222, 60, 50), (90, 190, 80), (70, 110, 250)], np.uint8)
@@ -59,23 +59,18 @@ def draw_hypotheses(
     distance that the tip of the x axis moves in 1 s. Of absent hypotheses only the label is drawn. Boxes are
     those of bodies: the box of what is at rest would surround the scene.
     """
-    ids = np.array([h.id for h in hypotheses], np.uint32)
     dim = len(up)
-    centroids = np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
-    shades = palette.colours(ids)
-    inks = [palette.legible(h.id) for h in hypotheses]
-    tops = centroids + np.outer([_height(h, up) for h in hypotheses], up).astype(np.float32)
+    tops = _centroids(hypotheses, dim) + np.outer([_height(h, up) for h in hypotheses], up).astype(np.float32)
     away = np.linalg.norm(np.subtract(eye.position, eye.target)) if eye else 0.0
     places = apart(tops, up, _ROW_SEEN * float(away) or _ROW_SHARE * axis, eye)
-    words = labels(f"{path}/hypotheses", inks, places, tuple(label(h, names) for h in hypotheses))
-    rows = [k for k, h in enumerate(hypotheses) if not h.absent]
-    hypotheses, centroids, shades = [hypotheses[k] for k in rows], centroids[rows], shades[rows]
+    inks = [palette.legible(h.id) for h in hypotheses]
+    shown = [h for h in hypotheses if not h.absent]
+    boxed = [(h.id, h.box) for h in shown if h.box is not None and h.state != "static"]
     return [
-        words,
-        _frames(path, hypotheses, centroids, axis),
-        _velocities(path, hypotheses, centroids, shades, axis),
-        _angular_velocities(path, hypotheses, centroids, shades, axis),
-        _boxes(path, hypotheses, shades, dim),
+        labels(f"{path}/hypotheses", inks, places, [label(h, names) for h in hypotheses]),
+        _frames(path, shown, dim, axis),
+        *_twists(path, shown, _centroids(shown, dim), _shades(palette, [h.id for h in shown]), axis),
+        boxes(f"{path}/boxes", [box for _, box in boxed], _shades(palette, [k for k, _ in boxed]), dim),
     ]
 
 
@@ -96,33 +91,14 @@ def draw_joints(
     if not drawn:
         return []
     lines = [joint_lines(joint, by_id[joint.child], 2 * axis) for joint in drawn]
-    children = palette.colours(np.array([joint.child for joint in drawn], np.uint32))
+    children = _shades(palette, [joint.child for joint in drawn])
     shades = np.repeat(children, [len(line) for line in lines], axis=0)
     inks = [palette.legible(joint.child) for joint in drawn]
-    points = np.array([joint.point for joint in drawn], np.float32)
-    words = tuple(joint_words(joint, names) for joint in drawn)
+    places = np.array([joint.point for joint in drawn], np.float32)
     return [
-        Segments(f"{path}/joints", np.concatenate(lines), shades),
-        labels(f"{path}/joint-words", inks, points, words),
+        segments(f"{path}/joints", np.concatenate(lines), shades),
+        labels(f"{path}/joint-words", inks, places, [joint_words(joint, names) for joint in drawn]),
     ]
-
-
-def labels(path: str, inks: Sequence[RGB], positions: Positions, words: tuple[str, ...]) -> Points:
-    """Build labels without points.
-
-    Parameters
-    ----------
-    path
-        Path of the shape.
-    inks
-        N legible colours.
-    positions
-        float32 [N, dim].
-    words
-        N texts.
-    """
-    shades = np.array(inks, np.uint8).reshape(-1, 3)
-    return Points(path, positions, shades, radius=0.0, labels=words)
 
 
 def apart(places: Positions, up: Sequence[float], row: float, eye: Eye | None = None) -> Positions:
@@ -182,64 +158,51 @@ def label(hypothesis: Hypothesis, names: Names | None = None) -> str:
     return f"{name}{state}" if hypothesis.confirmed else f"{name}{state}?"
 
 
-def _frames(path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, axis: float) -> Arrows:
+def _frames(path: str, hypotheses: Sequence[Hypothesis], dim: int, axis: float) -> Shape:
     """The axes of the space, rotated by the rotation since birth."""
-    rows = [k for k, h in enumerate(hypotheses) if h.pose is not None]
-    dim = centroids.shape[1]
-    turns = np.array([_matrix(hypotheses[k]) for k in rows], np.float32).reshape(-1, dim, dim)
+    posed = [h for h in hypotheses if h.pose is not None]
+    turns = np.array([_matrix(h) for h in posed], np.float32).reshape(-1, dim, dim)
     # Column k of a rotation matrix is where it takes axis k.
     vectors = axis * np.swapaxes(turns, 1, 2).reshape(-1, dim)
-    origins = np.repeat(centroids[rows], dim, axis=0)
-    return Arrows(
-        f"{path}/frames", origins, vectors.astype(np.float32), np.tile(AXES[:dim], (len(rows), 1)), 1.2
-    )
+    origins = np.repeat(_centroids(posed, dim), dim, axis=0)
+    colours = np.tile(AXES[:dim], (len(posed), 1))
+    return arrows(f"{path}/frames", origins, vectors.astype(np.float32), colours, 1.2)
 
 
-def _velocities(
-    path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, shades: NDArray[np.uint8], axis: float
-) -> Arrows:
-    linear = np.array(
-        [h.twist.linear if h.twist else [0.0] * centroids.shape[1] for h in hypotheses], np.float32
-    ).reshape(centroids.shape)
-    rows, vectors = _in_sight(linear, axis)
-    return Arrows(f"{path}/twist/linear", centroids[rows], vectors, shades[rows], 2.5)
-
-
-def _angular_velocities(
-    path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, shades: NDArray[np.uint8], axis: float
-) -> Arrows:
-    origins, vectors = centroids.copy(), np.zeros_like(centroids)
+def _twists(
+    path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, shades: Colours, axis: float
+) -> list[Shape]:
+    """Linear and angular velocities that are long enough to be visible, of limited length."""
+    linear, angular, tips = np.zeros_like(centroids), np.zeros_like(centroids), centroids.copy()
     for k, h in enumerate(hypotheses):
         if h.twist is None:
             continue
+        linear[k] = h.twist.linear
         if isinstance(h.twist.angular, list):
-            vectors[k] = h.twist.angular
+            angular[k] = h.twist.angular
         else:
             turn = _matrix(h)
-            origins[k] += axis * turn[:, 0]
-            vectors[k] = h.twist.angular * turn[:, 1]
-    rows, arrows = _in_sight(axis * vectors, axis)
-    return Arrows(f"{path}/twist/angular", origins[rows], arrows, shades[rows], 1.2)
+            tips[k] += axis * turn[:, 0]
+            angular[k] = h.twist.angular * turn[:, 1]
+    drawn = []
+    for name, origins, vectors, radius in (
+        ("linear", centroids, linear, 2.5),
+        ("angular", tips, axis * angular, 1.2),
+    ):
+        lengths = np.linalg.norm(vectors, axis=1)
+        rows = np.flatnonzero(lengths > SHOWN * axis)
+        shares = np.minimum(1.0, LONGEST * axis / lengths[rows])
+        cut = (vectors[rows] * shares[:, None]).astype(np.float32)
+        drawn.append(arrows(f"{path}/twist/{name}", origins[rows], cut, shades[rows], radius))
+    return drawn
 
 
-def _boxes(path: str, hypotheses: Sequence[Hypothesis], shades: NDArray[np.uint8], dim: int) -> Boxes:
-    rows = [k for k, h in enumerate(hypotheses) if h.box is not None and h.state != "static"]
-    boxes = [box for k in rows if (box := hypotheses[k].box) is not None]
-    return Boxes(
-        f"{path}/boxes",
-        np.array([box.center for box in boxes], np.float32).reshape(-1, dim),
-        np.array([box.half for box in boxes], np.float32).reshape(-1, dim),
-        np.array([matrix(box.rotation) for box in boxes], np.float32).reshape(-1, dim, dim),
-        shades[rows],
-    )
+def _centroids(hypotheses: Sequence[Hypothesis], dim: int) -> Positions:
+    return np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
 
 
-def _in_sight(vectors: Positions, axis: float) -> tuple[NDArray[np.intp], Positions]:
-    """Select the vectors that are long enough to be visible, and limit their length."""
-    lengths = np.linalg.norm(vectors, axis=1)
-    rows = np.flatnonzero(lengths > SHOWN * axis)
-    shares = np.minimum(1.0, LONGEST * axis / lengths[rows])
-    return rows, (vectors[rows] * shares[:, None]).astype(np.float32)
+def _shades(palette: Palette, ids: Sequence[int]) -> Colours:
+    return palette.colours(np.array(ids, np.uint32))
 
 
 def _matrix(hypothesis: Hypothesis) -> NDArray[np.float64]:

@@ -1,6 +1,8 @@
-"""Names -> paths and texts that the viewer can show."""
+"""Names and times -> paths and texts that the viewer can show."""
 
 import re
+
+import numpy as np
 
 from comotion_schemas.text import shown
 
@@ -34,6 +36,4 @@ def plain(text: str) -> str:
 
 def clock(stamp_ns: int) -> str:
     """Format the time of day in UTC to a tenth of a second."""
-    tenths = stamp_ns // 100_000_000
-    seconds = tenths // 10 % 86400
-    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{tenths % 10}"
+    return str(np.datetime64(stamp_ns, "ns").astype("datetime64[ms]"))[11:21]

@@ -4,16 +4,22 @@
 shapes are at acquisition times; curves of rates and lags are at the stamp of the newest update.
 """
 
-from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
-from comotion_schemas.naming import Names
+from typing import TYPE_CHECKING
+
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, TruthBatch
+from comotion_schemas.naming import Names, event_words
 
 from ..scene_model import SceneModel
 from ..scoring import SETTLE_S, Observed
 from .cameras import Cameras
+from .drawing import Layout, Moment, entry
 from .features import Features
-from .health import PERIOD_S, Health, event_entry
+from .following import Display
+from .health import PERIOD_S, Health
 from .scores import ScoreCurves
-from .shapes import Layout, Moment
+
+if TYPE_CHECKING:
+    from .sink import RerunSink
 
 _MAX_UNSCORED = 64  # updates that wait for SETTLE_S
 
@@ -61,67 +67,41 @@ class ScenePicture:
         return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
 
     def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Moment]:
-        """Add a message of any kind; returns what is to be drawn at once."""
+        """Add a message of any kind; returns what is to be drawn at once.
+
+        An image is drawn when the service has fused its instant; an update that repeats a stamp not again.
+        """
+        model, moments = self.model, []
+        for event in model.on_message(message, arrived, wall_ns):
+            words, colour = event_words(event, model.names), model.palette.legible(event.hypothesis)
+            moments.append(Moment(event.stamp_ns, [entry(event.stamp_ns, words, colour)]))
         match message:
             case ObservationBatch():
-                self.on_batch(message, arrived, wall_ns)
+                self._observed.add(message)
+                self._batch_ns = max(self._batch_ns or 0, min(message.stamp_ns, wall_ns))
             case TruthBatch():
-                self.on_truth(message)
-            case Status():
-                self.on_status(message)
-            case Preview():
-                self.on_preview(message, arrived)
-            case HypothesisUpdate():
-                return self.on_update(message, arrived)
-        return []
-
-    def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
-        """Add a batch: space, rate and lag of its source."""
-        self.model.on_batch(batch, arrived, wall_ns)
-        self._observed.add(batch)
-        self._batch_ns = max(self._batch_ns or 0, min(batch.stamp_ns, wall_ns))
-
-    def on_truth(self, truth: TruthBatch) -> None:
-        """Add the true objects of features."""
-        self._agreement.truth.add(truth)
-
-    def on_status(self, status: Status) -> None:
-        """Add the Status of a component."""
-        self.model.on_status(status)
-
-    def on_presence(self, role: str, name: str, *, alive: bool, now: float) -> None:
-        """Process that a component entered or left the scene."""
-        self.model.on_presence(role, name, alive=alive, now=now)
-
-    def on_preview(self, preview: Preview, arrived: float) -> None:
-        """Add a camera image; it is drawn when the service has fused its instant."""
-        if self._wanted(f"image {preview.source}", arrived):
-            self._cameras.add(preview, arrived)
-
-    def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Moment]:
-        """Draw an update and its new events; an update that repeats a stamp is not drawn again."""
-        moments = [
-            Moment(e.stamp_ns, [event_entry(e, self.model.palette, self.model.names)])
-            for e in self.model.on_update(update, arrived)
-        ]
-        if update.stamp_ns == self._drawn_ns or not _has_time(update):
-            return moments
-        self._drawn_ns = update.stamp_ns
-        self._unscored = [*self._unscored[-_MAX_UNSCORED:], (arrived, update)]
-        if not self._wanted("update", arrived):
-            return moments
-        shapes = self._features.draw(update, self._observed.spaces)
-        return [*moments, Moment(update.stamp_ns, shapes)]
+                self._agreement.truth.add(message)
+            case Preview() if self._wanted(f"image {message.source}", arrived):
+                self._cameras.add(message, arrived)
+            case HypothesisUpdate() if message.stamp_ns != self._drawn_ns and _has_time(message):
+                self._drawn_ns = message.stamp_ns
+                self._unscored = [*self._unscored[-_MAX_UNSCORED:], (arrived, message)]
+                if self._wanted("update", arrived):
+                    shapes = self._features.draw(message, self._observed.spaces)
+                    moments.append(Moment(message.stamp_ns, shapes))
+        return moments
 
     def tick(self, now: float) -> list[Moment]:
         """Draw what is due at `now`: images, scores, and twice a second the health of the scene."""
         moments = self._cameras.due(self.model.update, now)
         while self._unscored and now - self._unscored[0][0] >= SETTLE_S:
             moments += self._agreement.draw(self._unscored.pop(0)[1], self._observed)
-        stamp_ns = self._newest_ns()
+        update = self.model.update
+        stamp_ns = self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
         if stamp_ns is not None and now - self._health_at >= PERIOD_S:
             self._health_at = now
-            moments.append(Moment(stamp_ns, self._health.draw(self.model.snapshot(now), self.view_age)))
+            shapes = self._health.draw(self.model.snapshot(now), self.view_age, stamp_ns)
+            moments.append(Moment(stamp_ns, shapes))
         return moments
 
     def _wanted(self, what: str, arrived: float) -> bool:
@@ -132,10 +112,36 @@ class ScenePicture:
         self._drawn_at[what] = arrived
         return True
 
-    def _newest_ns(self) -> int | None:
-        """Stamp for shapes without an acquisition time."""
-        update = self.model.update
-        return self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
+
+class Drawn(Display):
+    """Draws a picture to a window, page or file."""
+
+    def __init__(self, sink: "RerunSink", picture: ScenePicture) -> None:
+        self._sink, self._picture = sink, picture
+        self._moments: list[Moment] = []
+
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed the window."""
+        return self._sink.closed
+
+    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
+        """Show who comes and goes."""
+        self._picture.model.on_presence(role, token, alive=alive, now=now)
+
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
+        """Collect what a message draws."""
+        self._moments += self._picture.on_message(message, arrived, wall_ns)
+
+    def refresh(self, now: float) -> None:
+        """Arrange the views and show what has come."""
+        moments, self._moments = self._moments + self._picture.tick(now), []
+        self._sink.arrange(self._picture.layout)
+        self._sink.show(moments)
+
+    def on_age(self, age_s: float | None) -> None:
+        """The age is a curve."""
+        self._picture.view_age = age_s
 
 
 def _has_time(update: HypothesisUpdate) -> bool:

@@ -5,8 +5,8 @@ from comotion_schemas.colours import HUES
 
 from ..metrics import TrackIds, Truth, score_update
 from ..scoring import Observed
+from .drawing import Moment, Shape, value
 from .paths import Paths
-from .shapes import Moment, Number, Shape
 
 
 class ScoreCurves:
@@ -44,6 +44,6 @@ class ScoreCurves:
         nmi, missed = (HUES[(k + number) % len(HUES)] for k in (2, 5))
         path = self._paths(name)
         return [
-            Number(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi),
-            Number(f"{path}/wrong", score.misclassification, f"misclassified in {name}", missed),
+            value(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi),
+            value(f"{path}/wrong", score.misclassification, f"misclassified in {name}", missed),
         ]

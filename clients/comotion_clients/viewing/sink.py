@@ -8,33 +8,17 @@ import threading
 import time
 import urllib.parse
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import rerun as rr
-from scipy.spatial.transform import Rotation
 
 from ..recording.disk import create
 from .blueprint import TIMELINE, blueprint, prepare
-from .paths import clock, plain
+from .drawing import Layout, Moment
 from .program import Program
-from .shapes import (
-    Arrows,
-    Boxes,
-    Cleared,
-    Document,
-    Entry,
-    Image,
-    Layout,
-    Moment,
-    Number,
-    Points,
-    Regions,
-    Segments,
-    Shape,
-)
 
 LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0  # longest wait for delivery
@@ -42,8 +26,6 @@ _FILE_TICK_S = 1.0  # rows of this time form a chunk of a file
 _PAGE_S = 30.0  # longest wait until the page is served
 _POLL_S = 0.05
 _CHECK_S = 0.2  # between two checks whether the window is closed
-_OPACITY = 0.4  # of regions over the image
-_TRAIL_RADIUS = 1.0  # points of the screen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,18 +136,12 @@ class RerunSink:
         for moment in moments:
             self._recording.set_time(TIMELINE, timestamp=np.datetime64(moment.stamp_ns, "ns"))
             for shape in moment.shapes:
-                self._log(shape, moment.stamp_ns)
+                if shape.style is not None and shape.path not in self._styled:
+                    self._styled.add(shape.path)
+                    self._recording.log(shape.path, shape.style, static=True)
+                self._recording.log(shape.path, *shape.drawn)
         if self._live:
             self._recording.flush(timeout_sec=_FLUSH_S)
-
-    def _log(self, shape: Shape, stamp_ns: int) -> None:
-        if isinstance(shape, Entry):
-            shape = replace(shape, text=f"{clock(stamp_ns)} {shape.text}")
-        if isinstance(shape, Number) and shape.path not in self._styled:
-            self._styled.add(shape.path)
-            style = rr.SeriesLines(colors=[shape.colour], names=[plain(shape.name)], widths=[2.0])
-            self._recording.log(shape.path, style, static=True)
-        self._recording.log(shape.path, *components(shape))
 
     def _serve_page(self, port: int, data_uri: str) -> None:
         require_free(port)
@@ -194,67 +170,6 @@ class RerunSink:
     def _open_window(self, data_uri: str) -> None:
         memory = ("--memory-limit", self._where.memory)
         self._program = Program("--connect", data_uri, *memory, "--hide-welcome-screen", "--bind", LOOPBACK)
-
-
-def components(shape: Shape) -> list[Any]:
-    """Convert a shape to the Rerun components to log under its path."""
-    drawn: list[Any]
-    match shape:
-        case Points():
-            drawn = _points(shape)
-        case Segments():
-            strips = rr.LineStrips3D if shape.ends.shape[2] == 3 else rr.LineStrips2D
-            drawn = [strips(shape.ends, colors=shape.colours, radii=rr.Radius.ui_points(_TRAIL_RADIUS))]
-        case Arrows():
-            kind = rr.Arrows3D if shape.vectors.shape[1] == 3 else rr.Arrows2D
-            radius = rr.Radius.ui_points(shape.radius)
-            drawn = [kind(origins=shape.origins, vectors=shape.vectors, colors=shape.colours, radii=radius)]
-        case Boxes():
-            drawn = [_boxes(shape)]
-        case Image() | Regions():
-            drawn = _image(shape)
-        case Number():
-            drawn = [rr.Scalars(shape.value)]
-        case Entry():
-            drawn = [rr.TextLog(plain(shape.text), level=shape.level, color=shape.colour)]
-        case Document():
-            text = "\n".join(map(plain, shape.text.split("\n")))
-            drawn = [rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)]
-        case Cleared():
-            drawn = [rr.Clear(recursive=True)]
-    return drawn
-
-
-def _points(shape: Points) -> list[Any]:
-    kind = rr.Points3D if shape.positions.shape[1] == 3 else rr.Points2D
-    labels = {"labels": list(shape.labels), "show_labels": True} if shape.labels else {}
-    points = kind(shape.positions, colors=shape.colours, radii=rr.Radius.ui_points(shape.radius), **labels)
-    return [points, rr.AnyValues(**shape.values)] if shape.values else [points]
-
-
-def _image(shape: Image | Regions) -> list[Any]:
-    if isinstance(shape, Image):
-        return [rr.EncodedImage(contents=shape.jpeg, media_type="image/jpeg", draw_order=-10.0)]
-    known = [rr.AnnotationInfo(id=number, color=colour) for number, colour in shape.colours.items()]
-    overlay = rr.SegmentationImage(shape.classes, opacity=_OPACITY, draw_order=-5.0)
-    return [overlay, rr.AnnotationContext(known)]
-
-
-def _boxes(shape: Boxes) -> Any:
-    """Wire frames; Rerun's boxes do not turn in 2-D."""
-    radius = rr.Radius.ui_points(_TRAIL_RADIUS)
-    if shape.centers.shape[1] == 3:
-        return rr.Boxes3D(
-            centers=shape.centers,
-            half_sizes=shape.halves,
-            quaternions=Rotation.from_matrix(shape.turns).as_quat() if len(shape.turns) else None,
-            colors=shape.colours,
-            radii=radius,
-            fill_mode="majorwireframe",
-        )
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], np.float32)
-    around = corners * shape.halves[:, None] @ np.swapaxes(shape.turns, 1, 2) + shape.centers[:, None]
-    return rr.LineStrips2D(around, colors=shape.colours, radii=radius)
 
 
 def page_url(port: int, data_uri: str) -> str:

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .shapes import Positions
+from .drawing import Positions
 
 Ids: TypeAlias = NDArray[np.uint64]
 LONGEST_GAP_NS = 1_000_000_000
@@ -20,10 +20,7 @@ class Trails:
     """The trails of one set of features, e.g. of one source in one space."""
 
     def __init__(self) -> None:
-        self._key: object = None
-        self._stamp_ns = 0
-        self._ids: Ids = np.empty(0, np.uint64)
-        self._places: Positions = np.empty((0, 3), np.float32)
+        self._last: tuple[object, int, Ids, Positions] | None = None
 
     def step(
         self, key: object, stamp_ns: int, ids: Ids, positions: Positions
@@ -45,21 +42,9 @@ class Trails:
         -------
         Rows intp [M] with a segment, and segments float32 [M, 2, dim] from the last position.
         """
-        known = key == self._key and 0 < stamp_ns - self._stamp_ns <= LONGEST_GAP_NS
-        rows, before = self._shared(ids) if known else (np.empty(0, np.intp), np.empty(0, np.intp))
-        ends = np.stack([self._places[before], positions[rows]], axis=1) if len(rows) else _none(positions)
-        order = np.argsort(ids)
-        self._key, self._stamp_ns, self._ids, self._places = key, stamp_ns, ids[order], positions[order]
-        return rows, ends
-
-    def _shared(self, ids: Ids) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows of features that were present before, and their rows in the stored arrays."""
-        if not len(self._ids):
-            return np.empty(0, np.intp), np.empty(0, np.intp)
-        at = np.minimum(np.searchsorted(self._ids, ids), len(self._ids) - 1)
-        rows = np.flatnonzero(self._ids[at] == ids)
-        return rows, at[rows]
-
-
-def _none(positions: Positions) -> Positions:
-    return np.empty((0, 2, positions.shape[1]), np.float32)
+        old_ids, old_places = ids[:0], positions[:0]
+        if self._last is not None and self._last[0] == key and 0 < stamp_ns - self._last[1] <= LONGEST_GAP_NS:
+            _, _, old_ids, old_places = self._last
+        self._last = key, stamp_ns, ids, positions
+        _, rows, old = np.intersect1d(ids, old_ids, assume_unique=True, return_indices=True)
+        return rows, np.stack([old_places[old], positions[rows]], axis=1)

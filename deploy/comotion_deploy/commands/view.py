@@ -3,21 +3,22 @@
 import os
 import re
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError, require_suffix
-from ..options import Client, Json, Ready, argument, setting
+from ..options import Json, Present, argument, setting
 from .watch import BodyNames
 
 if TYPE_CHECKING:
-    from comotion_clients.viewing.process import Viewed
-    from comotion_clients.viewing.sink import Destination, RerunSink
+    from comotion_clients.viewing.following import Display
+    from comotion_clients.viewing.sink import Destination
 
 
 @dataclass(kw_only=True)
-class View(BodyNames, Json, Ready, Client):
+class View(BodyNames, Json, Present):
     """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun or Foxglove.
 
     In a window where there is a display; with --web, --save or --foxglove elsewhere.
@@ -60,17 +61,57 @@ Examples:
 
     def run(self) -> None:
         """Show it until stopped."""
+        from comotion_schemas import Keys
+
+        Keys(self.scene)  # checks the name before anything opens
         if self.foxglove:
-            self._serve_foxglove()
+            from comotion_clients.foxglove.server import FoxgloveDisplay
+
+            with FoxgloveDisplay(self.foxglove_port, self.names()) as display:
+                print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
+                self._show(display, in_time=True)
             return
         import rerun  # noqa: F401 - before a window opens
         import rerun_cli  # noqa: F401
 
         where = self._destination()
-        if self.recording is not None:
-            self._show_recording(self.recording, where)
-        else:
-            self._show_scene(where)
+        from comotion_clients.viewing.picture import Drawn, ScenePicture
+        from comotion_clients.viewing.sink import RerunSink
+        from comotion_schemas.component import stop_on_signals
+
+        picture = ScenePicture(self.scene, self.rate, dense=self.regions, names=self.names())
+        with RerunSink(where) as sink:
+            if sink.url is not None:
+                print(f"look at {sink.url}", file=sys.stderr, flush=True)
+            drawn = Drawn(sink, picture)
+            if self.recording is None:
+                self._show(drawn)
+                return
+            stop = threading.Event()
+            with stop_on_signals(stop):
+                self._show(drawn)
+                if where.window or where.web_port is not None:
+                    sink.wait(stop, self.duration)
+
+    def _show(self, display: "Display", *, in_time: bool = False) -> None:
+        """Give a display the running scene, or the recording."""
+        from comotion_clients.viewing.following import follow, play
+
+        if self.recording is None:
+            viewed = follow(display, self.duration, **self.where())
+            if self.json_:
+                self.show(viewed)
+            else:
+                print(viewed.line(), file=sys.stderr)
+            return
+        from comotion_schemas.message_log import MessageLog
+        from comotion_schemas.text import counted
+
+        with MessageLog(self.recording) as log:
+            shown = play(display, log.decoded(), in_time=in_time)
+        if not shown:
+            raise UserError(f"{self.recording}: it holds no hypotheses; was the service recorded?")
+        print(f"{self.recording}: {counted(shown, 'update')}", file=sys.stderr)
 
     def _destination(self) -> "Destination":
         from comotion_clients.viewing.sink import Destination
@@ -93,68 +134,6 @@ Examples:
             open_browser=self.browser and _has_display(),
             file=self.save,
         )
-
-    def _serve_foxglove(self) -> None:
-        from comotion_clients.foxglove.server import FoxgloveDisplay
-        from comotion_clients.viewing.process import ViewOptions, follow
-        from comotion_schemas import Keys
-
-        settings = self.settings()
-        Keys(self.scene)  # checks the name before the server starts
-        with FoxgloveDisplay(self.foxglove_port, self.names()) as display:
-            print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
-            if self.recording is None:
-                how = self.taken(ViewOptions)
-                self._print_viewed(follow(display, self.scene, settings, how))
-                return
-            from comotion_schemas.message_log import MessageLog
-            from comotion_schemas.text import counted
-
-            with MessageLog(self.recording) as log:
-                print(f"{self.recording}: {counted(display.play(log.decoded()), 'update')}", file=sys.stderr)
-
-    def _print_viewed(self, result: "Viewed") -> None:
-        if self.json_:
-            self.show(result)
-        else:
-            print(result.line(), file=sys.stderr)
-
-    def _show_scene(self, where: "Destination") -> None:
-        from comotion_clients.viewing.process import ViewOptions, view
-        from comotion_clients.viewing.sink import RerunSink
-        from comotion_schemas import Keys
-
-        how = self.taken(ViewOptions, dense=self.regions, names=self.names())
-        settings = self.settings()
-        Keys(self.scene)  # checks the name before a window opens
-        with RerunSink(where) as sink:
-            _print_address(sink)
-            result = view(sink, self.scene, settings, how)
-        self._print_viewed(result)
-
-    def _show_recording(self, recording: Path, where: "Destination") -> None:
-        import threading
-
-        from comotion_clients.viewing.process import view_messages
-        from comotion_clients.viewing.sink import RerunSink
-        from comotion_schemas.component import stop_on_signals
-        from comotion_schemas.message_log import MessageLog
-        from comotion_schemas.text import counted
-
-        names, stop = self.names(), threading.Event()
-        with MessageLog(recording) as log, RerunSink(where) as sink, stop_on_signals(stop):
-            _print_address(sink)
-            shown = view_messages(log.decoded(), log.scene, sink, dense=self.regions, names=names)
-            if not shown:
-                raise UserError(f"{recording}: it holds no hypotheses; was the service recorded?")
-            print(f"{recording}: {counted(shown, 'update')}", file=sys.stderr)
-            if where.window or where.web_port is not None:
-                sink.wait(stop, self.duration)
-
-
-def _print_address(sink: "RerunSink") -> None:
-    if sink.url is not None:
-        print(f"look at {sink.url}", file=sys.stderr, flush=True)
 
 
 def _has_display() -> bool:
