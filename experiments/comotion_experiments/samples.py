@@ -14,9 +14,9 @@ import foxglove
 from foxglove import layouts
 
 from comotion import FusionConfig
+from comotion_clients.following import play
 from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
-from comotion_clients.viewing.following import play
 from comotion_clients.viewing.picture import Drawn, ScenePicture
 from comotion_clients.viewing.sink import Destination, RerunSink
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status

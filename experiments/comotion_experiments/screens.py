@@ -58,7 +58,7 @@ def take(folder: Path, name: str) -> Path:
 
 def _viewed(messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
     """What ``comotion view RECORDING --web`` shows of these messages."""
-    from comotion_clients.viewing.following import play
+    from comotion_clients.following import play
     from comotion_clients.viewing.picture import Drawn, ScenePicture
     from comotion_clients.viewing.sink import Destination, RerunSink, free_port
 

@@ -7,7 +7,7 @@ import foxglove
 from comotion_schemas import Message
 from comotion_schemas.naming import Names
 
-from ..viewing.following import Display
+from ..following import Display
 from .scene import FoxgloveScene
 
 LOOPBACK = "127.0.0.1"

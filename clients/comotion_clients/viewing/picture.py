@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, TruthBatch
 from comotion_schemas.naming import Names, event_words
 
+from ..following import Display
 from ..scene_model import SceneModel
 from ..scoring import SETTLE_S, Observed
 from .cameras import Cameras
 from .drawing import Layout, Moment, entry
 from .features import Features
-from .following import Display
 from .health import PERIOD_S, Health
 from .scores import ScoreCurves
 

@@ -13,7 +13,7 @@ from ..options import Json, Present, argument, setting
 from .watch import BodyNames
 
 if TYPE_CHECKING:
-    from comotion_clients.viewing.following import Display
+    from comotion_clients.following import Display
     from comotion_clients.viewing.sink import Destination
 
 
@@ -95,7 +95,7 @@ Examples:
 
     def _show(self, display: "Display", *, in_time: bool = False) -> None:
         """Give a display the running scene, or the recording."""
-        from comotion_clients.viewing.following import follow, play
+        from comotion_clients.following import follow, play
 
         if self.recording is None:
             viewed = follow(display, self.duration, **self.where())

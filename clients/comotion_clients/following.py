@@ -16,7 +16,7 @@ import zenoh
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.component import StatusFields, Where, viewer
 
-from ..feed import BATCHES_KEPT, SceneFeed
+from .feed import BATCHES_KEPT, SceneFeed
 
 POLL_S = 0.02
 UPDATES_KEPT = 4
