@@ -4,18 +4,16 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, Unpack
 
 import zenoh
 
-from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Joint, ObservationBatch, TruthBatch
-from comotion_schemas.component import viewer
+from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
+from comotion_schemas.component import Where, viewer
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
-from comotion_schemas.transport import SessionSettings
 
 from .feed import BATCHES_KEPT, SceneFeed
 from .joint_rows import known_values
@@ -86,13 +84,11 @@ class _Feed(SceneFeed):
 
 
 def evaluate(
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
     *,
     duration: float | None = None,
     quiet: bool = False,
     on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
-    ready_file: Path | None = None,
+    **where: Unpack[Where],
 ) -> LiveRun:
     """Score a running scene until the duration is over or a signal arrives.
 
@@ -101,16 +97,14 @@ def evaluate(
 
     Parameters
     ----------
-    scene, settings
-        Name of the scene; how to connect.
     duration
         Seconds from the first update on; None: until stopped.
     quiet
         Show no progress.
     on_update
         Called with every scored update.
-    ready_file
-        Written once it is subscribed.
+    where
+        Name of the scene, how to connect, and the file to write once it is subscribed.
 
     Raises
     ------
@@ -122,18 +116,18 @@ def evaluate(
     timeout = None if duration is None else FIRST_UPDATE_TIMEOUT_S
     progress = reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
     with (
-        viewer("evaluate", scene, settings, ready_file=ready_file, connect_timeout=timeout) as component,
-        _Feed(component.session, scene, on_update) as feed,
+        viewer("evaluate", connect_timeout=timeout, **where) as component,
+        _Feed(component.session, component.scene, on_update) as feed,
         progress as report,
     ):
-        if ready_file is not None:
+        if where.get("ready_file") is not None:
             component.ready()
         begun = time.monotonic()
         while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
             feed.poll()
             report(lambda: progress_line(feed.tally))
         feed.poll(settled=True)
-    return _result(feed, scene)
+    return _result(feed, component.scene)
 
 
 def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:

@@ -1,35 +1,25 @@
-"""Scene model: messages of one scene -> snapshot of its sources, service, hypotheses and events. Pure.
+"""Scene model: messages of one scene -> its state now, for `comotion watch`, `view` and `status`. Pure.
 
-The caller passes the time: `now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall
-clock in nanoseconds.
+Times are as in :mod:`.scene_records`.
 """
 
 import math
-from typing import get_args
 
 import numpy as np
 
-from comotion_schemas import (
-    UNDETERMINED,
-    Event,
-    Hypothesis,
-    HypothesisUpdate,
-    Message,
-    ObservationBatch,
-    Status,
-)
-from comotion_schemas.colours import Palette
-from comotion_schemas.hypotheses import OF_BODIES, EventKind
-from comotion_schemas.naming import Names, event_words, named
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate
+from comotion_schemas.naming import event_words, named
 from comotion_schemas.rigid import rotation
 
-from .feature_names import HypothesisNames
 from .joint_rows import joint_row
-from .scene_components import ComponentRecord, ComponentsModel, in_cell, in_line
+from .scene_problems import find_problems, overall
+from .scene_records import ComponentRecord, SceneRecords, in_cell, in_line
 from .scene_rows import (
+    ComponentRow,
     EventRow,
     HypothesisRow,
     ProblemRow,
+    SceneStatus,
     ServiceRow,
     ServiceState,
     Snapshot,
@@ -39,85 +29,19 @@ from .scene_rows import (
 
 GONE_SHOWN_S = 60.0
 """How long a source that has left remains in the list."""
-EVENTS_SHOWN, EVENTS_KEPT = 100, 4096
-"""Newest events of a snapshot, and those that are known again when a later update repeats them."""
+EVENTS_SHOWN = 100
+"""Newest events of a snapshot."""
+SILENT_S = 3.5
+"""A component whose newest Status is older is silent: it sends one a second."""
+_ORDER = {"service": 0, "source": 1, "recorder": 2, "viewer": 3}
 
 
-class SceneModel(ComponentsModel):
-    """Accumulates the messages of one scene.
-
-    Parameters
-    ----------
-    scene
-        Name of the scene.
-    names
-        Names of hypotheses by id, as people give them; :attr:`names` holds those of sources too.
-    all_events
-        Whether events of joints are told beside those of bodies.
-    """
-
-    def __init__(self, scene: str, names: Names | None = None, *, all_events: bool = False) -> None:
-        super().__init__(scene)
-        self._kinds = frozenset(get_args(EventKind)) if all_events else OF_BODIES
-        self.names = HypothesisNames(names)
-        self.palette = Palette()
-        self._units: dict[str, str] = {}
-        self._service_gone = False
-        self._events: dict[tuple[int, str, int], Event] = {}
-
-    @property
-    def seen(self) -> bool:
-        """Whether any message of the scene was received."""
-        return self._update is not None or self.service is not None or bool(self._sources())
-
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Event]:
-        """Add a message of any kind; returns the events that no earlier update had."""
-        if isinstance(message, ObservationBatch):
-            self.on_batch(message, arrived, wall_ns)
-        return super().on_message(message, arrived, wall_ns)
-
-    def on_batch(self, batch: ObservationBatch, arrived: float, wall_ns: int) -> None:
-        """Add a batch of a source."""
-        source = self._record(batch.source)
-        source.stream.arrive(self._sequences.sight(batch.source, batch.session, batch.seq).lost, arrived)
-        source.space, source.gone_at = in_cell(batch.space), None
-        source.lag = (wall_ns - batch.stamp_ns) / 1e9
-        self._units[batch.space] = batch.unit
-
-    def on_update(self, update: HypothesisUpdate, arrived: float) -> list[Event]:
-        """Add an update; returns the events that no earlier update had."""
-        super().on_update(update, arrived)
-        self._service_gone = False
-        self.names.on_update(update)
-        self.palette.see(update.hypotheses)
-        shown = [e for e in update.events if e.kind in self._kinds]
-        new = [e for e in shown if (e.stamp_ns, e.kind, e.hypothesis) not in self._events]
-        self._events.update({(e.stamp_ns, e.kind, e.hypothesis): e for e in new})
-        for key in list(self._events)[:-EVENTS_KEPT]:
-            del self._events[key]
-        return new
-
-    def on_status(self, status: Status, arrived: float = 0.0, wall_s: float = math.nan) -> None:
-        """Add a Status, which may name the features of a source."""
-        super().on_status(status, arrived, wall_s)
-        self.names.on_status(status)
-
-    def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:
-        """Process that a component entered or left the scene."""
-        super().on_presence(role, token, alive=alive, now=now)
-        if role == "service":
-            held = any(record.present for record in self._components.values() if "service" in record.tokens)
-            self._service_gone = not held
-
-    def _sources(self) -> dict[str, ComponentRecord]:
-        """Sources that have a token or have sent something, and those that the service knows."""
-        named = self.service.ages if self.service is not None else {}
-        own = {n: s for n, s in self._components.items() if "source" in s.tokens or s.stream.arrivals}
-        return {name: self._components.get(name) or ComponentRecord() for name in sorted({*own, *named})}
+class SceneModel(SceneRecords):
+    """Accumulates the messages of one scene, and says how it is."""
 
     def snapshot(self, now: float) -> Snapshot:
         """Build the snapshot at the time `now`."""
-        update = self._update
+        update = self.update
         labels = np.zeros(0, np.uint32) if update is None else update.track_hypothesis
         return Snapshot(
             scene=self.scene,
@@ -126,59 +50,75 @@ class SceneModel(ComponentsModel):
             tracks=len(labels),
             undetermined=int(np.count_nonzero(labels == UNDETERMINED)),
             sources=self._source_rows(now),
-            hypotheses=[] if update is None else self._hypothesis_rows(update),
+            hypotheses=[] if update is None else [self._hypothesis_row(update, h) for h in update.hypotheses],
             events=[] if update is None else self._event_rows(update),
             joints=[] if update is None else [joint_row(joint, self.names) for joint in update.joints],
         )
 
+    def status(self, now_s: float) -> SceneStatus:
+        """Return who is there now, and what a person should look at."""
+        rows = [self._component_row(name, now_s) for name in sorted(self.components)]
+        rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
+        rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
+        routers = sorted(self.routers.values(), key=lambda row: (row.name, row.zid))
+        told = [] if self.service is None else [in_line(problem.text) for problem in self.service.problems]
+        problems = find_problems(rows, routers) + told
+        update = self.update
+        return SceneStatus(
+            scene=self.scene,
+            overall=overall(rows, problems),
+            updates_hz=self._updates_hz(),
+            update_lag_s=None if update is None else _lag(update),
+            components=rows,
+            routers=routers,
+            problems=problems,
+        )
+
     def _service_row(self, now: float) -> ServiceRow:
-        status, update = self.service, self._update
+        status, update, updates = self.service, self.update, self.updates
+        problems = [] if status is None else status.problems
         return ServiceRow(
             state=self._service_state(now),
-            rate=self._updates.rate(now),
-            age=self._updates.age(now),
-            lag=float("nan") if update is None else (update.published_ns - update.stamp_ns) / 1e9,
-            lost=self._updates.lost,
-            losing=self._updates.losing(now),
+            rate=updates.rate(now),
+            age=updates.age(now),
+            lag=math.nan if update is None else _lag(update),
+            lost=updates.lost,
+            losing=updates.losing(now),
             seq=-1 if update is None else update.seq,
             message="" if status is None else in_line(status.message),
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
-            problems=[]
-            if status is None
-            else [
-                ProblemRow(problem.kind, problem.source, in_line(problem.text)) for problem in status.problems
-            ],
+            problems=[ProblemRow(one.kind, one.source, in_line(one.text)) for one in problems],
         )
 
     def _service_state(self, now: float) -> ServiceState:
         service = self.service
-        if self._service_gone or (self._update is None and service is None):
+        if self.service_gone or (self.update is None and service is None):
             return "absent"
-        if self._update is None or self._updates.stalled(now):
+        if self.update is None or self.updates.stalled(now):
             return "silent"
         return "ok" if service is None else service.state
 
     def _source_rows(self, now: float) -> list[SourceRow]:
-        tracks = self._tracks_per_source()
-        service = self.service
+        tracks, service = self._tracks_per_source(), self.service
         reported = {} if service is None else service.ages
         clocks = {} if service is None else service.clock_offsets
         rows = []
-        for name, source in self._sources().items():
-            age = source.stream.age(now) if source.stream.arrivals else reported.get(name, math.inf)
+        for name, source in self.sources().items():
+            stream = source.stream
+            age = stream.age(now) if stream.arrivals else reported.get(name, math.inf)
             if source.gone_at is not None and now - source.gone_at > GONE_SHOWN_S:
-                del self._components[name]
+                del self.components[name]
                 continue
             rows.append(
                 SourceRow(
                     name=name,
                     state=_source_state(source, age, now),
-                    rate=0.0 if source.gone_at is not None else source.stream.rate(now),
+                    rate=0.0 if source.gone_at is not None else stream.rate(now),
                     age=age,
                     lag=source.lag,
-                    lost=source.stream.lost,
-                    losing=source.stream.losing(now),
+                    lost=stream.lost,
+                    losing=stream.losing(now),
                     tracks=tracks.get(name, 0),
                     space=source.space,
                     clock=clocks.get(name),
@@ -187,45 +127,39 @@ class SceneModel(ComponentsModel):
         return rows
 
     def _tracks_per_source(self) -> dict[str, int]:
-        update = self._update
-        if update is None:
-            return {}
-        counts = np.bincount(update.track_source, minlength=len(update.sources)).tolist()
         tracks: dict[str, int] = {}
-        for source, count in zip(update.sources, counts, strict=True):
-            tracks[source.name] = tracks.get(source.name, 0) + count
+        if self.update is not None:
+            counts = np.bincount(self.update.track_source, minlength=len(self.update.sources)).tolist()
+            for source, count in zip(self.update.sources, counts, strict=True):
+                tracks[source.name] = tracks.get(source.name, 0) + count
         return tracks
 
-    def _hypothesis_rows(self, update: HypothesisUpdate) -> list[HypothesisRow]:
-        rows = []
-        for h in update.hypotheses:
-            twist, pose, box = h.twist, h.pose, h.box
-            members = update.track_confidence[update.track_hypothesis == h.id]
-            rows.append(
-                HypothesisRow(
-                    id=h.id,
-                    space=in_cell(h.space),
-                    unit=self._units.get(h.space) or _usual_unit(h),
-                    state=h.state,
-                    size=h.size,
-                    age=(update.stamp_ns - h.born_ns) / 1e9,
-                    confidence=float(members.mean()) if len(members) else float("nan"),
-                    speed=None if twist is None else float(np.linalg.norm(twist.linear)),
-                    linked=list(h.linked or ()),
-                    confirmed=h.confirmed,
-                    absent=bool(h.absent),
-                    colour=self.palette.colour(h.id),
-                    turning=None if twist is None else float(np.linalg.norm(twist.angular)),
-                    translation=None if pose is None else list(pose.translation),
-                    rotation=None if pose is None else _rotation_vector(pose.rotation),
-                    name=named(h.id, self.names),
-                    extent=None if box is None else [2 * half for half in box.half],
-                )
-            )
-        return rows
+    def _hypothesis_row(self, update: HypothesisUpdate, h: Hypothesis) -> HypothesisRow:
+        twist, pose, box = h.twist, h.pose, h.box
+        members = update.track_confidence[update.track_hypothesis == h.id]
+        return HypothesisRow(
+            id=h.id,
+            space=in_cell(h.space),
+            # Of a space of which no batch has been received: px in 2-D.
+            unit=self.units.get(h.space) or ("px" if len(h.centroid) == 2 else "m"),
+            state=h.state,
+            size=h.size,
+            age=(update.stamp_ns - h.born_ns) / 1e9,
+            confidence=float(members.mean()) if len(members) else math.nan,
+            speed=None if twist is None else float(np.linalg.norm(twist.linear)),
+            linked=list(h.linked or ()),
+            confirmed=h.confirmed,
+            absent=bool(h.absent),
+            colour=self.palette.colour(h.id),
+            turning=None if twist is None else float(np.linalg.norm(twist.angular)),
+            translation=None if pose is None else list(pose.translation),
+            rotation=None if pose is None else _rotation_vector(pose.rotation),
+            name=named(h.id, self.names),
+            extent=None if box is None else [2 * half for half in box.half],
+        )
 
     def _event_rows(self, update: HypothesisUpdate) -> list[EventRow]:
-        newest_first = sorted(self._events.values(), key=lambda e: e.stamp_ns, reverse=True)[:EVENTS_SHOWN]
+        newest_first = sorted(self.events.values(), key=lambda e: e.stamp_ns, reverse=True)[:EVENTS_SHOWN]
         return [
             EventRow(
                 e.stamp_ns,
@@ -239,10 +173,62 @@ class SceneModel(ComponentsModel):
             for e in newest_first
         ]
 
+    def _component_row(self, name: str, now_s: float) -> ComponentRow:
+        record, service = self.components[name], self.service
+        status, source = record.status, record.role == "source"
+        clock, error = self._clock(name)
+        return ComponentRow(
+            role=record.role,
+            name=name,
+            state="silent" if status is None or now_s - record.arrived > SILENT_S else status.state,
+            host="" if status is None else in_cell(status.host),
+            version="" if status is None else in_cell(status.version),
+            # A process that is killed loses its token at once; its last Status stays in this model.
+            present=record.present,
+            age_s=now_s - record.arrived,
+            rate_hz=self._rate(name),
+            lag_s=service.ages.get(name) if service is not None and source else None,
+            lost=0 if status is None else status.counters.get("lost", 0),
+            clock_s=clock,
+            clock_error_s=error,
+            replica="" if status is None else status.replica,
+            epoch=0 if status is None else status.epoch,
+            message="" if status is None else in_line(status.message),
+        )
 
-def _usual_unit(hypothesis: Hypothesis) -> str:
-    """Unit of a space of which no batch has been received: px in 2-D."""
-    return "px" if len(hypothesis.centroid) == 2 else "m"
+    def _rate(self, name: str) -> float | None:
+        """Rate of the service's updates, or of a source: as the service receives it, or as it says itself."""
+        record, service = self.components[name], self.service
+        if record.role == "service":
+            return self._updates_hz() if service is not None and service.component == name else None
+        if record.role != "source":
+            return None
+        received = None if service is None else service.rates.get(name)
+        own = None if record.status is None else record.status.rates.get("obs")
+        return own if received is None else received
+
+    def _updates_hz(self) -> float | None:
+        # The first may come from the publisher's cache.
+        arrivals = list(self.updates.arrivals)[1:]
+        if len(arrivals) < 2 or arrivals[-1] <= arrivals[0]:
+            return None
+        return (len(arrivals) - 1) / (arrivals[-1] - arrivals[0])
+
+    def _clock(self, name: str) -> tuple[float | None, float | None]:
+        """How far a clock is ahead of the service's, or of ours without one, and the bound of the error."""
+        own, service = self.components[name].clock.estimate(), self.service
+        if own is None:
+            return None, None
+        reference = None if service is None else self.components[service.component].clock.estimate()
+        if service is None or reference is None:
+            return own
+        if service.component == name:
+            return 0.0, 0.0
+        return own[0] - reference[0], own[1] + reference[1]
+
+
+def _lag(update: HypothesisUpdate) -> float:
+    return (update.published_ns - update.stamp_ns) / 1e9
 
 
 def _rotation_vector(turn: list[float] | float) -> list[float]:

@@ -1,70 +1,12 @@
 """Lists what a person should look at in a scene, causes first. Pure."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
-Overall = Literal["ok", "degraded", "stalled"]
+from .scene_rows import ComponentRow, Overall, RouterRow
+
 USUAL_RATE_HZ = 30.0
 """Stands for the rate of a scene whose sources are unknown."""
 _MOST_NAMES = 4
-
-
-@dataclass(frozen=True)
-class ComponentRow:
-    """One component: its last Status, and how its clock differs.
-
-    `clock_s` is how far its clock is ahead of the speaking service's, or of this machine's without one;
-    `clock_error_s` bounds the error; both None if unknown. `age_s` is that of its Status.
-    """
-
-    role: str
-    name: str
-    state: str
-    host: str
-    version: str
-    present: bool
-    age_s: float
-    rate_hz: float | None
-    lag_s: float | None
-    lost: int
-    clock_s: float | None
-    clock_error_s: float | None
-    replica: str
-    epoch: int
-    message: str
-
-
-@dataclass(frozen=True)
-class RouterRow:
-    """One router, as it describes itself; `dials`: how many routers it is told to connect to."""
-
-    name: str
-    host: str
-    zid: str
-    version: str
-    locators: list[str]
-    sessions: int
-    routers: int
-    dials: int = 0
-
-    @property
-    def label(self) -> str:
-        """Its name, or the beginning of its id."""
-        return self.name or self.zid[:8]
-
-
-@dataclass(frozen=True)
-class SceneStatus:
-    """What `comotion status` shows; `problems` are lines for a person."""
-
-    scene: str
-    overall: Overall
-    updates_hz: float | None
-    update_lag_s: float | None
-    components: list[ComponentRow]
-    routers: list[RouterRow]
-    problems: list[str]
 
 
 def find_problems(rows: list[ComponentRow], routers: Sequence[RouterRow] = ()) -> list[str]:

@@ -1,4 +1,4 @@
-"""The rows of a scene snapshot: plain values for `comotion watch` and `comotion view`."""
+"""What is known of a scene at one time: plain values for `comotion watch`, `view` and `status`."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -9,6 +9,7 @@ from comotion_schemas.naming import Names
 from .joint_rows import JointRow
 
 SourceState = Literal["ok", "silent", "stalled", "gone"]
+Overall = Literal["ok", "degraded", "stalled"]
 ServiceState = Literal["absent", "silent", "ok", "degraded", "stalled"]
 
 
@@ -122,3 +123,60 @@ class Snapshot:
     def current(self) -> int:
         """Number of hypotheses with current tracks."""
         return sum(not row.absent for row in self.hypotheses)
+
+
+@dataclass(frozen=True)
+class ComponentRow:
+    """One component: its last Status, and how its clock differs.
+
+    `clock_s` is how far its clock is ahead of the speaking service's, or of this machine's without one;
+    `clock_error_s` bounds the error; both None if unknown. `age_s` is that of its Status.
+    """
+
+    role: str
+    name: str
+    state: str
+    host: str
+    version: str
+    present: bool
+    age_s: float
+    rate_hz: float | None
+    lag_s: float | None
+    lost: int
+    clock_s: float | None
+    clock_error_s: float | None
+    replica: str
+    epoch: int
+    message: str
+
+
+@dataclass(frozen=True)
+class RouterRow:
+    """One router, as it describes itself; `dials`: how many routers it is told to connect to."""
+
+    name: str
+    host: str
+    zid: str
+    version: str
+    locators: list[str]
+    sessions: int
+    routers: int
+    dials: int = 0
+
+    @property
+    def label(self) -> str:
+        """Its name, or the beginning of its id."""
+        return self.name or self.zid[:8]
+
+
+@dataclass(frozen=True)
+class SceneStatus:
+    """What `comotion status` shows; `problems` are lines for a person."""
+
+    scene: str
+    overall: Overall
+    updates_hz: float | None
+    update_lag_s: float | None
+    components: list[ComponentRow]
+    routers: list[RouterRow]
+    problems: list[str]

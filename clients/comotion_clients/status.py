@@ -18,8 +18,8 @@ from comotion_schemas import (
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .feed import SceneFeed
-from .scene_components import ComponentsModel
-from .scene_problems import SceneStatus
+from .scene_model import SceneModel
+from .scene_rows import SceneStatus
 
 ROUTERS = "@/*/router"
 LOOK_S = 2.3
@@ -86,7 +86,7 @@ class _StatusFeed(SceneFeed):
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
         super().__init__(session, scene, {Status: None, HypothesisUpdate: None}, everybody=True)
-        self.model = ComponentsModel(scene)
+        self.model = SceneModel(scene)
         self._session = session
         self._keys = Keys(scene)
 

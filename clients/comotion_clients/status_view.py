@@ -3,7 +3,7 @@
 from rich.console import Console
 from rich.text import Text
 
-from .scene_problems import ComponentRow, RouterRow, SceneStatus
+from .scene_rows import ComponentRow, RouterRow, SceneStatus
 from .watch_columns import Column, table
 
 _STYLES = {"ok": "green", "degraded": "yellow", "stalled": "red", "silent": "red"}

@@ -6,21 +6,20 @@ import sys
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
-from pathlib import Path
+from typing import Unpack
 
 import zenoh
 from rich.console import Console
 from rich.live import Live
 
 from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
-from comotion_schemas.component import Component, viewer
+from comotion_schemas.component import Component, Where, viewer
 from comotion_schemas.naming import Names, event_words
 from comotion_schemas.terminal import keyboard
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .feed import BATCHES_KEPT, SceneFeed
 from .scene_model import SceneModel
-from .scene_rows import Snapshot
 from .watch_view import SORTS, WHOLE, Sort, as_json, plain_line, render
 
 REFRESH_S = 0.25  # of the screen
@@ -36,8 +35,7 @@ class WatchOptions:
 
     `once`: show one snapshot and end; `json`: one JSON object per line; `sort`: initial order;
     `pose`: angular speed and pose of the hypotheses; `timeout`: seconds that `once` waits for a first
-    message; `ready_file`: written once subscribed; `names`: of hypotheses, by id;
-    `all_events`: those of joints too.
+    message; `names`: of hypotheses, by id; `all_events`: those of joints too.
     """
 
     once: bool = False
@@ -45,7 +43,6 @@ class WatchOptions:
     sort: Sort = "size"
     pose: bool = False
     timeout: float = 5.0
-    ready_file: Path | None = None
     names: Names = field(default_factory=dict)
     all_events: bool = False
 
@@ -66,19 +63,15 @@ class _Watched(SceneFeed):
         return events
 
 
-def watch(
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    options: WatchOptions | None = None,
-) -> None:
+def watch(options: WatchOptions | None = None, **where: Unpack[Where]) -> None:
     """Show a scene until a signal arrives.
 
     Parameters
     ----------
-    scene, settings
-        Name of the scene; how to connect.
     options
         Format and order.
+    where
+        Name of the scene, how to connect, and the ready file.
 
     Raises
     ------
@@ -87,15 +80,15 @@ def watch(
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    settings, options = settings or client_settings(), options or WatchOptions()
+    options = options or WatchOptions()
     if options.once:
-        _once(scene, settings, options)
+        _once(where.get("scene", DEFAULT_SCENE), where.get("settings") or client_settings(), options)
         return
     with (
-        viewer("watch", scene, settings, ready_file=options.ready_file) as component,
-        _Watched(component.session, scene, options) as feed,
+        viewer("watch", **where) as component,
+        _Watched(component.session, component.scene, options) as feed,
     ):
-        if options.ready_file is not None:
+        if where.get("ready_file") is not None:
             component.ready()
         if options.json or not sys.stdout.isatty():
             _lines(feed, component, options)
@@ -103,8 +96,8 @@ def watch(
             _screen(feed, component, options)
 
 
-def snapshot_of(scene: str, settings: SessionSettings, options: WatchOptions) -> Snapshot:
-    """Collect messages for a moment, and say how the scene is; errors as of :func:`watch`."""
+def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
+    """Collect messages for a moment, and show how the scene is."""
     with (
         connect(settings, timeout=options.timeout) as session,
         _Watched(session, scene, options) as feed,
@@ -112,16 +105,11 @@ def snapshot_of(scene: str, settings: SessionSettings, options: WatchOptions) ->
         _wait_for_message(feed, settings, options.timeout)
         time.sleep(ONCE_S)
         feed.poll()
-    return feed.model.snapshot(time.monotonic())
-
-
-def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
-    snapshot = snapshot_of(scene, settings, options)
+    snapshot = feed.model.snapshot(time.monotonic())
     if options.json:
         _emit(json.dumps(as_json(snapshot), indent=2))
         return
-    width = POSE_WIDTH if options.pose else PLAIN_WIDTH
-    console = Console() if sys.stdout.isatty() else Console(width=width)
+    console = Console(width=None if sys.stdout.isatty() else POSE_WIDTH if options.pose else PLAIN_WIDTH)
     console.print(render(snapshot, console.width, WHOLE, options.sort, keys=False, pose=options.pose))
 
 

@@ -157,10 +157,10 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
 
     trace = Trace()
     run = evaluate(
-        "demo",
-        SessionSettings(connect=(endpoint,)),
         quiet=True,
         on_update=trace.add,
+        scene="demo",
+        settings=SessionSettings(connect=(endpoint,)),
         ready_file=Path(os.environ[READY_VARIABLE]),
     )
     rates = ", ".join(str(rate) for rate in RATES[:-1])

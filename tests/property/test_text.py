@@ -10,7 +10,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from comotion_clients.scene_components import ComponentsModel
 from comotion_clients.scene_model import SceneModel
 from comotion_clients.status_view import show
 from comotion_clients.viewing.paths import plain
@@ -88,7 +87,7 @@ def test_a_space_whose_name_cannot_be_shown_is_refused(space):
 @given(texts)
 @example(MARKUP)
 def test_status_prints_texts_as_they_are_each_in_its_line(text):
-    model = ComponentsModel("lab")
+    model = SceneModel("lab")
     model.on_presence("service", "fusion", alive=True)
     model.on_status(status(text), 0.0)
     model.on_router(

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from comotion_clients.scene_components import SILENT_S, ComponentsModel
+from comotion_clients.scene_model import SILENT_S, SceneModel
 from comotion_clients.status import missing
 
 from .. import builders
@@ -20,7 +20,7 @@ def status(name, role="source", at=NOW, **changes):
 @pytest.fixture
 def model():
     """A scene with a service and a source at 30 Hz, both well."""
-    found = ComponentsModel("cell")
+    found = SceneModel("cell")
     add(found, status("fusion", "service", rates={"cam": 30.0}))
     add(found, status("cam"))
     return found
@@ -54,7 +54,7 @@ def test_who_only_says_that_it_is_the_service_is_not_believed(model):
 @pytest.mark.parametrize("ahead", [-0.08, -0.005, 0.0, 0.012, 0.08])
 @pytest.mark.parametrize("service_ahead", [0.0, 0.3, -2.0])
 def test_clocks_are_told_against_the_service_within_the_error_stated(ahead, service_ahead):
-    model = ComponentsModel("cell")
+    model = SceneModel("cell")
     add(model, status("fusion", "service", rates={"cam": 30.0}), ahead=service_ahead)
     add(model, status("cam"), ahead=service_ahead + ahead)
     row = rows(model)["cam"]
@@ -75,7 +75,7 @@ def test_a_component_that_falls_silent_is_said_and_one_that_leaves_is_not(model)
 
 
 def test_a_scene_without_a_speaking_service_is_stalled(model):
-    assert ComponentsModel("cell").status(NOW).overall == "stalled"
+    assert SceneModel("cell").status(NOW).overall == "stalled"
     add(model, status("fusion", "service", replica="standby"))
     found = model.status(NOW)
     assert found.overall == "stalled"

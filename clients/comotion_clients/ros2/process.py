@@ -1,29 +1,26 @@
 """The client that passes a scene on to ROS 2: over rmw_zenoh, into a bag, or both."""
 
-import logging
 import secrets
 import time
 from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import zenoh
 
-from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Status
-from comotion_schemas.component import Component, StatusFields, viewer
+from comotion_schemas import HypothesisUpdate, Status
+from comotion_schemas.component import StatusFields, Where, viewer
 from comotion_schemas.naming import Names
 from comotion_schemas.transport import SessionSettings, open_session
 
-from ..inbox import Closed
-from ..subscription import Subscription
+from ..feed import SceneFeed
 from .messages import Converter
 from .names import Node, attachment, topic_chunk, topic_key
 from .types import to_cdr, type_hash
 
-_POLL_S = 0.2
-_log = logging.getLogger(__name__)
+_POLL_S = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,15 +48,10 @@ class Ros2Options:
     network: bool = True
     bag: Path | None = None
     duration: float | None = None
-    ready_file: Path | None = None
     names: Names = field(default_factory=dict)
 
 
-def run(
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
-    options: Ros2Options | None = None,
-) -> Counter[str]:
+def run(options: Ros2Options | None = None, **where: Unpack[Where]) -> Counter[str]:
     """Pass a scene on until a signal arrives; returns the number of messages by topic.
 
     Raises
@@ -72,14 +64,8 @@ def run(
         If the name of the scene is not valid.
     """
     options, sent = options or Ros2Options(), Counter[str]()
-    converter = Converter(scene, options.names)
-    presence = viewer(
-        "ros2",
-        scene,
-        settings,
-        status=lambda: StatusFields(counters={"messages": sent.total()}),
-        ready_file=options.ready_file,
-    )
+    presence = viewer("ros2", status=lambda: StatusFields(counters={"messages": sent.total()}), **where)
+    converter = Converter(presence.scene, options.names)
     with ExitStack() as stack:
         outputs: list[Any] = []
         if options.bag is not None:
@@ -91,38 +77,28 @@ def run(
             session = component.session
             if options.ros is not None:
                 session = stack.enter_context(open_session(options.ros))
-            outputs.append(stack.enter_context(Network(session, options.domain, scene, converter.kinds())))
-        updates = stack.enter_context(Subscription(component.session, HypothesisUpdate, scene))
-        statuses = stack.enter_context(Subscription(component.session, Status, scene))
+            network = Network(session, options.domain, component.scene, converter.kinds())
+            outputs.append(stack.enter_context(network))
+        kinds: dict[type[Any], int | None] = {Status: None, HypothesisUpdate: None}
+        feed = stack.enter_context(SceneFeed(component.session, component.scene, kinds))
         component.ready()
-        _pass_on(component, updates, statuses, converter, outputs, sent, options.duration)
+        end = float("inf") if options.duration is None else time.monotonic() + options.duration
+        while not component.stop.wait(_POLL_S) and time.monotonic() < end:
+            _pass_on(feed, converter, outputs, sent)
     return sent
 
 
-def _pass_on(
-    component: Component,
-    updates: Subscription[HypothesisUpdate],
-    statuses: Subscription[Status],
-    converter: Converter,
-    outputs: list[Any],
-    sent: Counter[str],
-    duration: float | None,
-) -> None:
-    end = None if duration is None else time.monotonic() + duration
-    while not component.stop.is_set() and (end is None or time.monotonic() < end):
-        try:
-            update = updates.get(_POLL_S)
-        except TimeoutError:
-            continue
-        except Closed:
-            return
-        for _, status in statuses.drain():
-            converter.names.on_status(status)
-        for topic, kind, message in converter.convert(update):
-            raw = to_cdr(message, kind)
-            for output in outputs:
-                output.write(topic, kind, raw, update.published_ns)
-            sent[topic] += 1
+def _pass_on(feed: SceneFeed, converter: Converter, outputs: list[Any], sent: Counter[str]) -> None:
+    """Convert what has arrived, and write it to the outputs."""
+    for received, *_ in feed.messages():
+        if isinstance(received, Status):
+            converter.names.on_status(received)
+        elif isinstance(received, HypothesisUpdate):
+            for topic, kind, message in converter.convert(received):
+                raw = to_cdr(message, kind)
+                for output in outputs:
+                    output.write(topic, kind, raw, received.published_ns)
+                sent[topic] += 1
 
 
 class Network:

@@ -5,14 +5,14 @@ from pathlib import Path
 
 from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
-from ..options import Client, Json, Ready, argument, option, setting
+from ..options import Json, Present, argument, option, setting
 
 _OFFLINE_ONLY = ("all_", "method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
 @dataclass(kw_only=True)
-class Evaluate(Fusion, Json, Ready, Client):
+class Evaluate(Fusion, Json, Present):
     """Score hypotheses against the truth: NMI, error, number of hypotheses, switches, HOTA, IDF1.
 
     Every track that is observed at an update is scored; a track that is undetermined
@@ -111,13 +111,7 @@ Examples:
         from comotion_experiments.plot import Trace, save_plot
 
         trace = Trace()
-        run = evaluate(
-            self.scene,
-            self.settings(),
-            duration=self.duration,
-            on_update=trace.add,
-            ready_file=self.ready_file,
-        )
+        run = evaluate(duration=self.duration, on_update=trace.add, **self.where())
         if self.paths is not None:
             save_paths(self.paths, trace.updates)
         if self.plot is not None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError
-from ..options import Client, Command, Process, Ready, argument, option, setting
+from ..options import Command, Present, Process, argument, option, setting
 from .watch import BodyNames
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Ros(Command):
 
 
 @dataclass(kw_only=True)
-class Ros2(Ros, BodyNames, Ready, Client):
+class Ros2(Ros, BodyNames, Present):
     """Publish a scene into a ROS 2 network that uses rmw_zenoh, or write it to a bag. ROS is not needed."""
 
     epilog = """
@@ -70,7 +70,7 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
 
         self.require_ros()
         how = self.taken(Ros2Options, ros=self.ros_settings(), network=self.bag is None, names=self.names())
-        sent = run(self.scene, self.settings(), how)
+        sent = run(how, **self.where())
         for topic, count in sorted(sent.items()):
             print(f"{topic}: {count}")
 

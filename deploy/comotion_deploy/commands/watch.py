@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from ..options import Client, Command, Json, Ready, setting
+from ..options import Command, Json, Present, setting
 
 
 @dataclass(kw_only=True)
@@ -25,7 +25,7 @@ class BodyNames(Command):
 
 
 @dataclass(kw_only=True)
-class Watch(BodyNames, Json, Ready, Client):
+class Watch(BodyNames, Json, Present):
     """Show the current sources, hypotheses, tracks and events of a scene.
 
     Plain lines if the output is not a terminal; with --json one object per line.
@@ -54,5 +54,4 @@ Examples:
         """Show it until stopped."""
         from comotion_clients.watch import WatchOptions, watch
 
-        how = self.taken(WatchOptions, json=self.json_, names=self.names())
-        watch(self.scene, self.settings(), how)
+        watch(self.taken(WatchOptions, json=self.json_, names=self.names()), **self.where())
