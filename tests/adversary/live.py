@@ -151,7 +151,7 @@ def measure(scene, cores, seconds, *, quiet=True):
             limited.start()
             client.monitor.status, client.level, began = None, 0, time.monotonic()
             del client.monitor.arrived_s[:-1]
-            evaluated = thread.submit(evaluate, _NAME, settings, duration=seconds, quiet=quiet)
+            evaluated = thread.submit(evaluate, scene=_NAME, settings=settings, duration=seconds, quiet=quiet)
             client.is_so(evaluated.done, _OPEN_S)
             scores, took = evaluated.result().scores, time.monotonic() - began
             arrived, messages, level = client.monitor.arrived_s[:], client.messages[:], client.level

@@ -1,7 +1,10 @@
-"""ROS 2 message types, their hashes and CDR, by rosbags (extra ``ros``)."""
+"""ROS 2 message types, their hashes, messages of plain values and CDR, by rosbags (extra ``ros``)."""
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 from comotion_schemas.ros_types import store
 
@@ -11,13 +14,8 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 JOINTS = "sensor_msgs/msg/JointState"
-
-
-@cache
-def make(name: str) -> Any:
-    """Return the class of a message type, given with or without ``/msg/``."""
-    package, _, kind = name.partition("/")
-    return store().types[name if kind.startswith("msg/") else f"{package}/msg/{kind}"]
+# How rosbags marks the field of a type: a number or text, a message; others are arrays of one of both.
+_BASE, _MESSAGE = 1, 2
 
 
 @cache
@@ -32,6 +30,29 @@ def definition(name: str) -> str:
     return str(store().generate_msgdef(name, ros_version=2)[0])
 
 
-def to_cdr(message: Any, name: str) -> bytes:
-    """Encode a message."""
-    return bytes(store().serialize_cdr(message, name))
+def to_cdr(values: Mapping[str, Any], name: str) -> bytes:
+    """Encode a message, which is built of its fields as plain values.
+
+    A field that is a message is a mapping of its fields, or a sequence of all of them. What is not given is
+    zero or empty.
+    """
+    return bytes(store().serialize_cdr(_message(name, values), name))
+
+
+def _message(name: str, values: Any) -> Any:
+    fields = store().fielddefs[name][1]
+    if not isinstance(values, Mapping):
+        values = dict(zip((field for field, _ in fields), values, strict=False))
+    return store().types[name](**{field: _field(kind, values.get(field)) for field, kind in fields})
+
+
+def _field(kind: Any, value: Any) -> Any:
+    mark, content = kind
+    if mark == _BASE:
+        return value if value is not None else "" if content[0] == "string" else 0
+    if mark == _MESSAGE:
+        return _message(content, () if value is None else value)
+    (mark, of), count = content
+    if mark == _BASE and of[0] != "string":
+        return np.zeros(count, of[0]) if value is None else np.asarray(value, of[0])
+    return [_field((mark, of), item) for item in value or ()]
