@@ -8,7 +8,9 @@ bytes; when it is reached, new payloads are dropped and counted.
 import threading
 import time
 from collections import deque
-from typing import Self
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
 
 import zenoh
 
@@ -60,22 +62,16 @@ class PendingPayloads:
             return items
 
 
-class Intake:
-    """Subscribes to all kinds of messages of a scene; a context manager."""
-
-    def __init__(self, session: zenoh.Session, keys: Keys, pending: PendingPayloads) -> None:
-        def receive(kind: Kind) -> Receiver:
-            def take(key: str, payload: bytes) -> None:
-                pending.put(Arrival(kind, key, time.time_ns(), payload))
-
+@contextmanager
+def receiving(session: zenoh.Session, keys: Keys, pending: PendingPayloads) -> Iterator[None]:
+    """Put all kinds of messages of a scene into a queue, until the context ends."""
+    with ExitStack() as stack:
+        for kind in QOS:
             size = _RING_SAMPLES.get(kind, _DEFAULT_RING_SAMPLES)
-            return Receiver(session, keys.messages(kind), kind, size, take)
+            put = partial(_put, pending, kind)
+            stack.callback(Receiver(session, keys.messages(kind), kind, size, put).close)
+        yield
 
-        self._receivers = [receive(kind) for kind in QOS]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        for receiver in self._receivers:
-            receiver.close()
+def _put(pending: PendingPayloads, kind: Kind, key: str, payload: bytes) -> None:
+    pending.put(Arrival(kind, key, time.time_ns(), payload))

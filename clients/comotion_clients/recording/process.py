@@ -3,19 +3,17 @@
 import logging
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import cast
+from functools import partial
+from typing import Unpack, cast
 
-from comotion_schemas import DEFAULT_SCENE
-from comotion_schemas.component import Component, Rates, StatusFields
+from comotion_schemas.component import Component, Rates, StatusFields, Where
 from comotion_schemas.errors import KnownError
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
-from comotion_schemas.transport import SessionSettings
 
 from .file import StorageError
-from .intake import Intake, PendingPayloads
+from .intake import PendingPayloads, receiving
 from .series import Series, SeriesOptions
 
 FLUSH_S = 1.0
@@ -25,16 +23,6 @@ ROUTER_TIMEOUT_S = 10.0
 _STEP_S = 0.1
 _TERMINAL_LINE_S, _PLAIN_LINE_S = 0.25, 5.0  # between two lines of progress
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordOptions:
-    """Options of the recorder: files, name, duration in s (None: until stopped)."""
-
-    series: SeriesOptions
-    name: str = "recorder"
-    duration: float | None = None
-    ready_file: Path | None = None
 
 
 @dataclass
@@ -145,18 +133,20 @@ class _Recorder:
 
 
 def record(
-    options: RecordOptions,
-    scene: str = DEFAULT_SCENE,
-    settings: SessionSettings | None = None,
+    options: SeriesOptions, name: str = "recorder", duration: float | None = None, **where: Unpack[Where]
 ) -> Result:
     """Record a scene until the duration is over or a signal arrives.
 
     Parameters
     ----------
     options
-        Files and duration.
-    scene, settings
-        Name of the scene; how to connect.
+        Files, and the scene in their metadata.
+    name
+        Name of the recorder.
+    duration
+        s; None: until stopped.
+    where
+        Name of the scene, how to connect, and the ready file.
 
     Raises
     ------
@@ -170,22 +160,20 @@ def record(
         If the disk is full; the files are intact.
     """
     pending = PendingPayloads()
-    series = Series(options.series)
+    series = Series(options)
     recorder = _Recorder(series, pending)
+    timeout = None if duration is None else ROUTER_TIMEOUT_S
+    recording = partial(Component, role="recorder", status=recorder.status, connect_timeout=timeout)
+    progress = reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S)
     try:
-        with Component(
-            role="recorder",
-            name=options.name,
-            scene=scene,
-            settings=settings,
-            status=recorder.status,
-            ready_file=options.ready_file,
-            connect_timeout=None if options.duration is None else ROUTER_TIMEOUT_S,
-        ) as component:
-            with Intake(component.session, component.keys, pending):
+        with recording(name=name, **where) as component:
+            with receiving(component.session, component.keys, pending), progress as report:
                 recorder.begun = time.monotonic()
+                end = float("inf") if duration is None else recorder.begun + duration
                 component.ready()
-                _run(recorder, component, options)
+                while not component.stop.is_set() and (left := end - time.monotonic()) > 0:
+                    recorder.step(min(_STEP_S, left))
+                    report(recorder.line)
             recorder.step(0.0)
         series.close(recorder.losses())
     except StorageError as error:
@@ -196,7 +184,7 @@ def record(
         _without_files_of_nothing(series)
         raise
     if _without_files_of_nothing(series):
-        raise KnownError(f"no message was received in scene {scene!r}: nothing was recorded")
+        raise KnownError(f"no message was received in scene {options.scene!r}: nothing was recorded")
     return recorder.result()
 
 
@@ -207,12 +195,3 @@ def _without_files_of_nothing(series: Series) -> bool:
     for path in series.paths:
         path.unlink(missing_ok=True)
     return True
-
-
-def _run(recorder: _Recorder, component: Component, options: RecordOptions) -> None:
-    end = float("inf") if options.duration is None else recorder.begun + options.duration
-    progress = reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S)
-    with progress as report:
-        while not component.stop.is_set() and (left := end - time.monotonic()) > 0:
-            recorder.step(min(_STEP_S, left))
-            report(recorder.line)

@@ -50,7 +50,7 @@ To play a recording: comotion source replay take.mcap
             return
         if self.out is not None:
             raise UserError("--out needs --repair or --export")
-        from comotion_clients.recording.process import RecordOptions, record
+        from comotion_clients.recording.process import record
         from comotion_clients.recording.series import SeriesOptions
         from comotion_schemas import Keys
 
@@ -61,7 +61,7 @@ To play a recording: comotion source replay take.mcap
             max_seconds=self.max_time,
             reserve_bytes=round(self.reserve * 2**20),
         )
-        result = record(self.taken(RecordOptions, series=series), self.scene, self.settings())
+        result = record(series, self.name, self.duration, **self.where())
         self.show(result, *result.lines())
 
     def _repair_or_export(self) -> None:
