@@ -1,5 +1,6 @@
 """comotion messages -> the typed messages of Foxglove's SDK. Pure."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -64,8 +65,8 @@ _FIELDS = [
     for name in _POINT.names or ()
 ]
 _LEVELS = {"ok": LogLevel.Info, "degraded": LogLevel.Warning, "stalled": LogLevel.Error}
-_IDENTITY = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-_ORIGIN = Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=_IDENTITY)
+_NO_TURN = Rotation.identity()
+_ORIGIN = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
 
 
 def point_cloud(
@@ -113,7 +114,7 @@ def poses(update: HypothesisUpdate, space: str, scale: float) -> PosesInFrame:
     return PosesInFrame(
         timestamp=_time(update.stamp_ns),
         frame_id=space,
-        poses=[_pose(_position(h, scale), _orientation(h)) for h in current(update) if h.space == space],
+        poses=[_pose(h.centroid, scale, _turn(h)) for h in current(update) if h.space == space],
     )
 
 
@@ -124,8 +125,8 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> FrameTrans
             timestamp=_time(update.stamp_ns),
             parent_frame_id=h.space,
             child_frame_id=f"hypothesis-{h.id}",
-            translation=_vector(_position(h, scales[h.space])),
-            rotation=_orientation(h),
+            translation=_vector(h.centroid, scales[h.space]),
+            rotation=_quaternion(_turn(h)),
         )
         for h in current(update)
         if h.pose is not None
@@ -135,21 +136,21 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> FrameTrans
 
 def labels(update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names) -> SceneUpdate:
     """Name, state, size, velocity and box of every hypothesis, shown for three periods."""
-    return SceneUpdate(
-        entities=[
-            SceneEntity(
-                timestamp=_time(update.stamp_ns),
-                frame_id=space,
-                id=f"hypothesis-{h.id}",
-                lifetime=_lifetime(update),
-                arrows=_arrows(h, scale, _colour(palette, h.id)),
-                cubes=_cubes(h, scale, _colour(palette, h.id, _BOX_ALPHA)),
-                texts=[_text(_describe(h, names), _position(h, scale), _colour(palette, h.id))],
+    entities = []
+    for h in update.hypotheses:
+        if h.space == space:
+            colour = _colour(palette, h.id)
+            entities.append(
+                _entity(
+                    update,
+                    space,
+                    f"hypothesis-{h.id}",
+                    arrows=_arrows(h, scale, colour),
+                    cubes=_cubes(h, scale, _colour(palette, h.id, _BOX_ALPHA)),
+                    texts=[_text(_describe(h, names), h.centroid, scale, colour)],
+                )
             )
-            for h in update.hypotheses
-            if h.space == space
-        ]
-    )
+    return SceneUpdate(entities=entities)
 
 
 def joints(
@@ -157,26 +158,19 @@ def joints(
 ) -> SceneUpdate | None:
     """Axis, and arc or rail, of every joint of one space, and the joint in words, for three periods."""
     bodies = {h.id: h for h in update.hypotheses if h.space == space}
-    placed = [
-        (j, bodies[j.child], j.point) for j in update.joints if j.child in bodies and j.point is not None
-    ]
-    entities = [
-        SceneEntity(
-            timestamp=_time(update.stamp_ns),
-            frame_id=space,
-            id=f"joint-{joint.parent}-{joint.child}",
-            lifetime=_lifetime(update),
-            lines=[_line(joint, body, scale, _colour(palette, joint.child))],
-            texts=[
-                _text(
-                    joint_words(joint, names),
-                    [value * scale for value in point],
-                    _colour(palette, joint.child),
+    entities = []
+    for joint in update.joints:
+        if joint.child in bodies and joint.point is not None:
+            colour = _colour(palette, joint.child)
+            entities.append(
+                _entity(
+                    update,
+                    space,
+                    f"joint-{joint.parent}-{joint.child}",
+                    lines=[_line(joint, bodies[joint.child], scale, colour)],
+                    texts=[_text(joint_words(joint, names), joint.point, scale, colour)],
                 )
-            ],
-        )
-        for joint, body, point in placed
-    ]
+            )
     return SceneUpdate(entities=entities) if entities else None
 
 
@@ -232,33 +226,31 @@ def _time(stamp_ns: int) -> Timestamp:
     return Timestamp(sec=min(sec, _MOST_SECONDS), nsec=nsec)
 
 
-def _lifetime(update: HypothesisUpdate) -> Duration:
-    return Duration(*divmod(_PERIODS_SHOWN * update.period_ns, 1_000_000_000))
+def _entity(update: HypothesisUpdate, space: str, name: str, **drawn: Any) -> SceneEntity:
+    lifetime = Duration(*divmod(_PERIODS_SHOWN * update.period_ns, 1_000_000_000))
+    stamp = _time(update.stamp_ns)
+    return SceneEntity(timestamp=stamp, frame_id=space, id=name, lifetime=lifetime, **drawn)
 
 
-def _triple(values: list[float]) -> dict[str, float]:
-    return dict(zip("xyz", (*values, 0.0), strict=False))
+def _triple(values: Sequence[float], scale: float = 1.0) -> dict[str, float]:
+    return dict(zip("xyz", (scale * three(values)).tolist(), strict=True))
 
 
-def _vector(values: list[float]) -> Vector3:
-    return Vector3(**_triple(values))
-
-
-def _pose(position: list[float], orientation: Quaternion) -> Pose:
-    return Pose(position=_vector(position), orientation=orientation)
-
-
-def _position(hypothesis: Hypothesis, scale: float) -> list[float]:
-    return [value * scale for value in hypothesis.centroid]
-
-
-def _orientation(hypothesis: Hypothesis) -> Quaternion:
-    """Rotation since birth; the identity if it is unknown."""
-    return _IDENTITY if hypothesis.pose is None else _quaternion(rotation(hypothesis.pose.rotation))
+def _vector(values: Sequence[float], scale: float = 1.0) -> Vector3:
+    return Vector3(**_triple(values, scale))
 
 
 def _quaternion(turn: Rotation) -> Quaternion:
     return Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))
+
+
+def _pose(position: Sequence[float], scale: float, turn: Rotation = _NO_TURN) -> Pose:
+    return Pose(position=_vector(position, scale), orientation=_quaternion(turn))
+
+
+def _turn(hypothesis: Hypothesis) -> Rotation:
+    """Rotation since birth; none if it is unknown."""
+    return _NO_TURN if hypothesis.pose is None else rotation(hypothesis.pose.rotation)
 
 
 def _colour(palette: Palette, hypothesis: int, alpha: float = 1.0) -> Color:
@@ -272,9 +264,9 @@ def _describe(hypothesis: Hypothesis, names: Names) -> str:
     return f"{named(hypothesis.id, names)}: {state}{doubt}, {hypothesis.size}"
 
 
-def _text(text: str, position: list[float], colour: Color) -> TextPrimitive:
+def _text(text: str, position: Sequence[float], scale: float, colour: Color) -> TextPrimitive:
     return TextPrimitive(
-        pose=_pose(position, _IDENTITY),
+        pose=_pose(position, scale),
         billboard=True,
         font_size=14.0,
         scale_invariant=True,
@@ -284,13 +276,13 @@ def _text(text: str, position: list[float], colour: Color) -> TextPrimitive:
 
 
 def _line(joint: Joint, body: Hypothesis, scale: float, colour: Color) -> LinePrimitive:
-    ends = joint_lines(joint, body, _AXIS_M / scale) * scale
+    ends = joint_lines(joint, body, _AXIS_M / scale)
     return LinePrimitive(
         type=LinePrimitiveLineType.LineList,
         pose=_ORIGIN,
         thickness=2.0,
         scale_invariant=True,
-        points=[Point3(**_triple(point)) for point in ends.reshape(-1, ends.shape[2]).tolist()],
+        points=[Point3(**_triple(point, scale)) for point in ends.reshape(-1, ends.shape[2]).tolist()],
         color=colour,
     )
 
@@ -300,13 +292,8 @@ def _cubes(hypothesis: Hypothesis, scale: float, colour: Color) -> list[CubePrim
     box = hypothesis.box
     if box is None or hypothesis.state == "static" or hypothesis.absent:
         return []
-    return [
-        CubePrimitive(
-            pose=_pose([value * scale for value in box.center], _quaternion(rotation(box.rotation))),
-            size=_vector([2 * scale * value for value in box.half]),
-            color=colour,
-        )
-    ]
+    pose = _pose(box.center, scale, rotation(box.rotation))
+    return [CubePrimitive(pose=pose, size=_vector(box.half, 2 * scale), color=colour)]
 
 
 def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPrimitive]:
@@ -320,7 +307,7 @@ def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPr
     along, _ = Rotation.align_vectors(velocity, (1.0, 0.0, 0.0))  # arrows point along x
     return [
         ArrowPrimitive(
-            pose=_pose(_position(hypothesis, scale), _quaternion(along)),
+            pose=_pose(hypothesis.centroid, scale, along),
             shaft_length=0.8 * length,
             shaft_diameter=0.05 * length,
             head_length=0.2 * length,
