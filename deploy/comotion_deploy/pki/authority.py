@@ -17,11 +17,8 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from cryptography import x509
 from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from comotion_schemas.errors import KnownError
 from comotion_schemas.tls import (
@@ -33,15 +30,7 @@ from comotion_schemas.tls import (
     identity_as_json,
 )
 
-from .certificates import (
-    begin_certificate,
-    general_name,
-    grant_of,
-    key_usage,
-    pem_of_key,
-    read_certificate,
-    read_key,
-)
+from .certificates import grant_of, make_certificate, pem_of, pem_of_key, read_certificate, read_key
 from .grants import Grant
 
 CA_KEY_FILE = "ca.key"
@@ -55,8 +44,8 @@ class Issued:
     """One component's folder: its grant and validity, and why its certificate is not valid, if so."""
 
     folder: Path
-    grant: Grant | None
-    not_after: datetime | None
+    grant: Grant | None = None
+    not_after: datetime | None = None
     problem: str = ""
 
 
@@ -86,13 +75,10 @@ class Authority:
             raise KnownError(f"{folder} has an authority already")
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         key = ec.generate_private_key(ec.SECP256R1())
-        name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"comotion {secrets.token_hex(4)}")])
-        builder = begin_certificate(name, name, key.public_key(), datetime.now(UTC) + timedelta(days=days))
-        builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        builder = builder.add_extension(key_usage(signs=True), critical=True)
-        certificate = builder.sign(key, hashes.SHA256())
+        not_after = datetime.now(UTC) + timedelta(days=days)
+        certificate = make_certificate(f"comotion {secrets.token_hex(4)}", key, not_after)
         _write(folder / CA_KEY_FILE, pem_of_key(key))
-        _write(folder / CA_FILE, certificate.public_bytes(serialization.Encoding.PEM), 0o644)
+        _write(folder / CA_FILE, certificate, 0o644)
         return cls(folder)
 
     def issue(
@@ -125,19 +111,25 @@ class Authority:
             raise KnownError(
                 f"{folder} exists; see --renew" if not renew else f"there is no {folder} to renew"
             )
-        common_name = self._common_name(folder, grant, renew=renew)
-        grant = replace(grant, common_name=common_name)
-        not_after = min(
-            datetime.now(UTC) + timedelta(days=days), self.certificate.not_valid_after_utc
-        ).replace(microsecond=0)
+        grant = replace(grant, common_name=self._common_name(folder, grant, renew=renew))
+        days_end = datetime.now(UTC) + timedelta(days=days)
+        not_after = min(days_end, self.certificate.not_valid_after_utc).replace(microsecond=0)
         key = ec.generate_private_key(ec.SECP256R1())
-        certificate = self._sign(grant, key, not_after, hosts)
+        issuer = self.certificate.subject, read_key(self.folder / CA_KEY_FILE)
+        certificate = make_certificate(grant.common_name, key, not_after, issuer, hosts, grant)
+        identity = Identity(
+            role=grant.role,
+            name=grant.name,
+            scene=grant.scene,
+            sources=grant.sources,
+            expires_s=int(not_after.timestamp()),
+        )
         partial = self.folder / f".{grant.name}.{secrets.token_hex(4)}"
         partial.mkdir(mode=0o700)
         _write(partial / KEY_FILE, pem_of_key(key))
-        _write(partial / CERTIFICATE_FILE, certificate.public_bytes(serialization.Encoding.PEM), 0o644)
-        _write(partial / CA_FILE, self.certificate.public_bytes(serialization.Encoding.PEM), 0o644)
-        _write(partial / IDENTITY_FILE, identity_as_json(_identity(grant, not_after)).encode(), 0o644)
+        _write(partial / CERTIFICATE_FILE, certificate, 0o644)
+        _write(partial / CA_FILE, pem_of(self.certificate), 0o644)
+        _write(partial / IDENTITY_FILE, identity_as_json(identity).encode(), 0o644)
         if renew:
             shutil.rmtree(folder)
         partial.rename(folder)
@@ -158,46 +150,21 @@ class Authority:
             raise KnownError(f"{folder}: its certificate cannot be read; remove the folder and issue anew")
         return previous.common_name
 
-    def _sign(
-        self, grant: Grant, key: ec.EllipticCurvePrivateKey, not_after: datetime, hosts: Sequence[str]
-    ) -> x509.Certificate:
-        name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, grant.common_name)])
-        names: list[x509.GeneralName] = [general_name(host) for host in hosts]
-        names += [x509.UniformResourceIdentifier(uri) for uri in grant.uris()]
-        usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
-        if grant.role == "router":
-            usages.append(ExtendedKeyUsageOID.SERVER_AUTH)
-        ca_key = read_key(self.folder / CA_KEY_FILE)
-        issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(ca_key.public_key())
-        return (
-            begin_certificate(name, self.certificate.subject, key.public_key(), not_after)
-            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-            .add_extension(key_usage(signs=False), critical=True)
-            .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
-            .add_extension(x509.SubjectAlternativeName(names), critical=False)
-            .add_extension(issuer, critical=False)
-            .sign(ca_key, hashes.SHA256())
-        )
-
     def _check(self, folder: Path) -> Issued:
         try:
             certificate = read_certificate(folder / CERTIFICATE_FILE)
-            self._verify(certificate)
+            certificate.verify_directly_issued_by(self.certificate)
             grant = grant_of(certificate)
-        except ValueError as error:
-            return Issued(folder=folder, grant=None, not_after=None, problem=str(error))
+        except KnownError as error:
+            return Issued(folder=folder, problem=str(error))
+        except (ValueError, TypeError, InvalidSignature):
+            return Issued(folder=folder, problem="it was signed by another authority")
         problem = ""
         if grant.name != folder.name:
             problem = f"it is the certificate of {grant.name!r}"
         elif certificate.not_valid_after_utc <= datetime.now(UTC):
             problem = "it has expired"
         return Issued(folder=folder, grant=grant, not_after=certificate.not_valid_after_utc, problem=problem)
-
-    def _verify(self, certificate: x509.Certificate) -> None:
-        try:
-            certificate.verify_directly_issued_by(self.certificate)
-        except (ValueError, TypeError, InvalidSignature):
-            raise KnownError("it was signed by another authority") from None
 
 
 def export(folder: Path, name: str, out: Path) -> list[Path]:
@@ -241,16 +208,6 @@ def _without_doubles(entries: list[Issued]) -> list[Issued]:
         else entry
         for entry in entries
     ]
-
-
-def _identity(grant: Grant, not_after: datetime) -> Identity:
-    return Identity(
-        role=grant.role,
-        name=grant.name,
-        scene=grant.scene,
-        sources=grant.sources,
-        expires_s=int(not_after.timestamp()),
-    )
 
 
 def _write(path: Path, content: bytes, mode: int = _OWN_ONLY) -> None:

@@ -64,15 +64,11 @@ def secure_setup(
             _log.warning(
                 "%s: link routers by quic/, or the rate limits drop bursts of delayed data", endpoint
             )
-    components, routers = _count(grants)
-    _log.info("access for %s, %s", counted(components, "component"), counted(routers, "router"))
+    routers = sum(grant.role == "router" for grant in grants)
+    components = counted(len(grants) - routers, "component")
+    _log.info("access for %s, %s", components, counted(routers, "router"))
     settings = SessionSettings(mode="router", connect=tuple(connect), listen=tuple(endpoints), tls=tls)
     return RouterSetup(settings, router_settings(grants, max_batch_bytes=max_batch_bytes))
-
-
-def _count(grants: Sequence[object]) -> tuple[int, int]:
-    routers = sum(getattr(grant, "role", "") == "router" for grant in grants)
-    return len(grants) - routers, routers
 
 
 def _own_folder(folder: Path, issued: Sequence[Issued]) -> Path:
