@@ -16,7 +16,7 @@ from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 
 from .feed import BATCHES_KEPT, SceneFeed
-from .joint_rows import known_values
+from .joints import known_values
 from .metrics import Score, Truth
 from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally
 from .watch_columns import number

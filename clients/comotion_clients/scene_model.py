@@ -11,7 +11,7 @@ from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate
 from comotion_schemas.naming import event_words, named
 from comotion_schemas.rigid import rotation
 
-from .joint_rows import joint_row
+from .joints import joint_row
 from .scene_problems import find_problems, overall
 from .scene_records import ComponentRecord, SceneRecords, in_cell, in_line
 from .scene_rows import (

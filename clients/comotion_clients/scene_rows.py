@@ -6,7 +6,7 @@ from typing import Literal
 from comotion_schemas.colours import GREY, RGB
 from comotion_schemas.naming import Names
 
-from .joint_rows import JointRow
+from .joints import JointRow
 
 SourceState = Literal["ok", "silent", "stalled", "gone"]
 Overall = Literal["ok", "degraded", "stalled"]

@@ -11,7 +11,7 @@ from comotion_schemas.colours import GREY, as_hex
 from comotion_schemas.plain import plain
 from comotion_schemas.text import counted, counter_words
 
-from .joint_rows import JointRow
+from .joints import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
 from .watch_columns import (
     HYPOTHESIS_COLUMNS,

@@ -9,9 +9,8 @@ from tempfile import TemporaryDirectory
 
 from comotion_schemas.component import stop_on_signals
 
-from .child import Child
+from .child import Child, LogLines
 from .errors import UserError
-from .log_lines import LogLines
 from .processes import ProcessSpec
 
 OWN_NAME = "launcher"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.joint_rows import known_values
+from comotion_clients.joints import known_values
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary
 from comotion_clients.tum import save_paths

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from comotion_clients.scene_model import SceneModel
-from comotion_clients.status_view import show
+from comotion_clients.status import show
 from comotion_clients.viewing.paths import plain
 from comotion_clients.watch_view import WHOLE, plain_line, render
 from comotion_schemas import DecodeError, Status, decode, encode

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from comotion import Fusion
-from comotion_clients.active_session import ActiveSession
 from comotion_clients.inbox import Inbox
+from comotion_clients.subscription import ActiveSession
 
 UPDATE = Fusion().update(0)
 

@@ -127,7 +127,7 @@ def test_a_parameter_of_a_group_can_be_set_and_read_again(capsys, tmp_path):
 
 def test_cameras_of_the_service_come_from_files_or_the_table(capsys, tmp_path):
     from comotion import FusionConfig
-    from comotion_deploy.commands.linked_cameras import with_cameras
+    from comotion_deploy.commands.serve import with_cameras
 
     inner = "[intrinsics]\nwidth = 64\nheight = 48\nfx = 50.0\nfy = 51.0\ncx = 31.5\ncy = 23.5\n"
     outer = "[extrinsics]\ntranslation = [0.0, 0.0, 1.5]\nquaternion = [0.0, 0.0, 0.0, 2.0]\n"

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from comotion import Fusion, FusionConfig
 from comotion_clients.recording import disk
 from comotion_clients.recording.file import StorageError
-from comotion_clients.recording.intake import PendingPayloads
+from comotion_clients.recording.process import PendingPayloads
 from comotion_clients.recording.repair import repair
 from comotion_clients.recording.series import Arrival, Series, SeriesOptions
 from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode

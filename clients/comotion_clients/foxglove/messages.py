@@ -37,7 +37,7 @@ from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names, event_words, joint_words, named
 from comotion_schemas.rigid import rotation, three
 
-from ..joint_lines import joint_lines
+from ..joints import joint_lines
 
 PIXEL_M = 0.001
 """A pixel is drawn as 1 mm: the 3-D panel of Foxglove is in metres."""

@@ -23,7 +23,7 @@ from comotion_schemas.recording import PROFILE
 from comotion_schemas.text import counted
 
 from .disk import create
-from .topics import Definition, TopicWriter
+from .file import Definition, TopicWriter
 
 _COMPRESSED = b"\x04\0\0\0zstd"
 _BEFORE_COMPRESSION = struct.calcsize("<BQQQQI")  # opcode, length, start and end time, size and checksum

@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from ..recording.topics import Definition, TopicWriter
+from ..recording.file import Definition, TopicWriter
 from .types import definition
 
 

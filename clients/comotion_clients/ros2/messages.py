@@ -4,23 +4,64 @@ Only spaces in metres are converted: ROS has no unit for pixels. The frame id of
 frame of a hypothesis is ``comotion/<scene>/<id>``.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import Box, HypothesisUpdate
+from comotion_schemas import Box, Hypothesis, HypothesisUpdate
 from comotion_schemas.colours import BACKGROUND, Palette
 from comotion_schemas.naming import Names, joint_words
 from comotion_schemas.naming import named as called
-from comotion_schemas.rigid import rotation, three, transform
+from comotion_schemas.rigid import rotation, spin, three, transform
 
 from ..carried import poses_in_space
 from ..feature_names import HypothesisNames
-from .bodies import Body, bodies
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF
+
+
+@dataclass(frozen=True)
+class Body:
+    """The frame of one hypothesis in its space.
+
+    The origin is the middle of its box, or its centroid without one; the axes are those of the space at its
+    birth, turned with the body.
+
+    Attributes
+    ----------
+    origin, quaternion
+        In m, and (x, y, z, w).
+    linear, angular
+        m/s of the origin and rad/s, in the axes of the frame; zero where unknown.
+    """
+
+    hypothesis: Hypothesis
+    origin: Sequence[float]
+    quaternion: Sequence[float]
+    linear: Sequence[float] = (0.0, 0.0, 0.0)
+    angular: Sequence[float] = (0.0, 0.0, 0.0)
+
+
+def bodies(hypotheses: Sequence[Hypothesis], spaces: Container[str]) -> list[Body]:
+    """Frames of the hypotheses with current features in some spaces."""
+    return [body(h) for h in hypotheses if h.space in spaces and not h.absent]
+
+
+def body(hypothesis: Hypothesis) -> Body:
+    """Frame of a hypothesis; in 2-D, in the plane z = 0."""
+    centroid, box, twist = three(hypothesis.centroid), hypothesis.box, hypothesis.twist
+    origin = centroid if box is None else three(box.center)
+    turn = rotation(0.0 if hypothesis.pose is None else hypothesis.pose.rotation)
+    placed = Body(hypothesis, origin.tolist(), turn.as_quat().tolist())
+    if twist is None:
+        return placed
+    back, about = turn.inv(), spin(twist)
+    moved = three(twist.linear) + np.cross(about, origin - centroid)
+    return replace(placed, linear=back.apply(moved).tolist(), angular=back.apply(about).tolist())
+
 
 Vector: TypeAlias = Sequence[float]
 Fields: TypeAlias = dict[str, Any]

@@ -16,10 +16,9 @@ from comotion_schemas.naming import Names, named
 
 from ..regions import regions
 from . import drawing
-from .drawing import CameraView, Moment, Shape
+from .drawing import CameraView, Moment, Shape, Trails
 from .hypotheses import apart
 from .paths import Paths
-from .trails import Trails
 
 MAX_DELAYED = 16
 """Images that are delayed at most; then the oldest is dropped."""

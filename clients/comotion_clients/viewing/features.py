@@ -12,10 +12,9 @@ from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
 from ..scoring import SpaceRef, spaces_of
-from .drawing import Axes, Eye, Positions, Shape, SpaceView, nothing, points, segments
+from .drawing import Axes, Eye, Positions, Shape, SpaceView, Trails, nothing, points, segments
 from .hypotheses import axis_length, draw_hypotheses, draw_joints
 from .paths import Paths
-from .trails import Trails
 
 _UP: Mapping[Axes, tuple[float, ...]] = {
     "z-up": (0, 0, 1),

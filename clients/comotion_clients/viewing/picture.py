@@ -7,19 +7,62 @@ shapes are at acquisition times; curves of rates and lags are at the stamp of th
 from typing import TYPE_CHECKING
 
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, TruthBatch
+from comotion_schemas.colours import HUES
 from comotion_schemas.naming import Names, event_words
 
 from ..following import Display
+from ..metrics import TrackIds, Truth, score_update
 from ..scene_model import SceneModel
 from ..scoring import SETTLE_S, Observed
 from .cameras import Cameras
-from .drawing import Layout, Moment, entry
+from .drawing import Layout, Moment, Shape, entry, value
 from .features import Features
 from .health import PERIOD_S, Health
-from .scores import ScoreCurves
+from .paths import Paths
 
 if TYPE_CHECKING:
     from .sink import RerunSink
+
+
+class ScoreCurves:
+    """Scores updates; `scored`: whether any update could be scored."""
+
+    def __init__(self) -> None:
+        self.scored = False
+        self.truth = Truth()
+        self._spaces: list[str] = []
+        self._paths = Paths("scores")
+
+    def draw(self, update: HypothesisUpdate, observed: Observed) -> list[Moment]:
+        """Return the scores of an update as shapes; none without truth. Updates must come in order."""
+        # Called without truth as well: it discards old batches.
+        tracks = observed.at(update.stamp_ns)
+        if not len(self.truth):
+            return []
+        groups: dict[str, TrackIds] = {}
+        for source, ids in tracks.items():
+            name = observed.spaces[source[0]].name
+            groups[name] = {**groups.get(name, {}), source: ids}
+        shapes = [
+            shape for name, group in sorted(groups.items()) for shape in self._space(update, name, group)
+        ]
+        self.scored |= bool(shapes)
+        return [Moment(update.stamp_ns, shapes)] if shapes else []
+
+    def _space(self, update: HypothesisUpdate, name: str, tracks: TrackIds) -> list[Shape]:
+        score = score_update(update, self.truth, tracks)
+        if not score.scored:
+            return []
+        if name not in self._spaces:
+            self._spaces.append(name)
+        number = 2 * self._spaces.index(name)
+        nmi, missed = (HUES[(k + number) % len(HUES)] for k in (2, 5))
+        path = self._paths(name)
+        return [
+            value(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi),
+            value(f"{path}/wrong", score.misclassification, f"misclassified in {name}", missed),
+        ]
+
 
 _MAX_UNSCORED = 64  # updates that wait for SETTLE_S
 

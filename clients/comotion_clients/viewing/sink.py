@@ -4,6 +4,9 @@ import contextlib
 import math
 import os
 import socket
+import subprocess
+import sys
+import tempfile
 import threading
 import time
 import urllib.parse
@@ -14,11 +17,58 @@ from typing import Any, Self
 
 import numpy as np
 import rerun as rr
+import rerun_cli
 
 from ..recording.disk import create
 from .blueprint import TIMELINE, blueprint, prepare
 from .drawing import Layout, Moment
-from .program import Program
+
+_STOP_S = 2.0
+
+
+class Program:
+    """Runs the program of the package with arguments until :meth:`close`."""
+
+    def __init__(self, *arguments: str) -> None:
+        program = Path(rerun_cli.__file__).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
+        # As rerun.spawn does: no dialogue at the first start.
+        environment = {"RUST_LOG": "error", **os.environ, "RERUN_APP_ONLY": "true"}
+        self._output = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
+        self._process = subprocess.Popen(  # noqa: S603 - the viewer of the package
+            [str(program), *arguments],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=self._output,
+        )
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended.
+
+        Raises
+        ------
+        OSError
+            If it has failed; one line that says why.
+        """
+        status = self._process.poll()
+        if status:
+            self._output.seek(0)
+            lines = [line.strip() for line in self._output if line.strip()]
+            message = next((line for line in lines if "panicked" in line or "rror" in line), "")
+            raise OSError(f"the viewer has failed (status {status}): {message or ' '.join(lines)[-200:]}")
+        return status is not None
+
+    def close(self) -> None:
+        """Stop it."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_STOP_S)
+            self._process.kill()
+            self._process.wait()
+        self._output.close()
+
 
 LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0  # longest wait for delivery

@@ -1,8 +1,9 @@
 """``comotion fleet``: many scenes over many hosts, by entries in etcd and one agent a host."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -23,7 +24,11 @@ from ..options import (
 )
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from comotion.runtime.standby import Etcd
+
+    from ..fleet.plan import Fleet
 
 EPILOG = """
 Examples:
@@ -158,12 +163,58 @@ class Listing(Json, Cluster):
 
     def run(self) -> None:
         """Show them."""
-        from ..fleet import entries, table
+        from ..fleet import entries
 
-        fleet = entries.read_fleet(self.cluster())
-        self.show(table.as_json(fleet), table.as_table(fleet))
+        content = _as_json(entries.read_fleet(self.cluster()))
+        self.show(content, *_as_tables(content))
 
 
 app = typer.Typer(epilog=flowing(EPILOG), help="Serve many scenes on many hosts.")
 app.callback(invoke_without_command=True)(as_function(RunAgent))
 add(app, {"add": Add, "remove": Remove, "drain": Drain, "list": Listing})
+
+
+def _as_json(fleet: "Fleet") -> dict[str, Any]:
+    """Scenes with their replicas, and agents with their loads, as plain values."""
+    from ..fleet.plan import Place
+
+    held, loads = fleet.held(), fleet.loads()
+
+    def replica(place: Place) -> dict[str, Any] | None:
+        holder = held.get(place)
+        return None if holder is None else {"agent": holder.agent, "ready": holder.ready}
+
+    return {
+        "scenes": {
+            name: {
+                "serve": list(scene.serve),
+                "also": list(scene.also),
+                "replicas": [replica(Place(name, k)) for k in range(scene.replicas)],
+            }
+            for name, scene in sorted(fleet.scenes.items())
+        },
+        "agents": {
+            name: {"replicas": loads[name], "capacity": agent.capacity, "draining": agent.draining}
+            for name, agent in sorted(fleet.agents.items())
+        },
+    }
+
+
+def _as_tables(content: dict[str, Any]) -> "Iterator[Table]":
+    from rich.table import Table
+
+    scenes = Table("scene", "replicas", "options")
+    for name, scene in content["scenes"].items():
+        scenes.add_row(name, ", ".join(map(_replica, scene["replicas"])), " ".join(scene["serve"]))
+    yield scenes
+    agents = Table("agent", "replicas", "capacity", "")
+    for name, agent in content["agents"].items():
+        note = "draining" if agent["draining"] else ""
+        agents.add_row(name, str(agent["replicas"]), str(agent["capacity"]), note)
+    yield agents
+
+
+def _replica(replica: dict[str, Any] | None) -> str:
+    if replica is None:
+        return "[red]none[/red]"
+    return replica["agent"] if replica["ready"] else f"{replica['agent']} (starting or leaving)"

@@ -55,7 +55,7 @@ Examples:
         else:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILE")
             update = self._offline(self.file)
-        from comotion_clients.joint_rows import as_json
+        from comotion_clients.joints import as_json
         from comotion_clients.watch_columns import joint_table
 
         self.show(as_json(update), joint_table(update.joints, self.names()), width=120)

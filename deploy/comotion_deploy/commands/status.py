@@ -37,8 +37,8 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         """Show the status, and end with the exit status that says it."""
         from rich.console import Console
 
+        from comotion_clients.status import show
         from comotion_clients.status import status as look
-        from comotion_clients.status_view import show
 
         state = look(
             self.scene, self.settings(), wait=self.wait, timeout=self.timeout, expect=self.expect or ()
