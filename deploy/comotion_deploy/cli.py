@@ -11,18 +11,15 @@ from .checkout import in_checkout
 from .commands import dev, fleet, pki, source
 from .commands.calibrate import Calibrate
 from .commands.config import Config
-from .commands.demo import Demo
 from .commands.evaluate import Evaluate
 from .commands.joints import Joints
+from .commands.look import Status, View, Watch
 from .commands.record import Record
 from .commands.ros2 import Ros2
 from .commands.router import Router
 from .commands.segment import Segment
 from .commands.serve import Serve
-from .commands.status import Status
-from .commands.up import Up
-from .commands.view import View
-from .commands.watch import Watch
+from .commands.up import Demo, Up
 from .errors import UserError, missing_extra, one_line
 from .folded_help import helped
 from .options import Command, add, flowing

@@ -8,13 +8,13 @@ import pytest
 pytest.importorskip("matplotlib", reason="needs the extra plot (matplotlib)")
 
 from comotion_deploy.cli import run
-from comotion_deploy.commands import reproduce_figures
+from comotion_deploy.commands import experiments
 
 
 def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone(
     tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(reproduce_figures, "find_spec", lambda name: None)
+    monkeypatch.setattr(experiments, "find_spec", lambda name: None)
     out = tmp_path / "new" / "figures"
     arguments = ["--only", "3.6", "--only", "4.6,4.9", "--seeds", "3", "--out", str(out)]
     assert run(["dev", "reproduce", *arguments]) == 0

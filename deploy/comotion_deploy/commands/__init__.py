@@ -1,4 +1,4 @@
-"""The commands of ``comotion``, one module each.
+"""The commands of ``comotion``, by what they do.
 
 A module imports nothing heavy at its top (typer, options and errors only), so that ``comotion
 --help`` stays fast; it offers a function, or a :class:`typer.Typer` for a group of commands, that

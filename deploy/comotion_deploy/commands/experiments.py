@@ -1,13 +1,22 @@
-"""Options and checks of the commands of ``comotion dev reproduce``."""
+"""``comotion dev reproduce``: the experiments of the project, their options and checks."""
 
 import json
+import os
+import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import UserError
-from ..options import Json, Tool
+from ..fusion_options import Assignments
+from ..options import Json, Tool, option, setting
+
+if TYPE_CHECKING:
+    from comotion_experiments.figures import Results
+    from comotion_experiments.tables import Table
 
 Pictures = Mapping[str, Callable[[Path], object]]
 
@@ -95,3 +104,87 @@ def progress() -> Iterator[Callable[[str], None]]:
     with console.status("") as status:
         # Brackets are not markup.
         yield lambda what: status.update(what.replace("[", r"\["))
+
+
+@dataclass(kw_only=True)
+class Figures(Assignments, Experiment):
+    """Draw all figures of the thesis with the thesis method and the default method.
+
+    Writes pictures and a page. Figures 4.6 to 4.11 need the workcell (extra sim3d).
+    """
+
+    epilog = """
+Examples:
+  comotion dev reproduce --quick
+  comotion dev reproduce --only 4.4 --only 4.5 --out figures
+  comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
+"""
+
+    only: list[str] | None = option(
+        None, "Figure, e.g. 4.4; may be repeated. Default: all fifteen.", metavar="FIGURE"
+    )
+    seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
+    workcell_seeds: str | None = option(None, "Seeds of the workcell. Default: 0-1, quick 0.")
+    quick: bool = option(False, "One seed each and smaller camera images.")
+    cache: Path | None = option(
+        None,
+        "Folder that keeps tracks for the next run. Default: a folder in ~/.cache/comotion.",
+        env="COMOTION_CACHE",
+        metavar="DIR",
+    )
+    out: Path = option(Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR")
+
+    def run(self) -> None:
+        """Draw them and write the page."""
+        from comotion_experiments.figures import Options, reproduce, select
+        from comotion_experiments.figures.page import left_out, page
+        from comotion_experiments.inputs import parse_seeds
+
+        chosen = select(self.only)
+        config = self.fusion_config()
+        if config.method != "comotion":
+            raise UserError(
+                f"method {config.method!r}: the figures compare the default method with the thesis'"
+            )
+        simulated = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
+        filmed = parse_seeds(self.workcell_seeds or ("0" if self.quick else "0-1"))
+        check(self.out)
+        workcell = find_spec("mujoco") is not None
+        if self.only and not workcell and all(figure.workcell for figure in chosen):
+            raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
+        given = Options(simulated, filmed, self.quick, self._cache(), config)
+        with progress() as note:
+            results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
+        data, html = self.out / "figures.json", self.out / "index.html"
+        write_values(data, results.as_json())
+        html.write_text(page(results, self._command()), encoding="utf-8")
+        missing = [left_out(results)] if left_out(results) else []
+        self.show(results.as_json(), _table(results), *missing, f"written: {html}, {data}", width=170)
+
+    def _cache(self) -> Path:
+        base = os.environ.get("XDG_CACHE_HOME")
+        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / "figures"
+
+    def _command(self) -> str:
+        """Return the command line that makes the same page."""
+        words = ["comotion", "dev", "reproduce"]
+        for name in self.only or ():
+            words += ["--only", name]
+        for flag, value in (("--seeds", self.seeds), ("--workcell-seeds", self.workcell_seeds)):
+            words += [flag, value] if value else []
+        words += ["--quick"] if self.quick else []
+        for assignment in self.set_ or ():
+            words += ["--set", assignment]
+        return shlex.join(words)
+
+
+def _table(results: "Results") -> "Table":
+    from comotion_experiments.tables import Table
+
+    titles = ("figure", "", "the thesis says", "thesis method here", "default method here")
+    table = Table(titles, words=len(titles))
+    for figure, drawn in results.made:
+        for k, row in enumerate(drawn.rows):
+            table.add(figure.name if k == 0 else "", row.quantity, row.printed, row.thesis, row.default)
+        table.end_section()
+    return table

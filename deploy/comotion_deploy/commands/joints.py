@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Client, Json, argument, setting
-from .watch import BodyNames
+from .look import BodyNames
 
 if TYPE_CHECKING:
     from comotion_schemas import HypothesisUpdate

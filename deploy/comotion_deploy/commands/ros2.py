@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import UserError
 from ..options import Command, Present, Process, argument, option, setting
-from .watch import BodyNames
+from .look import BodyNames
 
 if TYPE_CHECKING:
     from comotion_schemas.transport import SessionSettings

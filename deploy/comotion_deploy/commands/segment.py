@@ -10,7 +10,7 @@ from ..errors import UserError, require_suffix
 from ..fusion_options import Fusion
 from ..options import Json, Tool, argument, setting
 from .camera_sources import Carried, read_calibration
-from .watch import BodyNames
+from .look import BodyNames
 
 if TYPE_CHECKING:
     from comotion_experiments.labelled import SegmentOptions

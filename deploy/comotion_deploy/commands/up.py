@@ -1,9 +1,11 @@
-"""``comotion up FILE.toml``: starts a system of processes."""
+"""``comotion up`` and ``comotion demo``: a system of processes in one command."""
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..config_file import load_toml
+from ..fusion_options import Fusion
 from ..options import Logged, argument, option, setting
 
 DEFAULT_LOG = Path("comotion-up.log")
@@ -46,3 +48,71 @@ The file is the --config of every process it starts; its tables process.NAME des
         if log is None and any(spec.foreground for spec in specs):
             log = DEFAULT_LOG
         launch(specs, log=log, duration_s=self.duration)
+
+
+_THESIS_FIG_4_4 = ("thesis.sigma_switch=0.01", "thesis.v_move=null")
+"""Parameters of figure 4.4 in the thesis: σ_switch 0.01 and equal weights."""
+
+
+@dataclass(kw_only=True)
+class Demo(Fusion, Logged):
+    """Run router, three simulated sources, the service and watch; end with a summary and a plot."""
+
+    epilog = """
+Examples:
+  comotion demo
+  comotion demo --duration 60 --out /tmp/demo
+  comotion demo fig4_4 --method thesis
+  comotion demo 3d_outliers
+"""
+
+    simulated: str = argument(
+        "3d_async", "SCENE", "A scene of the simulator; see 'comotion source simulator --list'."
+    )
+    duration: float = option(30.0, "How long it runs.", min=1, metavar="SECONDS")
+    out: Path = option(Path("out"), "Where results and log go.", metavar="DIR", file_okay=False)
+    seed: int = option(0, "Seed of the simulator.", min=0)
+
+    def run(self) -> None:
+        """Run the demo."""
+        from ..demo import (
+            demo_processes,
+            free_endpoint,
+            prepare,
+            show_summary,
+            time_scale,
+            without_other_scenes,
+        )
+        from ..launcher import launch
+
+        out, scale = self.out, time_scale(self.simulated, self.duration)
+        if ignored := without_other_scenes():
+            print(f"the demo has a router of its own and does not use {', '.join(ignored)}", flush=True)
+        out.mkdir(parents=True, exist_ok=True)
+        for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
+            (out / name).unlink(missing_ok=True)
+        print(
+            f"{self.simulated} for {self.duration:g} s; Ctrl-C ends it earlier; results go to {out}",
+            flush=True,
+        )
+        print("preparing; the first time on a machine this compiles for half a minute or more", flush=True)
+        prepare()
+        on_terminal = sys.stdout.isatty()
+        processes = demo_processes(
+            self.simulated,
+            free_endpoint(),
+            out,
+            fusion=self._fusion_words(),
+            scale=scale,
+            seed=self.seed,
+            on_terminal=on_terminal,
+        )
+        launch(processes, log=out / "demo.log" if on_terminal else None, duration_s=self.duration)
+        show_summary(out)
+
+    def _fusion_words(self) -> list[str]:
+        """Options of ``comotion serve``."""
+        as_in_thesis = self.method == "thesis" and self.simulated == "fig4_4"
+        settings = self.set_ or (_THESIS_FIG_4_4 if as_in_thesis else ())
+        words = [word for setting in settings for word in ("--set", setting)]
+        return words + (["--method", self.method] if self.method else [])

@@ -1,4 +1,4 @@
-"""``comotion view``: shows a scene in a window, a browser or a file."""
+"""``comotion watch``, ``comotion view`` and ``comotion status``: a scene in a terminal, a window or once."""
 
 import os
 import re
@@ -6,15 +6,109 @@ import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+import typer
 
 from ..errors import UserError, require_suffix
-from ..options import Json, Present, argument, setting
-from .watch import BodyNames
+from ..options import Client, Command, Json, Present, argument, option, setting
 
 if TYPE_CHECKING:
     from comotion_clients.following import Display
     from comotion_clients.viewing.sink import Destination
+
+
+@dataclass(kw_only=True)
+class BodyNames(Command):
+    """The option of a command that shows hypotheses."""
+
+    name: list[str] | None = setting(
+        None,
+        "Name of a hypothesis, such as 2=truck; may be repeated.",
+        env="COMOTION_NAMES",
+        metavar="ID=NAME",
+    )
+
+    def names(self) -> dict[int, str]:
+        """Return the name of each hypothesis that has one."""
+        from comotion_schemas.naming import read_names
+
+        return read_names(self.name or ())
+
+
+@dataclass(kw_only=True)
+class Watch(BodyNames, Json, Present):
+    """Show the current sources, hypotheses, tracks and events of a scene.
+
+    Plain lines if the output is not a terminal; with --json one object per line.
+    """
+
+    epilog = """
+Examples:
+  comotion watch
+  comotion watch --scene workcell --sort age
+  comotion watch --once --json | jq .service.state
+  comotion watch --once --pose
+  comotion watch --name 2=truck --name 3=gripper
+  comotion watch > scene.log   # one line a second
+"""
+    log_level = "warning"
+
+    once: bool = setting(False, "Show it once and end.")
+    sort: Literal["size", "name", "age"] = setting(
+        "size", "By size, by name or id, or by age; the key s changes it."
+    )
+    pose: bool = setting(False, "Angular speed and pose; the key p changes it.")
+    timeout: float = setting(5.0, "How long --once waits for the scene.", min=0.1, metavar="SECONDS")
+    all_events: bool = setting(False, "Events of joints too, not of bodies alone.")
+
+    def run(self) -> None:
+        """Show it until stopped."""
+        from comotion_clients.watch import WatchOptions, watch
+
+        watch(self.taken(WatchOptions, json=self.json_, names=self.names()), **self.where())
+
+
+_EXIT = {"ok": 0, "degraded": 1, "stalled": 3}
+
+
+@dataclass(kw_only=True)
+class Status(Json, Client):
+    """Show services, sources, recorders, viewers and routers of a scene, and what to look at.
+
+    The clock of a component is how far it is ahead of the service's.
+    """
+
+    epilog = """
+Examples:
+  comotion status
+  comotion status --scene cell --connect tls/10.0.0.1:7447 --tls pki/laptop
+  comotion status --wait ok --timeout 60 --expect klt-left --expect klt-right   # in a script
+  comotion status --json | jq '.components[] | {name, host, clock_s}'
+
+Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or a wrong option.
+"""
+    log_level = "warning"
+
+    wait: Literal["ok"] | None = option(None, "Look again until the scene is in this state.")
+    timeout: float = setting(10.0, "Longest wait.", min=0.1, metavar="SECONDS")
+    expect: list[str] | None = option(None, "A component that must be there; may be repeated.")
+
+    def run(self) -> None:
+        """Show the status, and end with the exit status that says it."""
+        from rich.console import Console
+
+        from comotion_clients.status import show
+        from comotion_clients.status import status as look
+
+        state = look(
+            self.scene, self.settings(), wait=self.wait, timeout=self.timeout, expect=self.expect or ()
+        )
+        if self.json_:
+            self.show(state)
+        else:
+            show(state, Console(width=None if sys.stdout.isatty() else 160))
+        raise typer.Exit(_EXIT[state.overall])
 
 
 @dataclass(kw_only=True)
