@@ -9,41 +9,44 @@
 """
 
 import json
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
-from comotion.runtime.standby import Entry, Etcd
+from comotion.runtime.standby import Etcd
 
 from .plan import Agent, Fleet, Holder, Place, Scene
 
 _PREFIX = "comotion/v1/fleet/"
-Key = TypeVar("Key")
-Made = TypeVar("Made")
 
 
 def read_fleet(etcd: Etcd) -> Fleet:
-    """Read all entries; those that cannot be read are left out."""
-    entries = etcd.read_all(_PREFIX)
-    names = {key.removeprefix(_PREFIX): entry for key, entry in entries.items()}
-    draining = {name.removeprefix("drain/") for name in names if name.startswith("drain/")}
-    scenes = _parsed(names, "scenes/", lambda name, value: (name, _scene(value)))
-    agents = _parsed(
-        names, "agents/", lambda name, value: (name, Agent(int(value["capacity"]), name in draining))
-    )
-    holders = _parsed(
-        names,
-        "places/",
-        lambda name, value: (
-            _place(name),
-            Holder(
-                str(value["agent"]),
-                bool(value.get("ready")),
-                names[f"places/{name}"].changed,
-                str(value.get("version", "")),
-            ),
-        ),
-    )
-    return Fleet(scenes, agents, holders)
+    """Read all entries; those that somebody else has written in another form are left out."""
+    fleet, draining = Fleet(), set[str]()
+    for key, entry in etcd.read_all(_PREFIX).items():
+        folder, _, name = key.removeprefix(_PREFIX).partition("/")
+        if folder == "drain":
+            draining.add(name)
+            continue
+        try:
+            _enter(fleet, folder, name, json.loads(entry.value), entry.changed)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            continue
+    agents = {name: Agent(agent.capacity, name in draining) for name, agent in fleet.agents.items()}
+    return Fleet(fleet.scenes, agents, fleet.holders)
+
+
+def _enter(fleet: Fleet, folder: str, name: str, value: dict[str, Any], changed: int) -> None:
+    """Take up one entry."""
+    match folder:
+        case "scenes":
+            serve, also = (tuple(str(word) for word in value.get(key, ())) for key in ("serve", "also"))
+            fleet.scenes[name] = Scene(serve, also, max(1, min(int(value.get("replicas", 2)), 2)))
+        case "agents":
+            fleet.agents[name] = Agent(int(value["capacity"]))
+        case "places":
+            scene, _, number = name.rpartition("/")
+            said = str(value["agent"]), bool(value.get("ready")), changed, str(value.get("version", ""))
+            fleet.holders[Place(scene, int(number))] = Holder(*said)
 
 
 def add_scene(etcd: Etcd, name: str, scene: Scene, *, change: bool = False) -> bool:
@@ -70,17 +73,17 @@ def set_drain(etcd: Etcd, agent: str, *, drain: bool) -> None:
 
 def register(etcd: Etcd, agent: str, capacity: int, lease: int) -> bool:
     """Enter an agent; False if another one of this name lives."""
-    key, value = f"{_PREFIX}agents/{agent}", _json({"capacity": capacity})
-    if etcd.create(key, value, lease) is not None:
-        return True
-    entry = etcd.read(key)
-    return entry is not None and entry.lease == lease
+    return _hold(etcd, f"{_PREFIX}agents/{agent}", {"capacity": capacity}, lease)
 
 
 def claim(etcd: Etcd, place: Place, agent: str, lease: int) -> bool:
     """Claim a place; False if somebody holds it."""
-    key = _key(place)
-    if etcd.create(key, _json({"agent": agent, "ready": False}), lease) is not None:
+    return _hold(etcd, _key(place), {"agent": agent, "ready": False}, lease)
+
+
+def _hold(etcd: Etcd, key: str, value: Mapping[str, Any], lease: int) -> bool:
+    """Write an entry that is not there, or hold it already."""
+    if etcd.create(key, _json(value), lease) is not None:
         return True
     entry = etcd.read(key)
     return entry is not None and entry.lease == lease
@@ -115,32 +118,6 @@ def release(etcd: Etcd, place: Place, lease: int) -> None:
 
 def _key(place: Place) -> str:
     return f"{_PREFIX}places/{place.scene}/{place.number}"
-
-
-def _place(name: str) -> Place:
-    scene, _, number = name.rpartition("/")
-    return Place(scene, int(number))
-
-
-def _parsed(
-    names: Mapping[str, Entry], folder: str, build: Callable[[str, dict[str, Any]], tuple[Key, Made]]
-) -> dict[Key, Made]:
-    """The entries of a folder of keys; those that somebody else has written in another form are left out."""
-    parsed = {}
-    for name, entry in names.items():
-        if not name.startswith(folder):
-            continue
-        try:
-            key, made = build(name.removeprefix(folder), json.loads(entry.value))
-        except (ValueError, KeyError, TypeError, AttributeError):
-            continue
-        parsed[key] = made
-    return parsed
-
-
-def _scene(value: Mapping[str, Any]) -> Scene:
-    serve, also = (tuple(str(word) for word in value.get(key, ())) for key in ("serve", "also"))
-    return Scene(serve, also, max(1, min(int(value.get("replicas", 2)), 2)))
 
 
 def _json(value: Mapping[str, Any]) -> bytes:
