@@ -7,40 +7,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.special import entr
+from scipy.stats.contingency import crosstab
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, TruthBatch
-from comotion_schemas.errors import KnownError
 
 Labels: TypeAlias = NDArray[np.integer[Any]]
 SourceKey: TypeAlias = tuple[str, str]
 """(name, session) of a source: what its feature ids belong to."""
 TrackIds: TypeAlias = Mapping[SourceKey, NDArray[np.uint64]]
 """Feature ids per source; the ids of one source are unique."""
-
-
-def contingency(labels: Labels, truth: Labels) -> NDArray[np.int64]:
-    """Count the tracks that each pair of clusters has in common.
-
-    Parameters
-    ----------
-    labels, truth
-        Integers [N]: two partitions of the same N tracks.
-
-    Returns
-    -------
-    int64 [K, L], one row per cluster of `labels` and one column per cluster of `truth`, sorted.
-
-    Raises
-    ------
-    ValueError
-        If the two are not vectors of one length.
-    """
-    if np.shape(labels) != np.shape(truth) or np.ndim(labels) != 1:
-        raise KnownError(f"two vectors of one length expected, got {np.shape(labels)} and {np.shape(truth)}")
-    rows, row = np.unique(labels, return_inverse=True)
-    columns, column = np.unique(truth, return_inverse=True)
-    flat = np.bincount(row * len(columns) + column, minlength=len(rows) * len(columns))
-    return flat.reshape(len(rows), len(columns)).astype(np.int64)
 
 
 def nmi(labels: Labels, truth: Labels) -> float:
@@ -56,7 +32,7 @@ def nmi(labels: Labels, truth: Labels) -> float:
     -------
     A number in 0..1; 1 if both partitions have a single cluster; NaN without tracks.
     """
-    counts = contingency(labels, truth)
+    counts = crosstab(labels, truth).count
     if not counts.size:
         return float("nan")
     joint = counts / counts.sum()
@@ -66,11 +42,7 @@ def nmi(labels: Labels, truth: Labels) -> float:
         # Equal partitions, including a single cluster: exactly 1 without rounding errors.
         return 1.0
     information = float(np.sum(joint[k, g] * np.log(joint[k, g] / (p_c[k] * p_g[g]))))
-    return min(max(2.0 * information / (_entropy(p_c) + _entropy(p_g)), 0.0), 1.0)
-
-
-def _entropy(p: NDArray[np.float64]) -> float:
-    return float(-np.sum(p * np.log(p)))
+    return min(max(2.0 * information / float(entr(p_c).sum() + entr(p_g).sum()), 0.0), 1.0)
 
 
 def misclassification(labels: Labels, truth: Labels) -> float:
@@ -88,7 +60,7 @@ def misclassification(labels: Labels, truth: Labels) -> float:
     -------
     A number in 0..1; NaN without tracks.
     """
-    counts = contingency(labels, truth)
+    counts = crosstab(labels, truth).count
     if not counts.size:
         return float("nan")
     rows, columns = linear_sum_assignment(counts, maximize=True)

@@ -74,45 +74,40 @@ class Tracking:
 
     def figures(self) -> TrackingFigures:
         """Figures over all instants; 0 where nothing is matched."""
-        shape = len(self._objects), len(self._hypotheses)
-        counts = _Counts(self._instants, shape)
-        det_a, ass_a = _hota(self._instants, counts)
+        objects, hypotheses = (
+            np.bincount(np.concatenate([[], *rows]).astype(np.intp), minlength=count)
+            for rows, count in (
+                ([instant.objects for instant in self._instants], len(self._objects)),
+                ([instant.hypotheses for instant in self._instants], len(self._hypotheses)),
+            )
+        )
+        # In how many instants each object and each hypothesis is, summed, [G, K].
+        counts = objects[:, None] + hypotheses[None, :]
+        total = int(objects.sum() + hypotheses.sum())
+        det_a, ass_a = _hota(self._instants, counts, total)
         return TrackingFigures(
             hota=float(np.sqrt(det_a * ass_a).mean()),
             det_a=float(det_a.mean()),
             ass_a=float(ass_a.mean()),
-            idf1=_idf1(self._instants, counts),
-            id_switches=_switches(self._instants, shape[0]),
+            idf1=_idf1(self._instants, counts, total),
+            id_switches=_switches(self._instants, len(objects)),
         )
-
-
-class _Counts:
-    """In how many instants each object and each hypothesis is."""
-
-    def __init__(self, instants: list[_Instant], shape: tuple[int, int]) -> None:
-        self.objects, self.hypotheses = np.zeros(shape[0]), np.zeros(shape[1])
-        for instant in instants:
-            self.objects[instant.objects] += 1
-            self.hypotheses[instant.hypotheses] += 1
-
-    @property
-    def both(self) -> NDArray[np.float64]:
-        """Sum of both, float64 [G, K]."""
-        return self.objects[:, None] + self.hypotheses[None, :]
 
 
 def _numbered(ids: NDArray[np.generic], numbers: dict[int, int]) -> NDArray[np.intp]:
     return np.array([numbers.setdefault(number, len(numbers)) for number in ids.tolist()], np.intp)
 
 
-def _hota(instants: list[_Instant], counts: _Counts) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _hota(
+    instants: list[_Instant], counts: NDArray[np.intp], total: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Detection and association accuracy at each overlap (Luiten et al. 2021, eq. 4 to 9)."""
-    alignment = np.zeros((len(counts.objects), len(counts.hypotheses)))
+    alignment = np.zeros(counts.shape)
     for instant in instants:
         either = instant.overlap.sum(0)[None, :] + instant.overlap.sum(1)[:, None] - instant.overlap
         share = np.divide(instant.overlap, either, out=np.zeros_like(either), where=either > _EPSILON)
         alignment[np.ix_(instant.objects, instant.hypotheses)] += share
-    alignment /= np.maximum(counts.both - alignment, _EPSILON)
+    alignment /= np.maximum(counts - alignment, _EPSILON)
     matches = np.zeros((len(_OVERLAPS), *alignment.shape))
     for instant in instants:
         rows, columns = linear_sum_assignment(
@@ -121,18 +116,18 @@ def _hota(instants: list[_Instant], counts: _Counts) -> tuple[NDArray[np.float64
         matched = instant.overlap[rows, columns] >= _OVERLAPS[:, None] - _EPSILON
         matches[:, instant.objects[rows], instant.hypotheses[columns]] += matched
     true = matches.sum((1, 2))
-    det_a = true / np.maximum(1, counts.objects.sum() + counts.hypotheses.sum() - true)
-    together = (matches * matches / np.maximum(1, counts.both - matches)).sum((1, 2))
+    det_a = true / np.maximum(1, total - true)
+    together = (matches * matches / np.maximum(1, counts - matches)).sum((1, 2))
     return det_a, together / np.maximum(1, true)
 
 
-def _idf1(instants: list[_Instant], counts: _Counts) -> float:
+def _idf1(instants: list[_Instant], counts: NDArray[np.intp], total: int) -> float:
     """F1 score of the one assignment of hypotheses to objects that is right most often (Ristani et al.)."""
-    together = np.zeros((len(counts.objects), len(counts.hypotheses)))
+    together = np.zeros(counts.shape)
     for instant in instants:
         together[np.ix_(instant.objects, instant.hypotheses)] += instant.overlap >= _THRESHOLD
     right = together[linear_sum_assignment(together, maximize=True)].sum()
-    return float(2 * right / max(1.0, counts.objects.sum() + counts.hypotheses.sum()))
+    return float(2 * right / max(1.0, total))
 
 
 def _switches(instants: list[_Instant], objects: int) -> int:
