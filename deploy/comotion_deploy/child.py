@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from itertools import cycle
 from pathlib import Path
 from types import TracebackType
@@ -84,17 +83,17 @@ class Child:
         The process.
     folder
         Folder for its ready file.
-    write
-        Called with each line that it prints.
+    lines
+        Where the lines that it prints go.
     """
 
-    def __init__(self, spec: ProcessSpec, folder: Path, write: Callable[[str], None]) -> None:
+    def __init__(self, spec: ProcessSpec, folder: Path, lines: LogLines) -> None:
         self.spec = spec
         self.was_ready = False
         self.last_line = ""
         self.due_s: float | None = None
         self._ready_file = folder / f"{spec.name}.ready"
-        self._write = write
+        self._lines = lines
         self._popen: subprocess.Popen[str] | None = None
         self._reader: threading.Thread | None = None
         self._delay_s = FIRST_DELAY_S
@@ -126,12 +125,18 @@ class Child:
             self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
             self._reader.start()
 
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time to start it again."""
+        return self.due_s is not None and time.monotonic() >= self.due_s
+
     def poll(self) -> int | None:
         """Return the exit status if the process has just ended, else None; schedules a restart."""
-        if self._popen is not None:
-            self.was_ready |= not self.spec.says_ready or self._ready_file.exists()
-        status = None if self._popen is None else self._popen.poll()
-        if self._popen is None or status is None:
+        if self._popen is None:
+            return None
+        self.was_ready |= not self.spec.says_ready or self._ready_file.exists()
+        status = self._popen.poll()
+        if status is None:
             return None
         self._reap()
         self._schedule(status)
@@ -187,4 +192,4 @@ class Child:
         assert popen.stdout is not None  # noqa: S101 - it was opened with a pipe
         for line in popen.stdout:
             self.last_line = line.rstrip("\n")
-            self._write(self.last_line)
+            self._lines.write(self.spec.name, self.last_line)

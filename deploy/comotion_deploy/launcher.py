@@ -3,7 +3,7 @@
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -49,7 +49,10 @@ class Launcher:
     ) -> None:
         self._lines = lines
         self._stop = stop
-        self.children = [Child(spec, folder, _writer(lines, spec.name)) for spec in specs]
+        self.children = [Child(spec, folder, lines) for spec in specs]
+
+        # The router last to stop, and first to start.
+        self._stages = [[c for c in self.children if c.spec.is_router is last] for last in (False, True)]
 
     def run(self, duration_s: float | None = None) -> None:
         """Start all processes, restart failed ones until the end, and stop all."""
@@ -61,8 +64,7 @@ class Launcher:
 
     def _start_all(self) -> None:
         # Start the router first, so that the others need not wait for it.
-        for stage in (True, False):
-            members = [child for child in self.children if child.spec.is_router is stage]
+        for members in reversed(self._stages):
             for child in members:
                 self._start(child)
             self._wait_ready(members)
@@ -93,7 +95,7 @@ class Launcher:
             status = child.poll()
             if status is not None:
                 self._on_end(child, status)
-            if child.due_s is not None and time.monotonic() >= child.due_s and not self._stop.is_set():
+            if child.is_due and not self._stop.is_set():
                 self._start(child)
 
     def _start(self, child: Child) -> None:
@@ -114,8 +116,7 @@ class Launcher:
             self._stop.set()
 
     def _stop_all(self) -> None:
-        for stage in (False, True):
-            members = [child for child in self.children if child.spec.is_router is stage]
+        for members in self._stages:
             for child in members:
                 child.terminate()
             since = time.monotonic()
@@ -125,10 +126,6 @@ class Launcher:
 
     def _log(self, text: str) -> None:
         self._lines.write(OWN_NAME, text)
-
-
-def _writer(lines: LogLines, name: str) -> Callable[[str], None]:
-    return lambda line: lines.write(name, line)
 
 
 def _reason(status: int) -> str:

@@ -188,14 +188,11 @@ class Agent:
                 running.announced = True
 
     def _start(self, place: Place, scene: Scene) -> None:
-        children = [self._child(spec) for spec in self._specs(place, scene)]
+        children = [Child(spec, self._folder, self._lines) for spec in self._specs(place, scene)]
         self._running[place] = _Running(children, scene)
         for child in children:
             child.start()
         _log.info("runs scene %s, replica %d", place.scene, place.number)
-
-    def _child(self, spec: ProcessSpec) -> Child:
-        return Child(spec, self._folder, lambda line: self._lines.write(spec.name, line))
 
     def _specs(self, place: Place, scene: Scene) -> list[ProcessSpec]:
         name = f"{place.scene}-{place.number}"
@@ -226,7 +223,7 @@ class Agent:
                         child.wait(running.stopped_s)
                 elif status is not None:
                     _log.warning("%s has ended: %s", child.spec.name, child.last_line or f"status {status}")
-                if child.due_s is not None and time.monotonic() >= child.due_s:
+                if child.is_due:
                     child.start()
 
     def _leave(self) -> None:
