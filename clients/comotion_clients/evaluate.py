@@ -18,7 +18,7 @@ from comotion_schemas.text import counted
 from .feed import BATCHES_KEPT, SceneFeed
 from .joints import known_values
 from .metrics import Score, Truth
-from .scoring import SETTLE_S, Observed, SpaceRef, Summary, Tally
+from .scoring import LiveScoring, SpaceRef, Summary, Tally
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -52,35 +52,21 @@ class _Feed(SceneFeed):
         super().__init__(
             session, scene, {TruthBatch: None, ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None}
         )
-        self.tally = Tally(Truth())
+        self.live = LiveScoring()
+        self.tally = Tally(self.live.truth)
         self.first_at: float | None = None
         self.joints: list[Joint] = []
-        self._scored_ns: int | None = None
         self._on_update = on_update
-        self.observed = Observed()
-        self._waiting: list[tuple[float, HypothesisUpdate]] = []
 
-    def poll(self, *, settled: bool = False) -> None:
-        """Process received messages and score the updates that are due; all of them if `settled`."""
+    def poll(self, now: float) -> None:
+        """Process received messages and score the updates that are due at `now`."""
         for message, arrived, _ in self.messages():
-            match message:
-                case TruthBatch():
-                    self.tally.truth.add(message)
-                case ObservationBatch():
-                    self.observed.add(message)
-                case HypothesisUpdate():
-                    self._waiting.append((arrived, message))
-        if self.first_at is None and self._waiting:
-            self.first_at = self._waiting[0][0]
-        now = time.monotonic()
-        while self._waiting and (settled or now - self._waiting[0][0] >= SETTLE_S):
-            _, update = self._waiting.pop(0)
-            # After all sources have ended, updates repeat their stamp. Scoring them would overweight the
-            # last state.
-            if update.stamp_ns != self._scored_ns:
-                self._scored_ns = update.stamp_ns
-                self.joints = update.joints
-                self._on_update(update, self.tally.add(update, self.observed))
+            self.live.add(message, arrived)
+            if self.first_at is None and isinstance(message, HypothesisUpdate):
+                self.first_at = arrived
+        for update in self.live.due(now):
+            self.joints = update.joints
+            self._on_update(update, self.tally.add(update, self.live.observed))
 
 
 def evaluate(
@@ -124,9 +110,9 @@ def evaluate(
             component.ready()
         begun = time.monotonic()
         while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
-            feed.poll()
+            feed.poll(time.monotonic())
             report(lambda: progress_line(feed.tally))
-        feed.poll(settled=True)
+        feed.poll(math.inf)
     return _result(feed, component.scene)
 
 
@@ -149,7 +135,7 @@ def _result(feed: _Feed, scene: str) -> LiveRun:
         summary=summary,
         scores=feed.tally.scores,
         truth=feed.tally.truth,
-        spaces=dict(feed.observed.spaces),
+        spaces=dict(feed.live.observed.spaces),
         lost=updates.lost,
         invalid=dict(updates.invalid),
         joints=feed.joints,

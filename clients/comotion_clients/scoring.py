@@ -2,14 +2,14 @@
 
 import bisect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, TruthBatch
 from comotion_schemas.types import Unit
 
 from .metrics import Score, SourceKey, Switches, Truth, label_switches, labelled, score_labels
@@ -107,6 +107,36 @@ class Observed:
             # Keep the batch before as well, to determine the period.
             del batches[: count - 2 if count > 2 else 0]
         return tracks
+
+
+class LiveScoring:
+    """What scoring of a running scene needs: truth, what is observed, and updates until both have arrived."""
+
+    def __init__(self) -> None:
+        self.truth, self.observed = Truth(), Observed()
+        self._waiting: list[tuple[float, HypothesisUpdate]] = []
+        self._scored_ns: int | None = None
+
+    def add(self, message: Message, arrived: float) -> None:
+        """Add a message of any kind; `arrived` in s of one clock."""
+        match message:
+            case TruthBatch():
+                self.truth.add(message)
+            case ObservationBatch():
+                self.observed.add(message)
+            case HypothesisUpdate():
+                self._waiting.append((arrived, message))
+
+    def due(self, now: float) -> Iterator[HypothesisUpdate]:
+        """Yield the updates whose batches have arrived; all of them for infinity.
+
+        After all sources have ended, updates repeat their stamp: scoring them would overweight the last one.
+        """
+        while self._waiting and now - self._waiting[0][0] >= SETTLE_S:
+            update = self._waiting.pop(0)[1]
+            if update.stamp_ns != self._scored_ns:
+                self._scored_ns = update.stamp_ns
+                yield update
 
 
 @dataclass(frozen=True)

@@ -4,31 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from foxglove.messages import (
-    ArrowPrimitive,
-    Color,
-    CompressedImage,
-    CubePrimitive,
-    Duration,
-    FrameTransform,
-    FrameTransforms,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    Log,
-    LogLevel,
-    PackedElementField,
-    PackedElementFieldNumericType,
-    Point3,
-    PointCloud,
-    Pose,
-    PosesInFrame,
-    Quaternion,
-    SceneEntity,
-    SceneUpdate,
-    TextPrimitive,
-    Timestamp,
-    Vector3,
-)
+from foxglove import messages as fg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -58,20 +34,20 @@ _POINT = np.dtype(
         ("confidence", "<f4"),
     ]
 )
-_NUMBERS = PackedElementFieldNumericType
+_NUMBERS = fg.PackedElementFieldNumericType
 _TYPES = {"<f4": _NUMBERS.Float32, "|u1": _NUMBERS.Uint8, "<u4": _NUMBERS.Uint32}
 _FIELDS = [
-    PackedElementField(name=name, offset=_POINT.fields[name][1], type=_TYPES[_POINT[name].str])  # type: ignore[index]
+    fg.PackedElementField(name=name, offset=_POINT.fields[name][1], type=_TYPES[_POINT[name].str])  # type: ignore[index]
     for name in _POINT.names or ()
 ]
-_LEVELS = {"ok": LogLevel.Info, "degraded": LogLevel.Warning, "stalled": LogLevel.Error}
+_LEVELS = {"ok": fg.LogLevel.Info, "degraded": fg.LogLevel.Warning, "stalled": fg.LogLevel.Error}
 _NO_TURN = Rotation.identity()
-_ORIGIN = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+_ORIGIN = fg.Pose(position=fg.Vector3(), orientation=fg.Quaternion(w=1.0))
 
 
 def point_cloud(
     update: HypothesisUpdate, space: str, rows: NDArray[np.intp], scale: float, palette: Palette
-) -> PointCloud:
+) -> fg.PointCloud:
     """Build the point cloud of one space, coloured by hypothesis.
 
     Parameters
@@ -94,7 +70,7 @@ def point_cloud(
     points["red"], points["green"], points["blue"] = palette.colours(hypotheses).T
     points["alpha"] = 255
     points["hypothesis"], points["confidence"] = hypotheses, update.track_confidence[rows]
-    return PointCloud(
+    return fg.PointCloud(
         timestamp=_time(update.stamp_ns),
         frame_id=space,
         pose=_ORIGIN,
@@ -109,19 +85,19 @@ def current(update: HypothesisUpdate) -> list[Hypothesis]:
     return [h for h in update.hypotheses if not h.absent]
 
 
-def poses(update: HypothesisUpdate, space: str, scale: float) -> PosesInFrame:
+def poses(update: HypothesisUpdate, space: str, scale: float) -> fg.PosesInFrame:
     """Centroid and rotation since birth of the hypotheses of one space; `scale` in metres per unit."""
-    return PosesInFrame(
+    return fg.PosesInFrame(
         timestamp=_time(update.stamp_ns),
         frame_id=space,
         poses=[_pose(h.centroid, scale, _turn(h)) for h in current(update) if h.space == space],
     )
 
 
-def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> FrameTransforms | None:
+def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> fg.FrameTransforms | None:
     """Frame ``hypothesis-<id>`` of every hypothesis with a pose; `scales`: space -> metres per unit."""
     moved = [
-        FrameTransform(
+        fg.FrameTransform(
             timestamp=_time(update.stamp_ns),
             parent_frame_id=h.space,
             child_frame_id=f"hypothesis-{h.id}",
@@ -131,10 +107,12 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> FrameTrans
         for h in current(update)
         if h.pose is not None
     ]
-    return FrameTransforms(transforms=moved) if moved else None
+    return fg.FrameTransforms(transforms=moved) if moved else None
 
 
-def labels(update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names) -> SceneUpdate:
+def labels(
+    update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names
+) -> fg.SceneUpdate:
     """Name, state, size, velocity and box of every hypothesis, shown for three periods."""
     entities = []
     for h in update.hypotheses:
@@ -150,12 +128,12 @@ def labels(update: HypothesisUpdate, space: str, scale: float, palette: Palette,
                     texts=[_text(_describe(h, names), h.centroid, scale, colour)],
                 )
             )
-    return SceneUpdate(entities=entities)
+    return fg.SceneUpdate(entities=entities)
 
 
 def joints(
     update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names
-) -> SceneUpdate | None:
+) -> fg.SceneUpdate | None:
     """Axis, and arc or rail, of every joint of one space, and the joint in words, for three periods."""
     bodies = {h.id: h for h in update.hypotheses if h.space == space}
     entities = []
@@ -171,12 +149,12 @@ def joints(
                     texts=[_text(joint_words(joint, names), joint.point, scale, colour)],
                 )
             )
-    return SceneUpdate(entities=entities) if entities else None
+    return fg.SceneUpdate(entities=entities) if entities else None
 
 
-def image(preview: Preview) -> CompressedImage:
+def image(preview: Preview) -> fg.CompressedImage:
     """Convert a camera image."""
-    return CompressedImage(
+    return fg.CompressedImage(
         timestamp=_time(preview.stamp_ns),
         frame_id=f"{preview.source}/pixels",
         data=preview.image,
@@ -184,19 +162,19 @@ def image(preview: Preview) -> CompressedImage:
     )
 
 
-def event_line(event: Event, names: Names) -> Log:
+def event_line(event: Event, names: Names) -> fg.Log:
     """Format an event."""
-    return Log(
+    return fg.Log(
         timestamp=_time(event.stamp_ns),
-        level=LogLevel.Info,
+        level=fg.LogLevel.Info,
         message=event_words(event, names),
         name="comotion",
     )
 
 
-def health_line(status: Status) -> Log:
+def health_line(status: Status) -> fg.Log:
     """What a component says of itself, as a line of a log."""
-    return Log(
+    return fg.Log(
         timestamp=_time(status.stamp_ns),
         level=_LEVELS[status.state],
         message=f"{status.state} {status.message}".strip(),
@@ -220,32 +198,32 @@ def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: floa
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _time(stamp_ns: int) -> Timestamp:
+def _time(stamp_ns: int) -> fg.Timestamp:
     """A stamp; those before 1970 and after 2106 are the nearest that Foxglove can say."""
     sec, nsec = divmod(max(stamp_ns, 0), 1_000_000_000)
-    return Timestamp(sec=min(sec, _MOST_SECONDS), nsec=nsec)
+    return fg.Timestamp(sec=min(sec, _MOST_SECONDS), nsec=nsec)
 
 
-def _entity(update: HypothesisUpdate, space: str, name: str, **drawn: Any) -> SceneEntity:
-    lifetime = Duration(*divmod(_PERIODS_SHOWN * update.period_ns, 1_000_000_000))
+def _entity(update: HypothesisUpdate, space: str, name: str, **drawn: Any) -> fg.SceneEntity:
+    lifetime = fg.Duration(*divmod(_PERIODS_SHOWN * update.period_ns, 1_000_000_000))
     stamp = _time(update.stamp_ns)
-    return SceneEntity(timestamp=stamp, frame_id=space, id=name, lifetime=lifetime, **drawn)
+    return fg.SceneEntity(timestamp=stamp, frame_id=space, id=name, lifetime=lifetime, **drawn)
 
 
 def _triple(values: Sequence[float], scale: float = 1.0) -> dict[str, float]:
     return dict(zip("xyz", (scale * three(values)).tolist(), strict=True))
 
 
-def _vector(values: Sequence[float], scale: float = 1.0) -> Vector3:
-    return Vector3(**_triple(values, scale))
+def _vector(values: Sequence[float], scale: float = 1.0) -> fg.Vector3:
+    return fg.Vector3(**_triple(values, scale))
 
 
-def _quaternion(turn: Rotation) -> Quaternion:
-    return Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))
+def _quaternion(turn: Rotation) -> fg.Quaternion:
+    return fg.Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))
 
 
-def _pose(position: Sequence[float], scale: float, turn: Rotation = _NO_TURN) -> Pose:
-    return Pose(position=_vector(position, scale), orientation=_quaternion(turn))
+def _pose(position: Sequence[float], scale: float, turn: Rotation = _NO_TURN) -> fg.Pose:
+    return fg.Pose(position=_vector(position, scale), orientation=_quaternion(turn))
 
 
 def _turn(hypothesis: Hypothesis) -> Rotation:
@@ -253,9 +231,9 @@ def _turn(hypothesis: Hypothesis) -> Rotation:
     return _NO_TURN if hypothesis.pose is None else rotation(hypothesis.pose.rotation)
 
 
-def _colour(palette: Palette, hypothesis: int, alpha: float = 1.0) -> Color:
+def _colour(palette: Palette, hypothesis: int, alpha: float = 1.0) -> fg.Color:
     red, green, blue = palette.colour(hypothesis)
-    return Color(r=red / 255, g=green / 255, b=blue / 255, a=alpha)
+    return fg.Color(r=red / 255, g=green / 255, b=blue / 255, a=alpha)
 
 
 def _describe(hypothesis: Hypothesis, names: Names) -> str:
@@ -264,8 +242,8 @@ def _describe(hypothesis: Hypothesis, names: Names) -> str:
     return f"{named(hypothesis.id, names)}: {state}{doubt}, {hypothesis.size}"
 
 
-def _text(text: str, position: Sequence[float], scale: float, colour: Color) -> TextPrimitive:
-    return TextPrimitive(
+def _text(text: str, position: Sequence[float], scale: float, colour: fg.Color) -> fg.TextPrimitive:
+    return fg.TextPrimitive(
         pose=_pose(position, scale),
         billboard=True,
         font_size=14.0,
@@ -275,28 +253,28 @@ def _text(text: str, position: Sequence[float], scale: float, colour: Color) -> 
     )
 
 
-def _line(joint: Joint, body: Hypothesis, scale: float, colour: Color) -> LinePrimitive:
+def _line(joint: Joint, body: Hypothesis, scale: float, colour: fg.Color) -> fg.LinePrimitive:
     ends = joint_lines(joint, body, _AXIS_M / scale)
-    return LinePrimitive(
-        type=LinePrimitiveLineType.LineList,
+    return fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineList,
         pose=_ORIGIN,
         thickness=2.0,
         scale_invariant=True,
-        points=[Point3(**_triple(point, scale)) for point in ends.reshape(-1, ends.shape[2]).tolist()],
+        points=[fg.Point3(**_triple(point, scale)) for point in ends.reshape(-1, ends.shape[2]).tolist()],
         color=colour,
     )
 
 
-def _cubes(hypothesis: Hypothesis, scale: float, colour: Color) -> list[CubePrimitive]:
+def _cubes(hypothesis: Hypothesis, scale: float, colour: fg.Color) -> list[fg.CubePrimitive]:
     """The box of a body; that of what is at rest would surround the scene."""
     box = hypothesis.box
     if box is None or hypothesis.state == "static" or hypothesis.absent:
         return []
     pose = _pose(box.center, scale, rotation(box.rotation))
-    return [CubePrimitive(pose=pose, size=_vector(box.half, 2 * scale), color=colour)]
+    return [fg.CubePrimitive(pose=pose, size=_vector(box.half, 2 * scale), color=colour)]
 
 
-def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPrimitive]:
+def _arrows(hypothesis: Hypothesis, scale: float, colour: fg.Color) -> list[fg.ArrowPrimitive]:
     """Arrow along the velocity; its length is the distance moved in 0.5 s."""
     if hypothesis.twist is None or hypothesis.absent:
         return []
@@ -306,7 +284,7 @@ def _arrows(hypothesis: Hypothesis, scale: float, colour: Color) -> list[ArrowPr
         return []
     along, _ = Rotation.align_vectors(velocity, (1.0, 0.0, 0.0))  # arrows point along x
     return [
-        ArrowPrimitive(
+        fg.ArrowPrimitive(
             pose=_pose(hypothesis.centroid, scale, along),
             shaft_length=0.8 * length,
             shaft_diameter=0.05 * length,

@@ -6,14 +6,14 @@ shapes are at acquisition times; curves of rates and lags are at the stamp of th
 
 from typing import TYPE_CHECKING
 
-from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, TruthBatch
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview
 from comotion_schemas.colours import HUES
 from comotion_schemas.naming import Names, event_words
 
 from ..following import Display
-from ..metrics import TrackIds, Truth, score_update
+from ..metrics import Score, TrackIds, score_update
 from ..scene_model import SceneModel
-from ..scoring import SETTLE_S, Observed
+from ..scoring import LiveScoring
 from .cameras import Cameras
 from .drawing import Layout, Moment, Shape, entry, value
 from .features import Features
@@ -29,28 +29,26 @@ class ScoreCurves:
 
     def __init__(self) -> None:
         self.scored = False
-        self.truth = Truth()
         self._spaces: list[str] = []
         self._paths = Paths("scores")
 
-    def draw(self, update: HypothesisUpdate, observed: Observed) -> list[Moment]:
+    def draw(self, update: HypothesisUpdate, live: LiveScoring) -> list[Moment]:
         """Return the scores of an update as shapes; none without truth. Updates must come in order."""
         # Called without truth as well: it discards old batches.
-        tracks = observed.at(update.stamp_ns)
-        if not len(self.truth):
+        tracks = live.observed.at(update.stamp_ns)
+        if not len(live.truth):
             return []
         groups: dict[str, TrackIds] = {}
         for source, ids in tracks.items():
-            name = observed.spaces[source[0]].name
+            name = live.observed.spaces[source[0]].name
             groups[name] = {**groups.get(name, {}), source: ids}
-        shapes = [
-            shape for name, group in sorted(groups.items()) for shape in self._space(update, name, group)
-        ]
+        shapes = []
+        for name, group in sorted(groups.items()):
+            shapes += self._space(name, score_update(update, live.truth, group))
         self.scored |= bool(shapes)
         return [Moment(update.stamp_ns, shapes)] if shapes else []
 
-    def _space(self, update: HypothesisUpdate, name: str, tracks: TrackIds) -> list[Shape]:
-        score = score_update(update, self.truth, tracks)
+    def _space(self, name: str, score: Score) -> list[Shape]:
         if not score.scored:
             return []
         if name not in self._spaces:
@@ -62,9 +60,6 @@ class ScoreCurves:
             value(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi),
             value(f"{path}/wrong", score.misclassification, f"misclassified in {name}", missed),
         ]
-
-
-_MAX_UNSCORED = 64  # updates that wait for SETTLE_S
 
 
 class ScenePicture:
@@ -90,22 +85,20 @@ class ScenePicture:
         self._drawn_at: dict[str, float] = {}
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
-        self._observed = Observed()
+        self._live = LiveScoring()
         self._features = Features(self.model.palette, self.model.names)
         self._cameras = Cameras(self.model.palette, self.model.names, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")
         self._drawn_ns: int | None = None
         self._batch_ns: int | None = None
-        self._unscored: list[tuple[float, HypothesisUpdate]] = []
 
     @property
     def layout(self) -> Layout:
         """Spaces and cameras with a view; a pixel space whose features are in images needs none."""
-        cameras = self._cameras.views
-        in_images = {
-            ref.name for name, ref in self._observed.spaces.items() if name in cameras and ref.unit == "px"
-        } - {ref.name for name, ref in self._observed.spaces.items() if name not in cameras}
+        cameras, known = self._cameras.views, self._live.observed.spaces.items()
+        in_images = {ref.name for name, ref in known if name in cameras and ref.unit == "px"}
+        in_images -= {ref.name for name, ref in known if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
         return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
 
@@ -118,27 +111,24 @@ class ScenePicture:
         for event in model.on_message(message, arrived, wall_ns):
             words, colour = event_words(event, model.names), model.palette.legible(event.hypothesis)
             moments.append(Moment(event.stamp_ns, [entry(event.stamp_ns, words, colour)]))
+        self._live.add(message, arrived)
         match message:
             case ObservationBatch():
-                self._observed.add(message)
                 self._batch_ns = max(self._batch_ns or 0, min(message.stamp_ns, wall_ns))
-            case TruthBatch():
-                self._agreement.truth.add(message)
             case Preview() if self._wanted(f"image {message.source}", arrived):
                 self._cameras.add(message, arrived)
             case HypothesisUpdate() if message.stamp_ns != self._drawn_ns and _has_time(message):
                 self._drawn_ns = message.stamp_ns
-                self._unscored = [*self._unscored[-_MAX_UNSCORED:], (arrived, message)]
                 if self._wanted("update", arrived):
-                    shapes = self._features.draw(message, self._observed.spaces)
+                    shapes = self._features.draw(message, self._live.observed.spaces)
                     moments.append(Moment(message.stamp_ns, shapes))
         return moments
 
     def tick(self, now: float) -> list[Moment]:
         """Draw what is due at `now`: images, scores, and twice a second the health of the scene."""
         moments = self._cameras.due(self.model.update, now)
-        while self._unscored and now - self._unscored[0][0] >= SETTLE_S:
-            moments += self._agreement.draw(self._unscored.pop(0)[1], self._observed)
+        for fused in self._live.due(now):
+            moments += self._agreement.draw(fused, self._live)
         update = self.model.update
         stamp_ns = self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
         if stamp_ns is not None and now - self._health_at >= PERIOD_S:

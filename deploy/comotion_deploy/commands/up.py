@@ -75,18 +75,11 @@ Examples:
 
     def run(self) -> None:
         """Run the demo."""
-        from ..demo import (
-            demo_processes,
-            free_endpoint,
-            prepare,
-            show_summary,
-            time_scale,
-            without_other_scenes,
-        )
+        from .. import demo
         from ..launcher import launch
 
-        out, scale = self.out, time_scale(self.simulated, self.duration)
-        if ignored := without_other_scenes():
+        out, scale = self.out, demo.time_scale(self.simulated, self.duration)
+        if ignored := demo.without_other_scenes():
             print(f"the demo has a router of its own and does not use {', '.join(ignored)}", flush=True)
         out.mkdir(parents=True, exist_ok=True)
         for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
@@ -96,11 +89,11 @@ Examples:
             flush=True,
         )
         print("preparing; the first time on a machine this compiles for half a minute or more", flush=True)
-        prepare()
+        demo.prepare()
         on_terminal = sys.stdout.isatty()
-        processes = demo_processes(
+        processes = demo.demo_processes(
             self.simulated,
-            free_endpoint(),
+            demo.free_endpoint(),
             out,
             fusion=self._fusion_words(),
             scale=scale,
@@ -108,7 +101,7 @@ Examples:
             on_terminal=on_terminal,
         )
         launch(processes, log=out / "demo.log" if on_terminal else None, duration_s=self.duration)
-        show_summary(out)
+        demo.show_summary(out)
 
     def _fusion_words(self) -> list[str]:
         """Options of ``comotion serve``."""
