@@ -18,7 +18,7 @@ from comotion_clients.following import play
 from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
 from comotion_clients.viewing.picture import Drawn, ScenePicture
-from comotion_clients.viewing.sink import Destination, RerunSink
+from comotion_clients.viewing.sink import RerunSink
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status
 
 from .inputs import Arrived, Incoming, find_inputs
@@ -46,7 +46,7 @@ def make(folder: Path) -> list[Path]:
         for log_ns, message in messages:
             scene.add(log_ns, message)
     files[1].write_text(layout().to_json() + "\n")
-    with RerunSink(Destination(file=files[2])) as sink:
+    with RerunSink(file=files[2]) as sink:
         play(Drawn(sink, ScenePicture(name)), messages)
     return files
 

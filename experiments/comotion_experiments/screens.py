@@ -60,9 +60,9 @@ def _viewed(messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
     """What ``comotion view RECORDING --web`` shows of these messages."""
     from comotion_clients.following import play
     from comotion_clients.viewing.picture import Drawn, ScenePicture
-    from comotion_clients.viewing.sink import Destination, RerunSink, free_port
+    from comotion_clients.viewing.sink import RerunSink, free_port
 
-    with RerunSink(Destination(web_port=free_port(), data_port=free_port())) as sink:
+    with RerunSink(web_port=free_port(), data_port=free_port()) as sink:
         play(Drawn(sink, ScenePicture("default")), messages)
         return _page(f"{sink.url}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
 

@@ -37,7 +37,7 @@ def test_without_a_display_the_command_says_what_to_do(sink, monkeypatch, capsys
 
 def test_page_and_data_are_for_this_machine_alone(sink):
     page, data = sink.free_port(), sink.free_port()
-    with sink.RerunSink(sink.Destination(web_port=page, data_port=data)) as shown:
+    with sink.RerunSink(web_port=page, data_port=data) as shown:
         assert str(page) in shown.url
         # Of every listening socket: local address and state, see proc_net_tcp.
         lines = [Path("/proc/net", name).read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
@@ -51,7 +51,7 @@ def test_a_port_in_use_is_an_error_that_names_it(sink, taken):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         ports = {"web_port": sink.free_port(), "data_port": sink.free_port(), taken: port}
-        with pytest.raises(OSError, match=str(port)), sink.RerunSink(sink.Destination(**ports)):
+        with pytest.raises(OSError, match=str(port)), sink.RerunSink(**ports):
             pass
 
 
@@ -59,7 +59,7 @@ def test_every_shape_arrives_in_the_file(sink, tmp_path):
     from comotion_clients.viewing.picture import ScenePicture
 
     picture = ScenePicture("lab")
-    with sink.RerunSink(sink.Destination(file=tmp_path / "a.rrd")) as shown:
+    with sink.RerunSink(file=tmp_path / "a.rrd") as shown:
         for k in range(1, 6):
             moments = feed(picture, k)
             shown.arrange(picture.layout)

@@ -11,7 +11,7 @@ import threading
 import time
 import urllib.parse
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -78,9 +78,9 @@ _POLL_S = 0.05
 _CHECK_S = 0.2  # between two checks whether the window is closed
 
 
-@dataclass(frozen=True, kw_only=True)
-class Destination:
-    """Outputs of the viewer; several may be combined.
+@dataclass(kw_only=True, eq=False)
+class RerunSink:
+    """Shows moments by Rerun; a context manager. Several outputs may be combined.
 
     Attributes
     ----------
@@ -94,6 +94,13 @@ class Destination:
         Path of a new ``.rrd`` file.
     memory
         Memory for the history in the data server, and memory limit of the window.
+    url
+        Address of the page.
+
+    Raises
+    ------
+    OSError
+        If a port is in use, the file exists or cannot be written, or the window does not open.
     """
 
     window: bool = False
@@ -102,50 +109,34 @@ class Destination:
     open_browser: bool = False
     file: Path | None = None
     memory: str = "1GiB"
+    url: str | None = field(default=None, init=False)
 
-
-class RerunSink:
-    """Shows moments by Rerun; a context manager.
-
-    Raises
-    ------
-    OSError
-        If a port is in use, the file exists or cannot be written, or the window does not open.
-    """
-
-    def __init__(self, destination: Destination) -> None:
-        self.url: str | None = None
-        self._where = destination
+    def __post_init__(self) -> None:
         self._layout: Layout | None = None
         self._styled: set[str] = set()
         self._program: Program | None = None
-        self._live = destination.window or destination.web_port is not None
+        self._live = self.window or self.web_port is not None
+        # Large chunks make a file smaller; a live view needs low latency instead.
+        live, slow = rr.ChunkBatcherConfig.LOW_LATENCY(), rr.ChunkBatcherConfig(flush_tick=_FILE_TICK_S)
         self._recording = rr.RecordingStream(
-            "comotion",
-            # Large chunks make a file smaller; a live view needs low latency instead.
-            batcher_config=(
-                rr.ChunkBatcherConfig.LOW_LATENCY()
-                if self._live
-                else rr.ChunkBatcherConfig(flush_tick=_FILE_TICK_S)
-            ),
-            send_properties=False,
+            "comotion", batcher_config=live if self._live else slow, send_properties=False
         )
 
     def __enter__(self) -> Self:
         sinks: list[Any] = []
-        if self._where.file is not None:
-            _create(self._where.file)
-            sinks.append(rr.FileSink(str(self._where.file)))
+        if self.file is not None:
+            _create(self.file)
+            sinks.append(rr.FileSink(str(self.file)))
         if self._live:
-            port = self._where.data_port if self._where.web_port is not None else free_port()
+            port = self.data_port if self.web_port is not None else free_port()
             require_free(port)
-            server = rr.GrpcServerSink(LOOPBACK, port, server_memory_limit=self._where.memory)
+            server = rr.GrpcServerSink(LOOPBACK, port, server_memory_limit=self.memory)
             sinks.append(server)
         self._recording.set_sinks(*sinks)
         self.arrange(Layout())
-        if self._where.web_port is not None:
-            self._serve_page(self._where.web_port, server.uri)
-        if self._where.window:
+        if self.web_port is not None:
+            self._serve_page(self.web_port, server.uri)
+        if self.window:
             self._open_window(server.uri)
         return self
 
@@ -203,7 +194,7 @@ class RerunSink:
             self.__exit__()
             raise
         self.url = page_url(port, data_uri)
-        if self._where.open_browser:
+        if self.open_browser:
             import webbrowser
 
             webbrowser.open(self.url)
@@ -218,7 +209,7 @@ class RerunSink:
             time.sleep(_POLL_S)
 
     def _open_window(self, data_uri: str) -> None:
-        memory = ("--memory-limit", self._where.memory)
+        memory = ("--memory-limit", self.memory)
         self._program = Program("--connect", data_uri, *memory, "--hide-welcome-screen", "--bind", LOOPBACK)
 
 

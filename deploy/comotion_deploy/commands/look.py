@@ -4,6 +4,7 @@ import os
 import re
 import sys
 import threading
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -15,7 +16,8 @@ from ..options import Client, Command, Json, Present, argument, option, setting
 
 if TYPE_CHECKING:
     from comotion_clients.following import Display
-    from comotion_clients.viewing.sink import Destination
+    from comotion_clients.viewing.sink import RerunSink
+    from comotion_schemas.message_log import MessageLog
 
 
 @dataclass(kw_only=True)
@@ -161,54 +163,58 @@ Examples:
         if self.foxglove:
             from comotion_clients.foxglove.server import FoxgloveDisplay
 
-            with FoxgloveDisplay(self.foxglove_port, self.names()) as display:
+            with self._log() as log, FoxgloveDisplay(self.foxglove_port, self.names()) as display:
                 print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
-                self._show(display, in_time=True)
+                self._show(display, log, in_time=True)
             return
         import rerun  # noqa: F401 - before a window opens
         import rerun_cli  # noqa: F401
 
-        where = self._destination()
+        destination = self._destination()
         from comotion_clients.viewing.picture import Drawn, ScenePicture
-        from comotion_clients.viewing.sink import RerunSink
         from comotion_schemas.component import stop_on_signals
 
-        picture = ScenePicture(self.scene, self.rate, dense=self.regions, names=self.names())
-        with RerunSink(where) as sink:
+        stop = threading.Event()
+        with self._log() as log, destination as sink:
             if sink.url is not None:
                 print(f"look at {sink.url}", file=sys.stderr, flush=True)
-            drawn = Drawn(sink, picture)
-            if self.recording is None:
-                self._show(drawn)
+            scene = self.scene if log is None else log.scene
+            picture = ScenePicture(scene, self.rate, dense=self.regions, names=self.names())
+            if log is None:
+                self._show(Drawn(sink, picture), log)
                 return
-            stop = threading.Event()
             with stop_on_signals(stop):
-                self._show(drawn)
-                if where.window or where.web_port is not None:
+                self._show(Drawn(sink, picture), log)
+                if sink.window or sink.web_port is not None:
                     sink.wait(stop, self.duration)
 
-    def _show(self, display: "Display", *, in_time: bool = False) -> None:
+    def _log(self) -> "AbstractContextManager[MessageLog | None]":
+        """The recording to show, if it is no running scene."""
+        if self.recording is None:
+            return nullcontext()
+        from comotion_schemas.message_log import MessageLog
+
+        return MessageLog(self.recording)
+
+    def _show(self, display: "Display", log: "MessageLog | None", *, in_time: bool = False) -> None:
         """Give a display the running scene, or the recording."""
         from comotion_clients.following import follow, play
+        from comotion_schemas.text import counted
 
-        if self.recording is None:
+        if log is None:
             viewed = follow(display, self.duration, **self.where())
             if self.json_:
                 self.show(viewed)
             else:
                 print(viewed.line(), file=sys.stderr)
             return
-        from comotion_schemas.message_log import MessageLog
-        from comotion_schemas.text import counted
-
-        with MessageLog(self.recording) as log:
-            shown = play(display, log.decoded(), in_time=in_time)
+        shown = play(display, log.decoded(), in_time=in_time)
         if not shown:
             raise UserError(f"{self.recording}: it holds no hypotheses; was the service recorded?")
         print(f"{self.recording}: {counted(shown, 'update')}", file=sys.stderr)
 
-    def _destination(self) -> "Destination":
-        from comotion_clients.viewing.sink import Destination
+    def _destination(self) -> "RerunSink":
+        from comotion_clients.viewing.sink import RerunSink
 
         if re.fullmatch(r"\d+(\.\d+)?(%|[kMGT]i?B)", self.memory) is None:
             raise UserError(f"--memory {self.memory}: expected something like 500MB, 2GB or 25%")
@@ -221,12 +227,13 @@ Examples:
         window = not self.web and self.save is None
         if window and not _has_display():
             raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
-        return self.taken(
-            Destination,
+        return RerunSink(
             window=window,
             web_port=self.port if self.web else None,
             open_browser=self.browser and _has_display(),
             file=self.save,
+            data_port=self.data_port,
+            memory=self.memory,
         )
 
 
