@@ -209,7 +209,7 @@ Examples:
                 print(viewed.line(), file=sys.stderr)
             return
         shown = play(display, log.decoded(), in_time=in_time)
-        if not shown:
+        if not shown and not self.foxglove:  # which shows images without
             raise UserError(f"{self.recording}: it holds no hypotheses; was the service recorded?")
         print(f"{self.recording}: {counted(shown, 'update')}", file=sys.stderr)
 
