@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import zenoh
 
@@ -17,6 +17,16 @@ BATCHES_KEPT = 8192
 _TOKENS_KEPT = 256
 # Components whose token is followed, the first to be heard.
 _FOLLOWED = 1024
+
+
+class Listener(Protocol):
+    """Takes what arrives of a scene."""
+
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> Any:
+        """Add a message; `arrived` by ``time.monotonic()``, `wall_ns` by the wall clock."""
+
+    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
+        """Process that a component entered or left the scene."""
 
 
 class SceneFeed:
@@ -65,6 +75,13 @@ class SceneFeed:
             subscriber: Any = self._session.liveliness().declare_subscriber(key, ring, history=True)
             self._exit.callback(subscriber.undeclare)
             self._tokens[key] = subscriber
+
+    def pour(self, listener: Listener) -> list[tuple[Message, Any]]:
+        """Give a model or display what has arrived; returns the messages with what it has answered."""
+        answers = [(received[0], listener.on_message(*received)) for received in self.messages()]
+        for role, token, alive in self.presence():
+            listener.on_presence(role, token, alive=alive, now=time.monotonic())
+        return answers
 
     def messages(self) -> Iterator[tuple[Message, float, int]]:
         """Yield (message, arrival by ``time.monotonic()``, arrival by the wall clock in ns)."""

@@ -16,7 +16,7 @@ import zenoh
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.component import StatusFields, Where, viewer
 
-from .feed import BATCHES_KEPT, SceneFeed
+from .feed import BATCHES_KEPT, Listener, SceneFeed
 
 POLL_S = 0.02
 UPDATES_KEPT = 4
@@ -24,7 +24,7 @@ UPDATES_KEPT = 4
 _AGES_KEPT = 36_000  # one hour at 10 Hz
 
 
-class Display:
+class Display(Listener):
     """What is done with a scene's messages; this one does nothing."""
 
     @property
@@ -33,10 +33,7 @@ class Display:
         return False
 
     def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
-        """Process that a component entered or left the scene."""
-
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
-        """Add a message; `arrived` by ``time.monotonic()``, `wall_ns` by the wall clock."""
+        """Nobody is shown."""
 
     def refresh(self, now: float) -> None:
         """Show what has come."""
@@ -85,19 +82,14 @@ class _Feed(SceneFeed):
         self._ages: deque[float] = deque(maxlen=_AGES_KEPT)
         self._shown = 0
 
-    def pour(self, display: Display) -> None:
-        """Give received messages to a display."""
-        now, published_ns = time.monotonic(), None
-        for role, token, alive in self.presence():
-            display.on_presence(role, token, alive=alive, now=now)
-        for message, arrived, wall_ns in self.messages():
-            display.on_message(message, arrived, wall_ns)
-            if isinstance(message, HypothesisUpdate):
-                published_ns = message.published_ns
-        display.refresh(now)
-        if published_ns is not None:
+    def show(self, display: Display) -> None:
+        """Give received messages to a display, and let it show them."""
+        messages = [message for message, _ in self.pour(display)]
+        updates = [message for message in messages if isinstance(message, HypothesisUpdate)]
+        display.refresh(time.monotonic())
+        if updates:
             self._shown += 1
-            self._ages.append((time.time_ns() - published_ns) / 1e9)
+            self._ages.append((time.time_ns() - updates[-1].published_ns) / 1e9)
             display.on_age(self._ages[-1])
 
     def status(self) -> StatusFields:
@@ -141,7 +133,7 @@ def follow(display: Display, duration: float | None = None, **where: Unpack[Wher
         component.ready()
         end = float("inf") if duration is None else time.monotonic() + duration
         while not component.stop.wait(POLL_S) and not display.closed:
-            feed.pour(display)
+            feed.show(display)
             if time.monotonic() >= end:
                 break
         return feed.viewed()

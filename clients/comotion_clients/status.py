@@ -99,19 +99,13 @@ class _StatusFeed(SceneFeed):
         self._query_routers()
         queried_s = float("-inf")
         while (now := time.monotonic()) < end:
-            self._listen()
+            self.pour(self.model)
             if now - queried_s > _QUERY_S:
                 queried_s = now
                 self._query_services()
                 self._query_caches()
             time.sleep(_POLL_S)
-        self._listen()
-
-    def _listen(self) -> None:
-        for received in self.messages():
-            self.model.on_message(*received)
-        for role, token, alive in self.presence():
-            self.model.on_presence(role, token, alive=alive)
+        self.pour(self.model)
 
     def _query_services(self) -> None:
         for sample, sent_s, received_s in self._replies(self._keys.query("status")):

@@ -6,13 +6,12 @@ import sys
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Unpack
+from typing import Any, Unpack
 
-import zenoh
 from rich.console import Console
 from rich.live import Live
 
-from comotion_schemas import DEFAULT_SCENE, Event, HypothesisUpdate, ObservationBatch, Status
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, ObservationBatch, Status
 from comotion_schemas.component import Component, Where, viewer
 from comotion_schemas.naming import Names, event_words
 from comotion_schemas.terminal import keyboard
@@ -47,20 +46,7 @@ class WatchOptions:
     all_events: bool = False
 
 
-class _Watched(SceneFeed):
-    """Fills a scene model with what arrives."""
-
-    def __init__(self, session: zenoh.Session, scene: str, options: WatchOptions) -> None:
-        kinds = {ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None, Status: None}
-        super().__init__(session, scene, kinds)
-        self.model = SceneModel(scene, options.names, all_events=options.all_events)
-
-    def poll(self) -> list[Event]:
-        """Process received messages; returns the new events."""
-        events = [event for received in self.messages() for event in self.model.on_message(*received)]
-        for role, name, alive in self.presence():
-            self.model.on_presence(role, name, alive=alive, now=time.monotonic())
-        return events
+_READ: dict[type[Any], int | None] = {ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None, Status: None}
 
 
 def watch(options: WatchOptions | None = None, **where: Unpack[Where]) -> None:
@@ -86,26 +72,36 @@ def watch(options: WatchOptions | None = None, **where: Unpack[Where]) -> None:
         return
     with (
         viewer("watch", **where) as component,
-        _Watched(component.session, component.scene, options) as feed,
+        SceneFeed(component.session, component.scene, _READ) as feed,
     ):
+        model = SceneModel(component.scene, options.names, all_events=options.all_events)
         if where.get("ready_file") is not None:
             component.ready()
         if options.json or not sys.stdout.isatty():
-            _lines(feed, component, options)
+            _lines(feed, model, component, options)
         else:
-            _screen(feed, component, options)
+            _screen(feed, model, component, options)
 
 
 def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     """Collect messages for a moment, and show how the scene is."""
     with (
         connect(settings, timeout=options.timeout) as session,
-        _Watched(session, scene, options) as feed,
+        SceneFeed(session, scene, _READ) as feed,
     ):
-        _wait_for_message(feed, settings, options.timeout)
+        model, deadline = (
+            SceneModel(scene, options.names, all_events=options.all_events),
+            time.monotonic() + options.timeout,
+        )
+        while not model.seen:
+            if time.monotonic() > deadline:
+                where = ", ".join(settings.connect)
+                raise TimeoutError(f"no message of scene {scene!r} arrives at {where}")
+            time.sleep(0.05)
+            feed.pour(model)
         time.sleep(ONCE_S)
-        feed.poll()
-    snapshot = feed.model.snapshot(time.monotonic())
+        feed.pour(model)
+    snapshot = model.snapshot(time.monotonic())
     if options.json:
         _emit(json.dumps(as_json(snapshot), indent=2))
         return
@@ -113,37 +109,27 @@ def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
     console.print(render(snapshot, console.width, WHOLE, options.sort, keys=False, pose=options.pose))
 
 
-def _wait_for_message(feed: _Watched, settings: SessionSettings, timeout: float) -> None:
-    deadline = time.monotonic() + timeout
-    while not feed.model.seen:
-        if time.monotonic() > deadline:
-            where = ", ".join(settings.connect)
-            raise TimeoutError(f"no message of scene {feed.model.scene!r} arrives at {where}")
-        time.sleep(0.05)
-        feed.poll()
-
-
-def _lines(feed: _Watched, component: Component, options: WatchOptions) -> None:
+def _lines(feed: SceneFeed, model: SceneModel, component: Component, options: WatchOptions) -> None:
     """Print one line per second and one per event, for logs, pipes and scripts."""
     while not component.stop.wait(PLAIN_PERIOD_S):
-        events = feed.poll()
-        snapshot = feed.model.snapshot(time.monotonic())
+        answers = feed.pour(model)
+        snapshot = model.snapshot(time.monotonic())
         if options.json:
             _emit(json.dumps(as_json(snapshot)))
             continue
-        for event in events:
-            _emit(f"{_clock()} {snapshot.scene} {event_words(event, feed.model.names)}")
+        for event in (event for _, events in answers for event in events):
+            _emit(f"{_clock()} {snapshot.scene} {event_words(event, model.names)}")
         _emit(f"{_clock()} {plain_line(snapshot)}")
 
 
-def _screen(feed: _Watched, component: Component, options: WatchOptions) -> None:
+def _screen(feed: SceneFeed, model: SceneModel, component: Component, options: WatchOptions) -> None:
     console = Console()
     sort, pose = options.sort, options.pose
     with keyboard() as read_key, Live(console=console, screen=True, auto_refresh=False) as live:
         while not component.stop.is_set():
-            feed.poll()
+            feed.pour(model)
             width, height = console.size
-            snapshot = feed.model.snapshot(time.monotonic())
+            snapshot = model.snapshot(time.monotonic())
             live.update(render(snapshot, width, height, sort, pose=pose), refresh=True)
             match read_key(REFRESH_S):
                 case "q":
