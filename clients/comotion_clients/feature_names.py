@@ -18,12 +18,7 @@ class HypothesisNames(Names):
     A hypothesis keeps its name until another one holds that feature, and no two of a space have the same. Of
     several the last is taken: that of a robot's link which is farthest from its base. What rests from the
     start has none: a link that has not moved yet is there with all the background. A body in one space that
-    is linked to a body with a name in another has that name.
-
-    Parameters
-    ----------
-    given
-        Names that people give.
+    is linked to a body with a name in another has that name. `given` are names that people give.
     """
 
     def __init__(self, given: Names | None = None) -> None:

@@ -107,16 +107,7 @@ class _Feed(SceneFeed):
 
 
 def follow(display: Display, duration: float | None = None, **where: Unpack[Where]) -> Viewed:
-    """Give a display the messages of a scene until a signal arrives, or it is closed.
-
-    Parameters
-    ----------
-    display
-        Shows them.
-    duration
-        s; None: until stopped.
-    where
-        Where the viewer runs.
+    """Give a display the messages of a scene until a signal arrives, `duration` s are over, or it is closed.
 
     Raises
     ------

@@ -28,6 +28,17 @@ from .watch_columns import (
 Sort = Literal["size", "name", "age"]
 SORTS: tuple[Sort, ...] = get_args(Sort)
 
+# By size, the largest first; by name or id; sources by age, the oldest first, hypotheses the youngest first.
+_SOURCES: dict[Sort, Callable[[SourceRow], Any]] = {
+    "size": lambda row: (-row.tracks, row.name),
+    "name": lambda row: row.name,
+    "age": lambda row: (-row.age, row.name),
+}
+_HYPOTHESES: dict[Sort, Callable[[HypothesisRow], Any]] = {
+    "size": lambda row: (-row.size, row.id),
+    "name": lambda row: row.id,
+    "age": lambda row: (row.age, row.id),
+}
 _SERVICE_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "bold red", "silent": "bold red"}
 _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"} | {
     "absent": "yellow",
@@ -52,8 +63,8 @@ def render(
     """
     head = [*_cropped(_head(snapshot), width), *_problem_lines(snapshot.service, whole=not keys)]
     foot = [Text(f"sorted by {sort}   s: sort   p: pose   q: quit", style="dim")] if keys else []
-    sources = sort_sources(snapshot.sources, sort)
-    hypotheses = sort_hypotheses(snapshot.hypotheses, sort)
+    sources = sorted(snapshot.sources, key=_SOURCES[sort])
+    hypotheses = sorted(snapshot.hypotheses, key=_HYPOTHESES[sort])
     heights = share_rows(
         height - len(head) - len(foot), (len(sources), len(hypotheses), len(snapshot.events))
     )
@@ -70,40 +81,14 @@ def share_rows(height: int, wanted: tuple[int, int, int]) -> tuple[int, int, int
     """Divide the rows of the screen among sources, hypotheses and events.
 
     Events get up to four rows, sources up to half of the others, hypotheses the rest. Rows that one
-    table does not need go to the others. Each table also has one title row.
-
-    Parameters
-    ----------
-    height
-        Rows of the screen.
-    wanted
-        Number of sources, hypotheses and events.
+    table does not need go to the others. Each table also has one title row. `height`: rows of the screen;
+    `wanted`: number of sources, hypotheses and events.
     """
     height_left = max(height - 3, 0)
     events = min(wanted[2], _MAX_EVENT_ROWS, height_left // 3)
     sources = min(wanted[0], max((height_left - events) // 2, height_left - events - wanted[1]))
     hypotheses = min(wanted[1], height_left - events - sources)
     return sources, hypotheses, min(wanted[2], height_left - sources - hypotheses)
-
-
-def sort_sources(rows: Sequence[SourceRow], sort: Sort) -> list[SourceRow]:
-    """Sort by number of tracks (most first), name, or age (oldest first)."""
-    orders: dict[Sort, Callable[[SourceRow], Any]] = {
-        "size": lambda r: (-r.tracks, r.name),
-        "name": lambda r: r.name,
-        "age": lambda r: (-r.age, r.name),
-    }
-    return sorted(rows, key=orders[sort])
-
-
-def sort_hypotheses(rows: Sequence[HypothesisRow], sort: Sort) -> list[HypothesisRow]:
-    """Sort by size (largest first), id, or age (youngest first)."""
-    orders: dict[Sort, Callable[[HypothesisRow], Any]] = {
-        "size": lambda r: (-r.size, r.id),
-        "name": lambda r: r.id,
-        "age": lambda r: (r.age, r.id),
-    }
-    return sorted(rows, key=orders[sort])
 
 
 def _head(snapshot: Snapshot) -> list[Text]:

@@ -77,14 +77,7 @@ RESUME = {"COMOTION_RESUME": "1"}
 class Child:
     """Runs a :class:`ProcessSpec`; start it from the main thread, since it ends with that thread.
 
-    Parameters
-    ----------
-    spec
-        The process.
-    folder
-        Folder for its ready file.
-    lines
-        Where the lines that it prints go.
+    Its ready file is in `folder`, and what it prints goes to `lines`.
     """
 
     def __init__(self, spec: ProcessSpec, folder: Path, lines: LogLines) -> None:

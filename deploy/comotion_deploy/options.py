@@ -80,15 +80,7 @@ class Command:
         raise NotImplementedError
 
     def taken(self, kind: type[Options], **others: Any) -> Options:
-        """Return the options of a process: those of our fields that it has too, and `others`.
-
-        Parameters
-        ----------
-        kind
-            A dataclass.
-        others
-            What is not simply one of our fields.
-        """
+        """Return the options of a process, a dataclass: those of our fields that it has too, and `others`."""
         own = {member.name for member in fields(self)}
         same = {one.name: getattr(self, one.name) for one in fields(kind) if one.name in own}
         return kind(**(same | others))

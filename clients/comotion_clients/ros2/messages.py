@@ -81,15 +81,7 @@ _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class Converter:
-    """Converts the updates of one scene, in order.
-
-    Parameters
-    ----------
-    scene
-        Its name.
-    names
-        Names of hypotheses by id.
-    """
+    """Converts the updates of one scene, in order; `names` of hypotheses by id."""
 
     def __init__(self, scene: str, names: Names | None = None) -> None:
         self._scene = scene

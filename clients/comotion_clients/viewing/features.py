@@ -65,12 +65,7 @@ class Features:
     def draw(self, update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[Shape]:
         """Draw an update, and clear shapes of the update before that it does not replace.
 
-        Parameters
-        ----------
-        update
-            The update.
-        known
-            Source -> space, from its batches.
+        `known`: source -> space, from its batches.
         """
         update, refs = poses_in_space(update), spaces_of(update, known)
         shapes: list[Shape] = []
