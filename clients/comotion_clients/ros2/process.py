@@ -1,10 +1,9 @@
-"""The client that passes a scene on to ROS 2: over rmw_zenoh, into a bag, or both."""
+"""The client that passes a scene on to ROS 2: over rmw_zenoh, or into a bag."""
 
 import secrets
 import time
 from collections import Counter
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, Unpack
 
@@ -23,36 +22,31 @@ from .types import to_cdr, type_hash
 _POLL_S = 0.01
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ros2Options:
-    """Options of the client.
+def run(
+    *,
+    domain: int = 0,
+    ros: SessionSettings | None = None,
+    bag: Path | None = None,
+    duration: float | None = None,
+    names: Names | None = None,
+    **where: Unpack[Where],
+) -> Counter[str]:
+    """Pass a scene on until a signal arrives; returns the number of messages by topic.
 
-    Attributes
+    Parameters
     ----------
     domain
         ROS domain id.
     ros
         How to connect to the router of the ROS network; None: that of the scene.
-    network
-        Publish into the network.
     bag
-        Bag to write; None: none.
+        Bag to write instead of publishing into the network.
     duration
         s; None: until stopped.
     names
         Names of hypotheses by id.
-    """
-
-    domain: int = 0
-    ros: SessionSettings | None = None
-    network: bool = True
-    bag: Path | None = None
-    duration: float | None = None
-    names: Names = field(default_factory=dict)
-
-
-def run(options: Ros2Options | None = None, **where: Unpack[Where]) -> Counter[str]:
-    """Pass a scene on until a signal arrives; returns the number of messages by topic.
+    where
+        Name of the scene, how to connect, and the ready file.
 
     Raises
     ------
@@ -63,41 +57,36 @@ def run(options: Ros2Options | None = None, **where: Unpack[Where]) -> Counter[s
     ValueError
         If the name of the scene is not valid.
     """
-    options, sent = options or Ros2Options(), Counter[str]()
+    sent = Counter[str]()
     presence = viewer("ros2", status=lambda: StatusFields(counters={"messages": sent.total()}), **where)
-    converter = Converter(presence.scene, options.names)
+    converter = Converter(presence.scene, names)
     with ExitStack() as stack:
-        outputs: list[Any] = []
-        if options.bag is not None:
+        output: Any = None
+        if bag is not None:
             from .bag import Bag
 
-            outputs.append(stack.enter_context(Bag(options.bag)))
+            output = stack.enter_context(Bag(bag))
         component = stack.enter_context(presence)
-        if options.network:
-            session = component.session
-            if options.ros is not None:
-                session = stack.enter_context(open_session(options.ros))
-            network = Network(session, options.domain, component.scene, converter.kinds())
-            outputs.append(stack.enter_context(network))
+        if output is None:
+            session = component.session if ros is None else stack.enter_context(open_session(ros))
+            output = stack.enter_context(Network(session, domain, component.scene, converter.kinds()))
         kinds: dict[type[Any], int | None] = {Status: None, HypothesisUpdate: None}
         feed = stack.enter_context(SceneFeed(component.session, component.scene, kinds))
         component.ready()
-        end = float("inf") if options.duration is None else time.monotonic() + options.duration
+        end = float("inf") if duration is None else time.monotonic() + duration
         while not component.stop.wait(_POLL_S) and time.monotonic() < end:
-            _pass_on(feed, converter, outputs, sent)
+            _pass_on(feed, converter, output, sent)
     return sent
 
 
-def _pass_on(feed: SceneFeed, converter: Converter, outputs: list[Any], sent: Counter[str]) -> None:
-    """Convert what has arrived, and write it to the outputs."""
+def _pass_on(feed: SceneFeed, converter: Converter, output: Any, sent: Counter[str]) -> None:
+    """Convert what has arrived, and write it to the output."""
     for received, *_ in feed.messages():
         if isinstance(received, Status):
             converter.names.on_status(received)
         elif isinstance(received, HypothesisUpdate):
             for topic, kind, message in converter.convert(received):
-                raw = to_cdr(message, kind)
-                for output in outputs:
-                    output.write(topic, kind, raw, received.published_ns)
+                output.write(topic, kind, to_cdr(message, kind), received.published_ns)
                 sent[topic] += 1
 
 

@@ -66,11 +66,17 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
             raise UserError("--ros-connect is only for publishing, not with --bag")
         if self.bag is not None and self.bag.exists():
             raise UserError(f"{self.bag}: exists")
-        from comotion_clients.ros2.process import Ros2Options, run
+        from comotion_clients.ros2.process import run
 
         self.require_ros()
-        how = self.taken(Ros2Options, ros=self.ros_settings(), network=self.bag is None, names=self.names())
-        sent = run(how, **self.where())
+        sent = run(
+            domain=self.domain,
+            ros=self.ros_settings(),
+            bag=self.bag,
+            duration=self.duration,
+            names=self.names(),
+            **self.where(),
+        )
         for topic, count in sorted(sent.items()):
             print(f"{topic}: {count}")
 
