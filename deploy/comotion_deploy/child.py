@@ -1,16 +1,16 @@
 """One child process of the launcher: started with parent watch, read by line, restarted with back-off."""
 
-import contextlib
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import cycle
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import TypeAlias
 
 from rich.console import Console
 from rich.text import Text
@@ -30,8 +30,13 @@ _COLOURS = (
 )
 
 
-class LogLines:
-    """Prints prefixed lines, coloured on a terminal, or writes them to a file.
+WriteLine: TypeAlias = Callable[[str, str], None]
+"""Takes the name of a process and a line of it."""
+
+
+@contextmanager
+def log_lines(names: list[str], path: Path | None = None) -> Iterator[WriteLine]:
+    """Yield a function that prints prefixed lines, coloured on a terminal, or writes them to a file.
 
     Parameters
     ----------
@@ -40,28 +45,17 @@ class LogLines:
     path
         File for the lines; None: standard output. Needed while another process owns the terminal.
     """
+    width, lock = max(map(len, names), default=0), threading.Lock()
+    styles = dict(zip(names, cycle(_COLOURS), strict=False))
+    with nullcontext() if path is None else path.open("w", encoding="utf-8") as file:
+        console = Console(file=file, soft_wrap=True, highlight=False)
 
-    def __init__(self, names: list[str], path: Path | None = None) -> None:
-        self._width = max(map(len, names), default=0)
-        self._styles = dict(zip(names, cycle(_COLOURS), strict=False))
-        self._lock = threading.Lock()
-        self._file = None if path is None else path.open("w", encoding="utf-8")
-        self._console = Console(file=self._file, soft_wrap=True, highlight=False)
+        def write(name: str, line: str) -> None:
+            prefix = Text(f"{name:>{width}} | ", style=styles[name])
+            with lock:
+                console.print(prefix + Text.from_ansi(line))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._file is not None:
-            self._file.close()
-
-    def write(self, name: str, line: str) -> None:
-        """Print one line of a process."""
-        prefix = Text(f"{name:>{self._width}} | ", style=self._styles[name])
-        with self._lock:
-            self._console.print(prefix + Text.from_ansi(line))
+        yield write
 
 
 FIRST_DELAY_S = 0.2
@@ -77,16 +71,16 @@ RESUME = {"COMOTION_RESUME": "1"}
 class Child:
     """Runs a :class:`ProcessSpec`; start it from the main thread, since it ends with that thread.
 
-    Its ready file is in `folder`, and what it prints goes to `lines`.
+    Its ready file is in `folder`, and what it prints goes to `write`.
     """
 
-    def __init__(self, spec: ProcessSpec, folder: Path, lines: LogLines) -> None:
+    def __init__(self, spec: ProcessSpec, folder: Path, write: WriteLine) -> None:
         self.spec = spec
         self.was_ready = False
         self.last_line = ""
         self.due_s: float | None = None
         self._ready_file = folder / f"{spec.name}.ready"
-        self._lines = lines
+        self._write = write
         self._popen: subprocess.Popen[str] | None = None
         self._reader: threading.Thread | None = None
         self._delay_s = FIRST_DELAY_S
@@ -166,7 +160,7 @@ class Child:
     def _signal(self, number: signal.Signals) -> None:
         if self._popen is None:
             return
-        with contextlib.suppress(ProcessLookupError):
+        with suppress(ProcessLookupError):
             if self.spec.foreground:
                 self._popen.send_signal(number)
             else:
@@ -185,4 +179,4 @@ class Child:
         assert popen.stdout is not None  # noqa: S101 - it was opened with a pipe
         for line in popen.stdout:
             self.last_line = line.rstrip("\n")
-            self._lines.write(self.spec.name, self.last_line)
+            self._write(self.spec.name, self.last_line)

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from comotion_schemas.component import stop_on_signals
 
-from .child import Child, LogLines
+from .child import Child, WriteLine, log_lines
 from .errors import UserError
 from .processes import ProcessSpec
 
@@ -35,21 +35,21 @@ def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s:
     stop = threading.Event()
     with (
         TemporaryDirectory(prefix="comotion-") as folder,
-        LogLines([OWN_NAME, *(spec.name for spec in specs)], log) as lines,
+        log_lines([OWN_NAME, *(spec.name for spec in specs)], log) as write,
         stop_on_signals(stop),
     ):
-        Launcher(specs, Path(folder), lines, stop).run(duration_s)
+        Launcher(specs, Path(folder), write, stop).run(duration_s)
 
 
 class Launcher:
     """The processes of one system, watched from one thread."""
 
     def __init__(
-        self, specs: Sequence[ProcessSpec], folder: Path, lines: LogLines, stop: threading.Event
+        self, specs: Sequence[ProcessSpec], folder: Path, write: WriteLine, stop: threading.Event
     ) -> None:
-        self._lines = lines
+        self._write = write
         self._stop = stop
-        self.children = [Child(spec, folder, lines) for spec in specs]
+        self.children = [Child(spec, folder, write) for spec in specs]
 
         # The router last to stop, and first to start.
         self._stages = [[c for c in self.children if c.spec.is_router is last] for last in (False, True)]
@@ -125,7 +125,7 @@ class Launcher:
                     self._log(f"{child.spec.name} did not stop in time and was killed")
 
     def _log(self, text: str) -> None:
-        self._lines.write(OWN_NAME, text)
+        self._write(OWN_NAME, text)
 
 
 def _reason(status: int) -> str:

@@ -7,7 +7,6 @@ import select
 import signal
 import sys
 import threading
-from types import SimpleNamespace
 
 from comotion_deploy.launcher import Launcher
 from comotion_deploy.processes import ProcessSpec
@@ -166,6 +165,6 @@ def test_a_process_that_ignores_the_stop_is_killed(tmp_path):
 
     deaf = ("sh", "-c", "trap '' TERM; echo listening; while :; do sleep 60; done")
     spec = ProcessSpec(name="deaf", command=deaf, says_ready=False, stop_s=0.3)
-    Launcher([spec], tmp_path, SimpleNamespace(write=write), stop).run()
+    Launcher([spec], tmp_path, write, stop).run()
     assert "deaf did not stop in time and was killed" in lines
     await_end(int(next(line for line in lines if line.startswith("started deaf, pid ")).split()[-1]))

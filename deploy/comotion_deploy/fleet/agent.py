@@ -7,7 +7,7 @@ agent runs ends with it. While etcd does not answer, everything goes on as it is
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +17,7 @@ from comotion.runtime.standby import Etcd, EtcdUnavailableError
 from comotion_schemas.component import stop_on_signals
 from comotion_schemas.readiness import announce_ready
 
-from ..child import Child, LogLines
+from ..child import Child, WriteLine, log_lines
 from ..errors import UserError
 from ..processes import ProcessSpec, comotion
 from . import entries
@@ -51,12 +51,10 @@ def run_agent(
     stop = threading.Event()
     with (
         TemporaryDirectory(prefix="comotion-fleet-") as folder,
-        LogLines([name], log) as lines,
+        log_lines([name], log) as write,
         stop_on_signals(stop),
-        ExitStack() as ready,
     ):
-        agent = Agent(name, capacity, etcd, options, Path(folder), lines)
-        agent.run(stop, lambda: ready.enter_context(announce_ready(ready_file)))
+        Agent(name, capacity, etcd, options, Path(folder), write).run(stop, ready_file)
 
 
 class Agent:
@@ -72,7 +70,7 @@ class Agent:
         The cluster.
     options
         Of ``comotion serve`` on this host, such as ``--connect``.
-    folder, lines
+    folder, write
         Where the processes say that they are ready, and where their lines go.
 
     Raises
@@ -82,34 +80,35 @@ class Agent:
     """
 
     def __init__(
-        self, name: str, capacity: int, etcd: Etcd, options: Sequence[str], folder: Path, lines: LogLines
+        self, name: str, capacity: int, etcd: Etcd, options: Sequence[str], folder: Path, write: WriteLine
     ) -> None:
         self._name = name
         self._capacity = capacity
         self._etcd = etcd
         self._options = tuple(options)
         self._folder = folder
-        self._lines = lines
+        self._write = write
         self._lease: int | None = None
         self._followed = -1
         self._running: dict[Place, _Running] = {}
         self._away = False
 
-    def run(self, stop: threading.Event, ready: Callable[[], None] = lambda: None) -> None:
+    def run(self, stop: threading.Event, ready_file: Path | None) -> None:
         """Work until `stop` is set; then stop all processes and give up all places.
 
-        `ready` is called when the agent is known to the fleet.
+        It says that it is ready when it is known to the fleet.
         """
-        try:
-            while not stop.is_set():
-                began = time.monotonic()
-                known = self._pass()
-                if known:
-                    ready()
-                    ready = _nothing
-                stop.wait(max(0.0, began + _PASS_S - time.monotonic()))
-        finally:
-            self._leave()
+        known = False
+        with ExitStack() as ready:
+            try:
+                while not stop.is_set():
+                    began = time.monotonic()
+                    if self._pass() and not known:
+                        known = True
+                        ready.enter_context(announce_ready(ready_file))
+                    stop.wait(max(0.0, began + _PASS_S - time.monotonic()))
+            finally:
+                self._leave()
 
     def _pass(self) -> bool:
         """One pass; whether etcd has answered."""
@@ -188,7 +187,7 @@ class Agent:
                 running.announced = True
 
     def _start(self, place: Place, scene: Scene) -> None:
-        children = [Child(spec, self._folder, self._lines) for spec in self._specs(place, scene)]
+        children = [Child(spec, self._folder, self._write) for spec in self._specs(place, scene)]
         self._running[place] = _Running(children, scene)
         for child in children:
             child.start()
@@ -238,7 +237,3 @@ class Agent:
                 self._etcd.revoke(self._lease)
             except EtcdUnavailableError as error:
                 _log.warning("could not give up the places: %s", error)
-
-
-def _nothing() -> None:
-    pass
