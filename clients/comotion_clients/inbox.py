@@ -37,7 +37,7 @@ class Inbox(Generic[T]):
         self._capacity = capacity
         self._closed = False
         self._changed = threading.Condition()
-        self._waiters: set[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = set()
+        self._waiters: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
 
     def put(self, item: T) -> None:
         """Add an item from any thread."""
@@ -71,16 +71,16 @@ class Inbox(Generic[T]):
 
     async def aget(self, timeout: float | None = None) -> T:
         """:meth:`get` for asyncio; cancelling it loses no item."""
+        waiter = asyncio.get_running_loop(), asyncio.Event()
         async with asyncio.timeout(timeout):
             while True:
                 with self._changed:
                     if self._items or self._closed:
                         return self._take()
-                    loop = asyncio.get_running_loop()
-                    waiter = (loop, loop.create_future())
+                    waiter[1].clear()
                     self._waiters.add(waiter)
                 try:
-                    await waiter[1]
+                    await waiter[1].wait()
                 finally:
                     with self._changed:
                         self._waiters.discard(waiter)
@@ -92,13 +92,8 @@ class Inbox(Generic[T]):
 
     def _notify(self) -> None:
         self._changed.notify_all()
-        for loop, future in self._waiters:
-            # The loop may have been closed while the future was pending.
+        for loop, woken in self._waiters:
+            # The loop may have been closed while somebody waited in it.
             if not loop.is_closed():
-                loop.call_soon_threadsafe(_wake, future)
+                loop.call_soon_threadsafe(woken.set)
         self._waiters.clear()
-
-
-def _wake(future: "asyncio.Future[None]") -> None:
-    if not future.done():
-        future.set_result(None)

@@ -87,5 +87,3 @@ def create(path: Path) -> int:
         raise FileExistsError(
             f"{path} exists, and is not replaced: remove it, or give another name"
         ) from None
-    except OSError as error:
-        raise OSError(f"{path}: {error.strerror}") from None

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import UserError
 from ..options import Json, Tool, argument, option, setting
 
 if TYPE_CHECKING:
@@ -73,10 +72,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
 
     def _report(self, result: "PairCalibration", text: str) -> None:
         if self.output is not None:
-            try:
-                self.output.write_text(text, encoding="utf-8")
-            except OSError as error:
-                raise UserError(f"{self.output}: {error.strerror}") from None
+            self.output.write_text(text, encoding="utf-8")
         error_a, error_b = result.fit.error_a, result.fit.error_b
         values = {
             "views": result.views,

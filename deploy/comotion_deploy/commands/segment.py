@@ -155,10 +155,7 @@ def _write_trajectory(path: Path, result: "Segmented") -> None:
     from comotion_clients.tum import line
 
     lines = ["# stamp tx ty tz qx qy qz qw", *(line(stamp_ns, pose) for stamp_ns, pose in result.path)]
-    try:
-        path.write_text("\n".join(lines) + "\n")
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}") from None
+    path.write_text("\n".join(lines) + "\n")
 
 
 def _stem(what: str) -> str:
