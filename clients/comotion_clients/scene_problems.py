@@ -27,7 +27,10 @@ def find_problems(rows: list[ComponentRow], routers: Sequence[RouterRow] = ()) -
         problems.append(f"several services speak: {', '.join(row.name for row in speaking)}")
     if len(services) == 1 and services[0].replica == "active":
         problems.append(f"service {services[0].name} has no standby")
-    problems += [_describe(row) for row in rows if row.state != "ok"]
+    for row in rows:
+        if row.state != "ok":
+            why = f": {row.message}" if row.message else ""
+            problems.append(f"{row.role} {row.name} is {row.state}{why}")
     return problems
 
 
@@ -67,10 +70,6 @@ def _versions_differ(what: str, given: list[tuple[str, str]]) -> list[str]:
 def _few(names: list[str]) -> str:
     more = len(names) - _MOST_NAMES
     return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
-
-
-def _describe(row: ComponentRow) -> str:
-    return f"{row.role} {row.name} is {row.state}" + (f": {row.message}" if row.message else "")
 
 
 def _clock_problems(rows: list[ComponentRow]) -> list[str]:

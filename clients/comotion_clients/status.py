@@ -167,10 +167,6 @@ def _clock(row: ComponentRow) -> str:
     return f"{1e3 * row.clock_s:+.1f} ±{1e3 * row.clock_error_s:.1f} ms"
 
 
-def _replica(row: ComponentRow) -> str:
-    return f"{row.replica} {row.epoch}" if row.replica == "active" else row.replica
-
-
 _COMPONENTS: tuple[Column[ComponentRow], ...] = (
     Column("role", None, lambda r: r.role, left=True),
     Column("name", None, lambda r: r.name, left=True),
@@ -181,7 +177,9 @@ _COMPONENTS: tuple[Column[ComponentRow], ...] = (
     Column("lag", None, lambda r: "" if r.lag_s is None else f"{1e3 * r.lag_s:.0f} ms"),
     Column("lost", None, lambda r: str(r.lost) if r.role in {"service", "recorder", "viewer"} else ""),
     Column("clock", None, _clock),
-    Column("replica", None, _replica, left=True),
+    Column(
+        "replica", None, lambda r: r.replica + (f" {r.epoch}" if r.replica == "active" else ""), left=True
+    ),
 )
 _ROUTERS: tuple[Column[RouterRow], ...] = (
     Column("router", None, lambda r: r.label, left=True),

@@ -67,18 +67,6 @@ def lost(count: int, *, losing: bool) -> Text:
     return Text(str(count), style=style)
 
 
-def _name(row: SourceRow) -> Text:
-    return Text(row.name, style="dim" if row.state == "gone" else "")
-
-
-def _swatch(row: HypothesisRow) -> Text:
-    return Text("●", style=as_hex(row.colour))
-
-
-def _state(row: SourceRow) -> Text:
-    return Text(row.state, style=STATE_STYLES.get(row.state, "dim"))
-
-
 def _motion(row: HypothesisRow) -> Text:
     """State of a hypothesis; a question mark follows while it is not confirmed."""
     if row.absent:
@@ -103,21 +91,13 @@ def _components(values: list[float] | None, digits: int) -> str:
     return "-" if values is None else " ".join(number(round(value, digits) + 0.0, digits) for value in values)
 
 
-def _turning(row: HypothesisRow) -> str:
-    return "-" if row.turning is None else f"{number(row.turning, 2)} rad/s"
-
-
-def _translation(row: HypothesisRow) -> str:
-    return _components(row.translation, 1 if row.unit == "px" else 3)
-
-
 def _rotation(row: HypothesisRow) -> str:
     return _components(None if row.rotation is None else [math.degrees(v) for v in row.rotation], 0)
 
 
 SOURCE_COLUMNS: tuple[Column[SourceRow], ...] = (
-    Column("source", 18, _name, left=True),
-    Column("state", 7, _state, left=True),
+    Column("source", 18, lambda r: Text(r.name, "dim" if r.state == "gone" else ""), left=True),
+    Column("state", 7, lambda r: Text(r.state, STATE_STYLES.get(r.state, "dim")), left=True),
     Column("rate Hz", 7, lambda r: number(r.rate, 1)),
     Column("age", 7, lambda r: duration(r.age)),
     Column("lost", 6, lambda r: lost(r.lost, losing=r.losing), from_width=50),
@@ -127,7 +107,7 @@ SOURCE_COLUMNS: tuple[Column[SourceRow], ...] = (
     Column("clock", 8, lambda r: "" if r.clock is None else f"{1e3 * r.clock:+.0f} ms", from_width=88),
 )
 _IDENTITY_COLUMNS: tuple[Column[HypothesisRow], ...] = (
-    Column(" ", 1, _swatch),
+    Column(" ", 1, lambda r: Text("●", as_hex(r.colour))),
     Column("hypothesis", 10, lambda r: r.name[:10]),
     Column("state", 12, _motion, left=True),
     Column("size", 5, lambda r: str(r.size)),
@@ -144,8 +124,15 @@ HYPOTHESIS_COLUMNS: tuple[Column[HypothesisRow], ...] = (
 POSE_COLUMNS: tuple[Column[HypothesisRow], ...] = (
     *_IDENTITY_COLUMNS[:-1],
     Column("speed", 11, _speed, from_width=45),
-    Column("turning", 10, _turning, from_width=56),
-    Column("moved since birth", 20, _translation, from_width=77),
+    Column(
+        "turning", 10, lambda r: "-" if r.turning is None else f"{number(r.turning, 2)} rad/s", from_width=56
+    ),
+    Column(
+        "moved since birth",
+        20,
+        lambda r: _components(r.translation, 1 if r.unit == "px" else 3),
+        from_width=77,
+    ),
     Column("turned, °", 13, _rotation, from_width=91),
     Column("extent", 14, _extent, from_width=106),
 )

@@ -114,7 +114,14 @@ class Converter:
         for space, rows in tracks.items():
             here = [body for body in placed if body.hypothesis.space == space]
             yield named("features"), CLOUD, self._cloud(update, space, rows)
-            yield named("detections"), DETECTIONS, self._detections(update, space, here)
+            yield (
+                named("detections"),
+                DETECTIONS,
+                {
+                    "header": _header(update, space),
+                    "detections": [_detection(update, body) for body in here],
+                },
+            )
             yield named("markers"), MARKERS, self._markers(update, here)
         for body in placed:
             yield named("odometry"), ODOMETRY, self._odometry(update, body)
@@ -169,10 +176,6 @@ class Converter:
             "pose": {"pose": (body.origin, body.quaternion)},
             "twist": {"twist": (body.linear, body.angular)},
         }
-
-    def _detections(self, update: HypothesisUpdate, space: str, placed: Sequence[Body]) -> Fields:
-        found = [_detection(update, body) for body in placed]
-        return {"header": _header(update, space), "detections": found}
 
     def _markers(self, update: HypothesisUpdate, placed: Sequence[Body]) -> Fields:
         markers: list[Fields] = []

@@ -125,7 +125,7 @@ class RerunSink:
     def __enter__(self) -> Self:
         sinks: list[Any] = []
         if self.file is not None:
-            _create(self.file)
+            os.close(create(self.file))  # Rerun would overwrite one that exists
             sinks.append(rr.FileSink(str(self.file)))
         if self._live:
             port = self.data_port if self.web_port is not None else free_port()
@@ -137,7 +137,8 @@ class RerunSink:
         if self.web_port is not None:
             self._serve_page(self.web_port, server.uri)
         if self.window:
-            self._open_window(server.uri)
+            window = ("--connect", server.uri, "--memory-limit", self.memory, "--hide-welcome-screen")
+            self._program = Program(*window, "--bind", LOOPBACK)
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -208,10 +209,6 @@ class RerunSink:
                 raise OSError(f"the page does not answer at port {port}")
             time.sleep(_POLL_S)
 
-    def _open_window(self, data_uri: str) -> None:
-        memory = ("--memory-limit", self.memory)
-        self._program = Program("--connect", data_uri, *memory, "--hide-welcome-screen", "--bind", LOOPBACK)
-
 
 def page_url(port: int, data_uri: str) -> str:
     """Address of the web page that shows a data server."""
@@ -242,8 +239,3 @@ def require_free(port: int) -> None:
             raise OSError(
                 f"port {port} cannot be used: {error.strerror}; --port and --data-port choose others"
             ) from None
-
-
-def _create(path: Path) -> None:
-    """Create a file and fail if it exists: Rerun would overwrite it."""
-    os.close(create(path))

@@ -134,7 +134,9 @@ def _camera(text: str) -> "tuple[str, Camera]":
     name, separator, where = text.partition("=")
     if not (name and separator and where):
         raise UserError(f"--camera {text}: expected NAME=FILE, or NAME=INTRINSICS,EXTRINSICS")
-    calibration = _workcell(where) if where.startswith(_WORKCELL) else _from_files(where)
+    first, comma, second = where.partition(",")
+    files = Path(first), Path(second) if comma else None
+    calibration = _workcell(where) if where.startswith(_WORKCELL) else read_calibration(*files)
     inner, outer = calibration.intrinsics, calibration.extrinsics
     if inner is None or outer is None:
         raise UserError(f"--camera {text}: has no {'intrinsics' if inner is None else 'extrinsics'}")
@@ -148,11 +150,6 @@ def _camera(text: str) -> "tuple[str, Camera]":
         quaternion=tuple(outer.quaternion.tolist()),
         frame=outer.frame,
     )
-
-
-def _from_files(where: str) -> "Calibration":
-    inner, comma, outer = where.partition(",")
-    return read_calibration(Path(inner), Path(outer) if comma else None)
 
 
 def _workcell(what: str) -> "Calibration":

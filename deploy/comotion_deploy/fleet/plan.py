@@ -6,7 +6,6 @@ Pure functions: every agent computes the same plan from the same entries and doe
 import json
 import zlib
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 
 # A difference of one is no imbalance: with an odd number of replicas somebody has one more.
@@ -106,7 +105,7 @@ def claims(fleet: Fleet) -> dict[Place, str]:
     claimed: dict[Place, str] = {}
     free = [place for place in fleet.places() if place not in agents]
     served = {place.scene for place in agents}
-    for place in _unserved_first(free, served):
+    for place in sorted(free, key=lambda p: (p.scene in served or p.number > 0, p.scene, p.number)):
         others = {agent for other, agent in agents.items() if other.scene == place.scene}
         hosts = [
             name
@@ -147,10 +146,6 @@ def may_change(fleet: Fleet, place: Place) -> bool:
         return place.other not in claims(fleet)
     changed = place.number == 1 or partner.version == fleet.scenes[place.scene].version
     return changed and partner.ready
-
-
-def _unserved_first(places: Iterable[Place], served: set[str]) -> list[Place]:
-    return sorted(places, key=lambda p: (p.scene in served or p.number > 0, p.scene, p.number))
 
 
 def _can_leave(fleet: Fleet, place: Place) -> bool:
