@@ -1,6 +1,6 @@
 """Health views: scene snapshots -> curves of rates, lags and sizes, a summary page, and a log. Pure."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class Health:
             *_sizes(snapshot),
             *legend(snapshot.hypotheses),
             page("summary", summary(snapshot)),
-            *(make(stamp_ns, text) for make, text in self._changes(snapshot)),
+            *self._changes(snapshot, stamp_ns),
         ]
 
     def _curves(self, snapshot: Snapshot, view_age: float | None) -> list[Shape]:
@@ -69,31 +69,28 @@ class Health:
             shapes.append(value("lags/.view", 1e3 * view_age, "this view", _VIEW))
         return shapes
 
-    def _changes(self, snapshot: Snapshot) -> Iterator[tuple[Callable[[int, str], Shape], str]]:
-        """What the log says, and how."""
+    def _changes(self, snapshot: Snapshot, stamp_ns: int) -> Iterator[Shape]:
+        """Lines of the log: states that have changed, and losses."""
         service = snapshot.service
-        yield from self._change("service", service.state, f"service is {service.state}", service.message)
-        yield from self._loss("updates", service.lost)
+        said: list[tuple[str, str, str, str]] = [
+            ("service", service.state, f"service is {service.state}", service.message)
+        ]
+        counts = [("updates", service.lost)]
         for row in snapshot.sources:
             words = {"ok": f"source {row.name} is live", "gone": f"source {row.name} has left"}
             text = words.get(row.state, f"source {row.name} is {row.state}")
-            space = f"in {row.space}" if row.space else ""
-            yield from self._change(f"source {row.name}", row.state, text, space)
-            yield from self._loss(row.name, row.lost)
-
-    def _change(
-        self, who: str, state: str, text: str, detail: str
-    ) -> Iterator[tuple[Callable[[int, str], Shape], str]]:
-        # A recording begins before its service has spoken.
-        if self._states.get(who, "absent") != state:
-            self._states[who] = state
-            yield entry if state == "ok" else warning, f"{text}: {detail}" if detail else text
-
-    def _loss(self, who: str, lost: int) -> Iterator[tuple[Callable[[int, str], Shape], str]]:
-        more = lost - self._lost.get(who, 0)
-        self._lost[who] = lost
-        if more > 0:
-            yield warning, f"{more} lost of {who}"
+            said.append((f"source {row.name}", row.state, text, f"in {row.space}" if row.space else ""))
+            counts.append((row.name, row.lost))
+        for who, state, text, detail in said:
+            # A recording begins before its service has spoken.
+            if self._states.get(who, "absent") != state:
+                self._states[who] = state
+                line = entry if state == "ok" else warning
+                yield line(stamp_ns, f"{text}: {detail}" if detail else text)
+        for who, lost in counts:
+            if (more := lost - self._lost.get(who, 0)) > 0:
+                yield warning(stamp_ns, f"{more} lost of {who}")
+            self._lost[who] = lost
 
 
 def _sizes(snapshot: Snapshot) -> list[Shape]:
