@@ -1,7 +1,7 @@
 """Subscription in an open session: Zenoh samples -> validated messages in a bounded inbox."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from typing import Generic, Self, TypeVar, cast
@@ -100,7 +100,7 @@ class Counters:
     received: int = 0
     lost: int = 0
     stale: int = 0
-    invalid: dict[str, int] = field(default_factory=dict)
+    invalid: Counter[str] = field(default_factory=Counter)
 
 
 class Subscription(Generic[M]):
@@ -224,7 +224,7 @@ class Subscription(Generic[M]):
         try:
             message = cast("M", decode_on(key, payload))
         except DecodeError as error:
-            self.counters.invalid[error.reason] = self.counters.invalid.get(error.reason, 0) + 1
+            self.counters.invalid[error.reason] += 1
             return
         if self._is_new(key, message):
             self.counters.received += 1

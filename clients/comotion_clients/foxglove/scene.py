@@ -16,6 +16,7 @@ Log times are given by the caller; time stamps within messages are acquisition t
 """
 
 import math
+from collections import Counter
 from typing import Any
 
 import foxglove
@@ -60,7 +61,7 @@ class FoxgloveScene:
     """
 
     def __init__(self, context: foxglove.Context, names: Names | None = None) -> None:
-        self.logged: dict[str, int] = {}
+        self.logged: Counter[str] = Counter()
         self._context = context
         self._model = SceneModel("", names)
         self._channels: dict[str, Any] = {}
@@ -117,7 +118,7 @@ class FoxgloveScene:
         if topic not in self._channels:
             self._channels[topic] = self._channel(topic, message)
         self._channels[topic].log(message, log_time=max(log_ns, 0))
-        self.logged[topic] = self.logged.get(topic, 0) + 1
+        self.logged[topic] += 1
 
     def _channel(self, topic: str, message: Any) -> Any:
         if isinstance(message, dict):

@@ -3,7 +3,7 @@
 import logging
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class PendingPayloads:
     """
 
     def __init__(self, limit: int = MAX_PENDING_BYTES) -> None:
-        self.dropped: dict[str, int] = {}
+        self.dropped: Counter[str] = Counter()
         self._limit = limit
         self._bytes = 0
         self._items: deque[Arrival] = deque()
@@ -50,7 +50,7 @@ class PendingPayloads:
         """Add a payload from any thread."""
         with self._changed:
             if self._bytes + len(arrival.payload) > self._limit:
-                self.dropped[arrival.key] = self.dropped.get(arrival.key, 0) + 1
+                self.dropped[arrival.key] += 1
                 return
             self._bytes += len(arrival.payload)
             self._items.append(arrival)
@@ -145,10 +145,7 @@ class _Recorder:
 
     def losses(self) -> dict[str, int]:
         """Total numbers of lost and dropped messages."""
-        return {
-            "lost": sum(self.series.counts.lost.values()),
-            "dropped": sum(self.pending.dropped.values()),
-        }
+        return {"lost": self.series.counts.lost.total(), "dropped": self.pending.dropped.total()}
 
     def _log_losses(self) -> None:
         lost = self.losses()["lost"]
@@ -161,10 +158,10 @@ class _Recorder:
         counts, losses, wall = self.series.counts, self.losses(), time.time_ns()
         return StatusFields(
             state="degraded" if losses["lost"] or losses["dropped"] else "ok",
-            rates=self._rates.of({str(kind): count for kind, count in counts.messages.items()}),
-            ages={str(kind): max(0.0, (wall - at) / 1e9) for kind, at in counts.newest.items()},
+            rates=self._rates.of({**counts.messages}),
+            ages={kind: max(0.0, (wall - at) / 1e9) for kind, at in counts.newest.items()},
             counters={
-                "messages": counts.total,
+                "messages": counts.messages.total(),
                 "bytes": self.series.file_bytes,
                 "files": len(self.series.paths),
                 **losses,
@@ -179,7 +176,7 @@ class _Recorder:
         seconds = time.monotonic() - self.begun
         losses = f", {lost} lost" if lost else ""
         return (
-            f"{self.series.path.name}: {seconds:.0f} s, {counted(counts.total, 'message')}, "
+            f"{self.series.path.name}: {seconds:.0f} s, {counted(counts.messages.total(), 'message')}, "
             f"{self.series.file_bytes / 2**20:.2f} MiB{losses}"
         )
 
@@ -189,7 +186,7 @@ class _Recorder:
         return Result(
             files=[str(path) for path in self.series.paths],
             seconds=time.monotonic() - self.begun,
-            messages={str(kind): count for kind, count in counts.messages.items()},
+            messages={**counts.messages},
             bytes=sum(path.stat().st_size for path in self.series.paths),
             lost=dict(counts.lost),
             dropped=dict(self.pending.dropped),

@@ -2,6 +2,7 @@
 
 import contextlib
 import shutil
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -52,15 +53,10 @@ class Counts:
     except ``limit``: too many keys); `newest`: wall clock ns of the newest message by kind.
     """
 
-    messages: dict[Kind, int] = field(default_factory=dict)
+    messages: Counter[str] = field(default_factory=Counter)
     newest: dict[Kind, int] = field(default_factory=dict)
-    lost: dict[str, int] = field(default_factory=dict)
-    invalid: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def total(self) -> int:
-        """Number of messages of all kinds."""
-        return sum(self.messages.values())
+    lost: Counter[str] = field(default_factory=Counter)
+    invalid: Counter[str] = field(default_factory=Counter)
 
 
 class Series:
@@ -102,7 +98,7 @@ class Series:
     def add(self, arrival: Arrival) -> None:
         """Record one payload."""
         if not self._accepts_key(arrival.key):
-            self.counts.invalid["limit"] = self.counts.invalid.get("limit", 0) + 1
+            self.counts.invalid["limit"] += 1
             return
         message = self._check(arrival)
         if self._begun_ns is None:
@@ -112,9 +108,8 @@ class Series:
         self._file.add(arrival.key, arrival.log_ns, arrival.payload, message)
         if isinstance(message, TruthBatch):
             self._keep_truth(arrival, message)
-        counts = self.counts
-        counts.messages[arrival.kind] = counts.messages.get(arrival.kind, 0) + 1
-        counts.newest[arrival.kind] = arrival.log_ns
+        self.counts.messages[arrival.kind] += 1
+        self.counts.newest[arrival.kind] = arrival.log_ns
 
     def flush(self) -> None:
         """Write everything so far to the disk and check the free space."""
@@ -144,7 +139,7 @@ class Series:
         try:
             message = decode_on(arrival.key, arrival.payload)
         except DecodeError as error:
-            self.counts.invalid[error.reason] = self.counts.invalid.get(error.reason, 0) + 1
+            self.counts.invalid[error.reason] += 1
             return None
         self._count_lost(arrival.key, message)
         return message
@@ -153,7 +148,7 @@ class Series:
         seq = getattr(message, "seq", None)
         lost = 0 if seq is None else self._sequences.sight(key, message.session, seq).lost
         if lost:
-            self.counts.lost[key] = self.counts.lost.get(key, 0) + lost
+            self.counts.lost[key] += lost
 
     def _keep_truth(self, arrival: Arrival, truth: TruthBatch) -> None:
         name = last_chunk(arrival.key)
