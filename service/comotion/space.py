@@ -236,7 +236,7 @@ class Space:
         frame = None
         if self.carrying.frame is not None:
             hypotheses, frame = self.carrying.frame.relative(stamp_ns, hypotheses, labels, partition.position)
-        owners, newest, known = window.source[current], _newest(window, current), self._hypotheses.labels
+        owners, newest, known = window.source[current], _newest(window, current), self._hypotheses
         seen = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
         motions = partial(self._method.motions, known.ids, known.references)
         self._listed = (
@@ -267,7 +267,7 @@ class Space:
     def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self._current
-        previous = self._hypotheses.labels.previous(window)
+        previous = self._hypotheses.previous(window)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
         self.drift.look(window, current, previous.labels, stamp_ns, self._method.delays_ns)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comotion.config import HypothesesConfig
-from comotion.hypotheses.events import Count, Lifecycle
+from comotion.hypotheses.events import Lifecycle
 
 STEP = 100_000_000
 CONFIG = HypothesesConfig(confirm=0.5, memory=5.0, remembered=2)
@@ -19,8 +19,7 @@ class Story:
 
     def run(self, updates, sizes, origins=None, heirs=None):
         for _ in range(updates):
-            count = Count(sizes, 3, origins or {}, heirs or {})
-            self.events += self.lifecycle.advance(self.now, count)
+            self.events += self.lifecycle.advance(self.now, sizes, 3, origins or {}, heirs or {})
             self.now += STEP
 
     @property

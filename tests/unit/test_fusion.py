@@ -134,7 +134,7 @@ def test_churn_starves_no_new_trajectories_and_outdated_ones_are_bounded(config,
         sizes.append(len(fusion.snapshot()))
     assert fusion.stats.rejected == {}
     assert (fusion.stats.refused_rows > 0) == full
-    assert max(sizes) < 1.2 * max(sizes[: 20 if full else 40])
+    assert max(sizes) < 1.2 * max(sizes[: 30 if full else 40])
 
 
 def newest_hypothesis(fusion, now):

@@ -1,16 +1,14 @@
 """Groups take the ids of the hypotheses that they continue, or of remembered ones where they must be it."""
 
-from itertools import count
-
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.identity import Votes, name_groups
-from comotion.hypotheses.memory import Appearance, recognised, seen
-from comotion.hypotheses.records import Current
-from comotion.matching import largest_first
+from comotion.hypotheses.identity import balanced
+from comotion.hypotheses.memory import Appearance, recognised
+from comotion.hypotheses.records import Current, Record
+from comotion.matching import continued, largest_first
 from comotion.partition import NO_HYPOTHESIS, PoseReference
 from comotion_schemas import Twist
 
@@ -32,23 +30,22 @@ def current(places, count=8):
     return Current(keys, np.arange(len(keys)), labels, positions, np.ones(len(keys), bool))
 
 
-def appeared(seconds, centre, velocity=(0.0, 0.0, 0.0), scale=1.0):
-    return Appearance(round(seconds * S), CORNERS * scale + centre, np.array(velocity))
+def appeared(seconds, centre, scale=1.0):
+    return Appearance(round(seconds * S), CORNERS * scale + centre)
 
 
 def memory(*bodies):
     """Of (id, centre, velocity, static) at time 0; the features of hypothesis i are 100 i to 100 i + 7."""
     found = {}
     for one, centre, velocity, static in bodies:
-        body, reference = described(one, velocity), PoseReference.new(0)
-        found[one] = seen(None, 0, current({one: centre}), body, reference, static=static)
+        found[one] = Record(PoseReference.new(0), description=described(one, velocity), static=static)
+        found[one].see(0, one, current({one: centre}), posed=False)
     return found
 
 
 STILL = (0.0, 0.0, 0.0)
 HERE = (1, (0, 0, 0), STILL, False)
 SLOW = (1, (0, 0, 0), (0.3, 0, 0), False)
-MEETING = [(1, (0, 0, 0), (1.0, 0, 0), False), (2, (0.8, 0, 0), (-1.0, 0, 0), False)]
 RECOGNISED = {
     "at its place": (
         [HERE, (2, (1, 0, 0), STILL, False)],
@@ -57,11 +54,6 @@ RECOGNISED = {
     ),
     "not elsewhere": ([HERE], {7: appeared(1, (1, 0, 0))}, {}),
     "not with another extent": ([HERE], {7: appeared(1, (0, 0, 0), scale=10)}, {}),
-    "where its motion leads": (
-        MEETING,
-        {7: appeared(0.5, (0.3, 0, 0), (-1.0, 0, 0)), 8: appeared(0.5, (0.5, 0, 0), (1.0, 0, 0))},
-        {7: 2, 8: 1},
-    ),
     "not far off soon after": ([SLOW], {7: appeared(0.1, (-0.8, 0, 0))}, {}),
     "farther off after a while": ([SLOW], {7: appeared(3, (-0.8, 0, 0))}, {7: 1}),
     "not between two equal places": (
@@ -84,31 +76,22 @@ def test_a_body_is_recognised(known, new, expected):
 
 def test_a_body_is_expected_about_the_place_where_it_has_been():
     def passed_by(to):
-        found = {}
+        found = {one: Record(PoseReference.new(0), description=described(one)) for one in (1, 2)}
         for second in range(11):
             places = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0)} if second < 10 else {1: to, 2: to}
-            for one in places:
-                body, reference = described(one), PoseReference.new(0)
-                found[one] = seen(found.get(one), second * S, current(places), body, reference, static=False)
+            for one, record in found.items():
+                record.see(second * S, one, current(places), posed=False)
         return found
 
     new = {7: appeared(13, (0.9, 0, 0)), 8: appeared(13, (0.1, 0, 0))}
     assert recognised(passed_by((0.5, 0.0, 0.0)), new, 1.0) == {7: 2, 8: 1}
 
 
-def propagate(before, clusters, allocate):
-    """Hypothesis of each trajectory, by the rule of the thesis."""
-    groups = int(clusters.max(initial=-1)) + 1
-    return name_groups(Votes(before, before, clusters), groups, largest_first, allocate)[clusters]
-
-
 def test_what_two_sources_see_outweighs_as_many_features_of_a_third():
     before, groups = np.zeros(25, np.int64), np.repeat([0, 1], [12, 13])
     sources = np.repeat([0, 1, 2], [6, 6, 13])
-    ids = count(9)
-    for whose, expected in ((sources, [0, 9]), (None, [10, 0])):
-        found = name_groups(Votes(before, before, groups, whose), 2, largest_first, lambda: next(ids))
-        assert found.tolist() == expected
+    for whose, expected in ((sources, {0: 0}), (0 * sources, {1: 0})):
+        assert continued(before, groups, 2, largest_first, balanced(before, whose)) == expected
 
 
 def struck(shared: np.ndarray) -> list[tuple[int, int]]:
@@ -123,7 +106,7 @@ def struck(shared: np.ndarray) -> list[tuple[int, int]]:
 
 @given(st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30))
 @example([(5, 0)] * 3 + [(7, 0)] * 2 + [(7, 1)])  # 5 overlaps most with 0, which leaves 7 with 1
-def test_clusters_take_the_ids_of_the_hypotheses_that_they_continue_and_others_new_ones(rows):
+def test_clusters_continue_hypotheses_by_the_rule_of_the_thesis(rows):
     before = np.array([b for b, _ in rows], np.int64)
     # Cluster numbers without gaps.
     clusters = np.unique([c for _, c in rows], return_inverse=True)[1].astype(np.intp)
@@ -131,8 +114,5 @@ def test_clusters_take_the_ids_of_the_hypotheses_that_they_continue_and_others_n
     known, row = np.unique(before[old], return_inverse=True)
     shared = np.zeros((len(known), clusters.max(initial=-1) + 1), int)
     np.add.at(shared, (row, clusters[old]), 1)
-    new = count(100)
-    continued = {c: int(known[h]) for h, c in struck(shared)}
-    expected = {c: continued[c] if c in continued else next(new) for c in sorted(set(clusters.tolist()))}
-    now = propagate(before, clusters, count(100).__next__)
-    assert now.tolist() == [expected[c] for c in clusters.tolist()]
+    expected = {c: int(known[h]) for h, c in struck(shared)}
+    assert continued(before, clusters, shared.shape[1], largest_first) == expected

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
@@ -22,12 +23,12 @@ from ..trajectories.window import Window
 _SPAN_NS, _LAG_NS, _STEP_NS = 4_000_000_000, 300_000_000, 200_000_000
 # ns; between observations farther apart, bodies turn and swing by more than noise.
 _DENSE_NS = 100_000_000
-# ns between two looks, and for which a source counts as drifting after it was found to.
-_EVERY_NS, _LASTS_NS = 500_000_000, 2_000_000_000
-# Looks in a row that find it.
-_LOOKS = 2
+# ns between two looks; so many in a row find a drift, which lasts for as many more.
+_EVERY_NS, _LOOKS, _MORE_LOOKS = 500_000_000, 2, 4
 # Bodies that two sources share, and features of the one that are compared on each, at least and at most.
 _MIN_BODIES, _MIN_FEATURES, _MAX_FEATURES = 2, 2, 16
+# Features that tell a motion and how well they fit it.
+_MIN_TELLING = 4
 # Prior standard deviations of an offset, as in registration: rad, share of the extent, s; and how many times
 # as much it may change.
 _ROTATION, _SHIFT, _DELAY = 0.035, 0.03, 0.02
@@ -52,7 +53,7 @@ class _Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class _Seen:
-    """Of N trajectories: positions and velocities then and now, float64 [N, dim]; session and hypothesis."""
+    """Of N trajectories: positions and velocities then and now, float64 [N, 3]; session and hypothesis."""
 
     before: Floats
     after: Floats
@@ -63,6 +64,10 @@ class _Seen:
 
     def where(self, rows: Bools) -> "_Seen":
         return _Seen(**{name: column[rows] for name, column in vars(self).items()})
+
+    def by(self, sources: Collection[int], *, others: bool = False) -> "_Seen":
+        """What some sources see, or all `others`."""
+        return self.where(np.isin(self.source, list(sources), invert=others))
 
 
 @dataclass
@@ -75,14 +80,13 @@ class DriftCheck:
     mistimed: frozenset[int] = frozenset()
     # Times, keys and hypotheses of the last looks.
     _looks: deque[tuple[int, Stamps, Labels]] = field(default_factory=deque)
-    # By session number: looks in a row that have found a drift, and when one did last.
+    # By session number: looks in a row that have found a drift; after so many the looks that it lasts too.
     _found: dict[int, int] = field(default_factory=dict)
-    _drifting: dict[int, int] = field(default_factory=dict)
 
     @property
     def drifting(self) -> list[int]:
         """Numbers of the sessions that drift, ascending."""
-        return sorted(self._drifting)
+        return sorted(one for one, looks in self._found.items() if looks >= _LOOKS)
 
     def look(
         self, window: Window, current: Slots, labels: Labels, stamp_ns: int, delays_ns: Mapping[int, int]
@@ -108,16 +112,16 @@ class DriftCheck:
         while len(self._looks) > 1 and self._looks[1][0] <= stamp_ns - _LAG_NS - _SPAN_NS:
             self._looks.popleft()
         here = set(np.unique(window.source[current]).tolist())
-        known = self._drifting.keys() & here
+        known = here.intersection(self.drifting)
         found = set(known)
         if self._looks and len(here) > 1:
             seen = _seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS, delays_ns)
             found = _judged(seen, known)
         self._looks.append((stamp_ns, window.key[current], labels[current]))
-        self._found = {one: self._found.get(one, 0) + 1 for one in found}
-        self._drifting |= {one: stamp_ns for one, looks in self._found.items() if looks >= _LOOKS}
-        self._drifting = {
-            one: at for one, at in self._drifting.items() if one in here and stamp_ns - at <= _LASTS_NS
+        lasting = {one: self._found[one] - 1 for one in known}
+        again = {one: self._found.get(one, 0) + 1 for one in found}
+        self._found = lasting | {
+            one: looks if looks < _LOOKS else _LOOKS + _MORE_LOOKS - 1 for one, looks in again.items()
         }
 
 
@@ -141,17 +145,14 @@ def _seen(
     slots, label = slots[few], label[few]
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
-    delay, step_s = np.zeros(len(slots), np.int64), _STEP_NS * 1e-9
-    for one, delay_ns in delays_ns.items():
-        delay[window.source[slots] == one] = delay_ns
-    x, held = np.zeros((len(stamps), len(slots), window.dim)), np.zeros(len(slots), np.bool_)
-    # Zero is among them, so that what this runs is compiled beforehand.
-    for delay_ns in np.unique(np.append(delay, 0)).tolist():
-        mine = delay == delay_ns
-        states = states_at(window, slots[mine], stamps - delay_ns, _DENSE_NS)
-        x[:, mine], held[mine] = states.position, states.held.all(0)
+    source, step_s = window.source[slots], _STEP_NS * 1e-9
+    x, held = np.zeros((len(stamps), len(slots), 3)), np.zeros(len(slots), np.bool_)
+    for one in np.unique(source).tolist():
+        mine = source == one
+        states = states_at(window, slots[mine], stamps - delays_ns.get(one, 0), _DENSE_NS)
+        x[:, mine, : window.dim], held[mine] = states.position, states.held.all(0)
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
-    return _Seen(x[0], x[3], *speeds, window.source[slots], label).where(held)
+    return _Seen(x[0], x[3], *speeds, source, label).where(held)
 
 
 def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
@@ -162,42 +163,32 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
     """
     drifting = set(known)
     while True:
-        rest = seen.where(np.isin(seen.source, list(drifting), invert=True))
-        gains = {}
-        for one in np.unique(rest.source).tolist():
-            mine = np.asarray(rest.source == one)
-            gains[one] = _gain(_motions(rest.where(~mine)), rest.where(mine))
+        rest = seen.by(drifting, others=True)
+        names = np.unique(rest.source).tolist()
+        gains = {one: _gain(_motions(rest.by([one], others=True)), rest.by([one])) for one in names}
         apart = {one: gain for one, gain in gains.items() if gain >= 1}
         if not apart:
             break
         if len(gains) == 2:
-            apart = {one: _calmest(rest.where(rest.source == one)) for one in gains}
+            apart = {one: _calmest(rest.by([one])) for one in gains}
         drifting.add(max(apart, key=lambda one: apart[one]))
-    if not known:
-        return drifting
     motions = _motions(rest)
-    steady = {one for one in known if _gain(motions, seen.where(np.asarray(seen.source == one))) < 1}
+    steady = {one for one in known if _gain(motions, seen.by([one])) < 1}
     return drifting - steady
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
-    """Of each hypothesis that enough features tell, the rigid motion that fits best (Kabsch)."""
-    dim = seen.before.shape[1]
-    names, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
-    share = (row == np.arange(len(names))[:, None]) / counts[:, None]
-    middle, now = share @ seen.before, share @ seen.after
-    before, after = seen.before - middle[row], seen.after - now[row]
-    U, _, V = np.linalg.svd((share[:, None] * before.T) @ after)
-    V[:, -1] *= np.sign(np.linalg.det(U @ V))[:, None]
-    R = (U @ V).transpose(0, 2, 1)
-    t = now - np.einsum("kij,kj->ki", R, middle)
-    squares = ((np.einsum("nij,nj->ni", R[row], before) - after) ** 2).sum(1)
-    squared = np.bincount(row, squares, len(names)).tolist()
-    return {
-        one: _Motion(R[k], t[k], squared[k], count * dim - dim * (dim + 1) // 2, count)
-        for k, (one, count) in enumerate(zip(names.tolist(), counts.tolist(), strict=True))
-        if count > dim
-    }
+    """Of each hypothesis that enough features tell, the rigid motion that fits best."""
+    found = {}
+    for one in np.unique(seen.label).tolist():
+        mine = seen.where(np.asarray(seen.label == one))
+        count = len(mine.label)
+        if count >= _MIN_TELLING:
+            middle, now = mine.before.mean(0), mine.after.mean(0)
+            turn, residual = Rotation.align_vectors(mine.after - now, mine.before - middle)
+            R = turn.as_matrix()
+            found[one] = _Motion(R, now - R @ middle, residual**2, 3 * count - 6, count)
+    return found
 
 
 def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
@@ -214,11 +205,9 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     centre = other.before.mean(0)
     extent = float(np.sqrt(((other.before - centre) ** 2).sum(1).mean()))
     apart = np.empty_like(other.after)
-    was, lasting = (
-        _offsets(other.before, other.speed_before, centre),
-        _offsets(other.after, other.speed_after, centre),
-    )
-    change = lasting.copy()
+    was = _offsets(other.before, other.speed_before, centre)
+    change = _offsets(other.after, other.speed_after, centre)
+    lasting = change.copy()
     for one in shared:
         rows, motion = other.label == one, motions[one]
         apart[rows] = other.after[rows] - other.before[rows] @ motion.R.T - motion.t
@@ -227,8 +216,7 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     sides = [motions[one] for one in shared], list(_motions(other).values())
     squares = [sum(one.squared for one in side) / max(sum(one.freedom for one in side), 1) for side in sides]
     noise = float(np.sqrt(max(squares))) + 1e-9 * extent
-    turns = change.shape[2] - len(centre) - 1
-    prior = np.array([*turns * [_ROTATION], *len(centre) * [_SHIFT * extent], _DELAY]) / noise
+    prior = np.repeat([_ROTATION, _SHIFT * extent, _DELAY], [3, 3, 1]) / noise
     e, J0, J1 = apart.ravel() / noise, lasting.reshape(apart.size, -1), change.reshape(apart.size, -1)
     constant = _left(e, J0 * prior)
     changing = _left(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
@@ -238,7 +226,7 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
 
 
 def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
-    """Bodies that others see move as one, in a scene of places [n, dim].
+    """Bodies that others see move as one, in a scene of places [n, 3].
 
     Where they disagree one of them may be right: what they see together is no measure for another.
     """
@@ -248,14 +236,9 @@ def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
 
 
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
-    """Derivatives of places [n, dim] by turn, shift and delay, float64 [n, dim, p]."""
-    n, dim = places.shape
-    arm = places - centre
-    if dim == 2:
-        turn = np.stack([-arm[:, 1], arm[:, 0]], 1)[:, :, None]
-    else:
-        turn = np.stack([np.cross(axis, arm) for axis in np.eye(3)], 2)
-    shift = np.broadcast_to(np.eye(dim), (n, dim, dim))
+    """Derivatives of places [n, 3] by turn, shift and delay, float64 [n, 3, 7]."""
+    turn = np.stack([np.cross(axis, places - centre) for axis in np.eye(3)], 2)
+    shift = np.broadcast_to(np.eye(3), turn.shape)
     return np.concatenate([turn, shift, speeds[:, :, None]], 2)
 
 
@@ -268,6 +251,5 @@ def _left(e: Floats, J: Floats) -> float:
 def _calmest(seen: _Seen) -> float:
     """Mean squared displacement of the body that moves least, as one source sees it."""
     squared = ((seen.after - seen.before) ** 2).sum(1)
-    labels, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
-    means = np.bincount(row, squared, len(labels)) / counts
-    return float(means[counts >= _MIN_FEATURES].min(initial=np.inf))
+    bodies = (squared[seen.label == one] for one in np.unique(seen.label))
+    return min((float(one.mean()) for one in bodies if len(one) >= _MIN_FEATURES), default=np.inf)

@@ -18,34 +18,15 @@ from comotion_schemas import Event
 from comotion_schemas.hypotheses import EventKind
 
 from ..config import HypothesesConfig, to_ns
+from ..partition import PoseReference
 from ..saving import NOT_KEPT
 from .records import Record
 
 # "Those of the last 2 s" of docs/protocol.md.
 EVENT_MEMORY_NS = 2_000_000_000
 _ORDER: list[EventKind] = ["born", "split", "returned", "merged", "absent", "ended"]
-
-
-@dataclass(frozen=True)
-class Count:
-    """Current members at an update.
-
-    Attributes
-    ----------
-    sizes
-        By hypothesis that has any.
-    least
-        How many confirm a hypothesis.
-    origins
-        For hypotheses that are new: the one that most members have left, None for none.
-    heirs
-        For hypotheses whose last members mostly vote for another now: which one; or for itself still.
-    """
-
-    sizes: Mapping[int, int]
-    least: int
-    origins: Mapping[int, int | None]
-    heirs: Mapping[int, int]
+# Kind, hypothesis and others of an event.
+_Change = tuple[EventKind, int, list[int]]
 
 
 @dataclass
@@ -65,62 +46,77 @@ class Lifecycle:
     _stamp_ns: int | None = None
     _forgotten: list[int] = field(default_factory=list)
 
-    @property
-    def _confirm_ns(self) -> int:
-        return to_ns(self.config.confirm)
+    def __post_init__(self) -> None:
+        self._confirm_ns = to_ns(self.config.confirm)
 
     def confirmed(self, hypothesis: int) -> bool:
         """Whether it has had its first event."""
-        return self.stage(hypothesis) in {"present", "absent"}
-
-    def stage(self, hypothesis: int) -> str | None:
-        """As far as the events say: an absent one may have members again; None where it is unknown."""
-        return self.records[hypothesis].stage if hypothesis in self.records else None
+        return hypothesis in self.records and self.records[hypothesis].stage != "unconfirmed"
 
     def due(self, hypothesis: int, stamp_ns: int) -> bool:
         """Whether a hypothesis is confirmed at this time, if it has enough members then."""
         record = self.records.get(hypothesis)
-        since = stamp_ns if record is None or record.support_ns is None else self._stamp_ns
-        step = 0 if since is None else stamp_ns - since
-        return (0 if record is None else record.support_ns or 0) + step >= self._confirm_ns
+        if record is None or record.support_ns is None or self._stamp_ns is None:
+            return self._confirm_ns <= 0
+        return record.support_ns + stamp_ns - self._stamp_ns >= self._confirm_ns
 
-    def advance(self, stamp_ns: int, count: Count) -> list[Event]:
-        """Take in an update; returns its events, beginnings first, then by kind and id."""
+    def advance(
+        self,
+        stamp_ns: int,
+        sizes: Mapping[int, int],
+        least: int,
+        origins: Mapping[int, int | None],
+        heirs: Mapping[int, int | None],
+    ) -> list[Event]:
+        """Take in an update; returns its events, beginnings first, then by kind and id.
+
+        Parameters
+        ----------
+        stamp_ns
+            The watermark.
+        sizes
+            Current members, by hypothesis that has any.
+        least
+            How many confirm a hypothesis.
+        origins
+            For hypotheses that are new: the one that most members have left, None for none.
+        heirs
+            For hypotheses whose last members mostly vote for another now: which one; or for itself still.
+        """
         step = 0 if self._stamp_ns is None else max(stamp_ns - self._stamp_ns, 0)
         self._stamp_ns = stamp_ns
-        for one in count.sizes:
-            self.records.setdefault(one, Record(origin=count.origins.get(one)))
-        events = [_event(stamp_ns, "ended", one) for one in self._forgotten]
+        for one in sorted(sizes.keys() - self.records.keys()):
+            self.records[one] = Record(PoseReference.new(stamp_ns), origins.get(one))
+        changes: list[_Change] = [("ended", one, []) for one in self._forgotten]
         self._forgotten = []
         merged: dict[int, list[int]] = {}
-        for one in sorted(self.records):
-            record, size = self.records[one], count.sizes.get(one, 0)
-            if size:
-                enough = size >= count.least
-                events += self._seen(stamp_ns, one, step if enough else -max(step, 1))
+        for one, record in sorted(self.records.items()):
+            if one in sizes:
+                enough = sizes[one] >= least
+                changes += self._seen(one, record, step if enough else -max(step, 1))
             elif record.stage == "unconfirmed":
                 del self.records[one]
-            elif self._lost(stamp_ns, record) and (heir := count.heirs.get(one)) != one:
+            elif self._lost(stamp_ns, record) and (heir := heirs.get(one)) != one:
                 if heir is None:
                     record.stage = "absent"
-                    events.append(_event(stamp_ns, "absent", one))
+                    changes.append(("absent", one, []))
                 elif self.confirmed(heir):
                     merged.setdefault(heir, []).append(one)
-        events += [_event(stamp_ns, "merged", heir, gone) for heir, gone in merged.items()]
-        for gone in merged.values():
-            for one in gone:
-                del self.records[one]
-        events += self._expire(stamp_ns)
-        return sorted(events, key=lambda e: (_ORDER.index(e.kind), e.hypothesis))
+        changes += [("merged", heir, gone) for heir, gone in merged.items()]
+        expired = self._expired(stamp_ns)
+        for one in (*expired, *(one for gone in merged.values() for one in gone)):
+            del self.records[one]
+        changes += [("ended", one, []) for one in expired]
+        changes.sort(key=lambda change: (_ORDER.index(change[0]), change[1]))
+        return [Event(stamp_ns=stamp_ns, kind=k, hypothesis=one, others=others) for k, one, others in changes]
 
     def forget(self, hypothesis: int) -> None:
         """Drop all that is known of a hypothesis; a confirmed one ends at the next update."""
         if self.confirmed(hypothesis):
             self._forgotten.append(hypothesis)
-        self.records.pop(hypothesis, None)
+        del self.records[hypothesis]
 
-    def _seen(self, stamp_ns: int, one: int, step: int) -> list[Event]:
-        record = self.records[one]
+    def _seen(self, one: int, record: Record, step: int) -> list[_Change]:
         # The time before it appeared or returned does not count for it.
         record.support_ns = 0 if record.support_ns is None else max(record.support_ns + step, 0)
         record.since_ns = None
@@ -128,10 +124,10 @@ class Lifecycle:
             return []
         before, record.stage = record.stage, "present"
         if before == "absent":
-            return [_event(stamp_ns, "returned", one)]
+            return [("returned", one, [])]
         if record.origin is not None and self.confirmed(record.origin):
-            return [_event(stamp_ns, "split", one, [record.origin])]
-        return [_event(stamp_ns, "born", one)]
+            return [("split", one, [record.origin])]
+        return [("born", one, [])]
 
     def _lost(self, stamp_ns: int, record: Record) -> bool:
         """Whether a hypothesis has been without current members for long enough to say so."""
@@ -139,17 +135,10 @@ class Lifecycle:
         record.since_ns = stamp_ns if record.since_ns is None else record.since_ns
         return record.stage == "present" and stamp_ns - record.since_ns >= self._confirm_ns
 
-    def _expire(self, stamp_ns: int) -> list[Event]:
-        """Drop the absent ones that are remembered no longer, the longest absent first."""
-        absent = [(record.since_ns, h) for h, record in self.records.items() if record.stage == "absent"]
-        waiting = sorted((since, h) for since, h in absent if since is not None)
+    def _expired(self, stamp_ns: int) -> list[int]:
+        """The absent ones that are remembered no longer, the longest absent first."""
+        absent = [(r.since_ns, one) for one, r in self.records.items() if r.stage == "absent"]
+        waiting = sorted((since, one) for since, one in absent if since is not None)
         oldest_ns = stamp_ns - to_ns(self.config.memory)
-        surplus = max(len(waiting) - self.config.remembered, 0)
-        gone = [h for k, (since, h) in enumerate(waiting) if k < surplus or since < oldest_ns]
-        for one in gone:
-            del self.records[one]
-        return [_event(stamp_ns, "ended", one) for one in gone]
-
-
-def _event(stamp_ns: int, kind: EventKind, hypothesis: int, others: list[int] | None = None) -> Event:
-    return Event(stamp_ns=stamp_ns, kind=kind, hypothesis=hypothesis, others=others or [])
+        surplus = len(waiting) - self.config.remembered
+        return [one for k, (since, one) in enumerate(waiting) if k < surplus or since < oldest_ns]

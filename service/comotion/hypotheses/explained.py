@@ -20,7 +20,7 @@ import numpy as np
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Ints, Labels, distinct, find
+from ..arrays import Floats, Ints, Labels, distinct
 
 # Residual, as a share of the size of the scene, that halves the confidence.
 _HALF = 0.15
@@ -50,15 +50,17 @@ def explained(
     -------
     float64 [n] in 0..1; 1 where no noise is known.
     """
-    left = {one.id: _unbiased(one, seen[labels == one.id]) for one in hypotheses if one.noise}
-    if not left or not len(labels):
+    share = np.zeros(len(labels))
+    for body in hypotheses:
+        if body.noise:
+            mine = labels == body.id
+            share[mine] = _unbiased(body, seen[mine])
+    if not share.any():
         return np.ones(len(labels))
     away = positions - np.median(positions, axis=0)
     # Per axis, as the noise is.
     size = np.sqrt(np.nanmean(np.square(away), axis=1))
-    scale = max(float(np.median(size)), 1e-12)
-    known = np.array(sorted(left), np.int64)
-    share = np.append([left[one] for one in known.tolist()], 0.0)[find(labels, known)] / scale
+    share /= max(float(np.median(size)), 1e-12)
     own = 1 / (1 + (share / _HALF) ** 4)
     _, numbers = distinct(sessions)
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)

@@ -9,17 +9,14 @@ from all others, of which one alone would stretch it across an image.
 from itertools import product
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box
 
-from ..arrays import Bools, Floats, Stamps, find
-from ..partition import PoseReference
+from ..arrays import Bools, Floats, Ints
 from ..rigid.kernels.rotation import quaternion
-from .records import Current, Extent
+from .records import Record
 
-# s; a feature that was a member for less, or that another hypothesis has now, says nothing about the body.
-_LASTING = 0.5
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
 _MAX_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
@@ -35,62 +32,44 @@ _FAR_SHARE, _BEYOND = 0.1, 2.0
 _MIN_TOGETHER = 5
 
 
-def measured(
-    before: Extent | None,
-    stamp_ns: int,
-    one: int,
-    current: Current,
-    reference: PoseReference | None,
-    *,
-    seek: bool = True,
-) -> tuple[Extent, Box]:
-    """What is known of the extent of a hypothesis with current members, and its box.
+def box_of(record: Record, *, seek: bool = True) -> Box:
+    """Box of a hypothesis that is seen, in the axes of the space.
 
     Parameters
     ----------
-    before
-        What was known; None for nothing.
-    stamp_ns
-        The watermark.
-    one
-        The hypothesis.
-    current
-        The current trajectories.
-    reference
-        Its pose; None where none is known.
+    record
+        What is known of it; gets the axes, and loses points that tell nothing.
     seek
-        Whether the axes of the box may be sought, which takes most of the time.
+        Whether the axes may be sought, which takes most of the time.
     """
-    dim = current.positions.shape[1]
-    R, t = np.eye(dim), np.zeros(dim)
-    if reference is not None:
-        R, t = reference.R[:dim, :dim], reference.t[:dim]
-    elif before is not None:
-        before = before.without_points()
-    mine = current.members[one]
-    if current.sure[mine].any():
-        mine = mine[current.sure[mine]]
-    if reference is None:
-        mine = mine[_together(current.positions[mine])]
-    keys, points, since = current.keys[mine], (current.positions[mine] - t) @ R, np.full(len(mine), stamp_ns)
-    axes, sought_ns = np.eye(dim), stamp_ns - _SEEK_NS
-    if before is not None:
-        axes, sought_ns = before.axes, before.sought_ns
-    if before is not None and np.array_equal(keys, before.keys):
-        since = before.since
-    elif before is not None:
-        at = find(keys, before.keys)
-        since[at >= 0] = before.since[at[at >= 0]]
-        lost = _lost(stamp_ns, before, current.keys)
-        keys = np.concatenate([keys, before.keys[lost]])
-        points = np.concatenate([points, before.points[lost]])
-        since = np.concatenate([since, before.since[lost]])
-        order = np.argsort(keys)
-        keys, points, since = keys[order], points[order], since[order]
-    if seek and stamp_ns >= sought_ns + _SEEK_NS:
-        axes, sought_ns = best_axes(points, axes), stamp_ns
-    extent = Extent(keys, points, since, axes, sought_ns)
-    return extent, _box(extent, R, t)
+    points, (R, t) = _points(record), record.pose
+    axes = np.eye(len(t)) if record.axes is None else record.axes
+    if seek and record.seen_ns >= record.sought_ns + _SEEK_NS:
+        axes, record.sought_ns = _best_axes(points, axes), record.seen_ns
+    record.axes = axes
+    along = points @ axes
+    low, high = along.min(0), along.max(0)
+    turn = R @ axes
+    center = turn @ ((low + high) / 2) + t
+    rotation = float(np.arctan2(turn[1, 0], turn[0, 0])) if len(t) == 2 else quaternion(turn).tolist()
+    return Box(center=center.tolist(), half=((high - low) / 2).tolist(), rotation=rotation)
+
+
+def _points(record: Record) -> Floats:
+    """Points of the body, float64 [m, dim] in its axes: its members, and those that were lost."""
+    members = record.members
+    here = members.present
+    shown = here & members.sure if (here & members.sure).any() else here
+    if not record.posed:
+        points = members.points[shown]
+        return points[_together(points)]
+    lost = np.flatnonzero(~here & members.lasted)
+    if len(lost) > _MAX_POINTS:
+        far = lost[_farthest(members.points[lost])]
+        kept = np.isin(np.arange(len(here)), np.setdiff1d(lost, far), invert=True)
+        record.members = members.of(kept)
+        lost = far
+    return np.concatenate([members.points[shown], members.points[lost]])
 
 
 def _together(points: Floats) -> Bools:
@@ -104,41 +83,19 @@ def _together(points: Floats) -> Bools:
     return np.asarray(((points >= low - slack) & (points <= high + slack)).all(axis=1))
 
 
-def _lost(stamp_ns: int, extent: Extent, current: Stamps) -> Stamps:
-    """Rows of features that are not seen any more and were members for long enough, bounded in number."""
-    gone = find(extent.keys, current) < 0
-    lost = np.flatnonzero(gone & (extent.since <= stamp_ns - int(_LASTING * 1e9)))
-    if len(lost) > _MAX_POINTS:
-        lost = lost[_farthest(extent.points[lost])]
-    return lost
+_ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}
 
 
-def _directions(dim: int) -> Floats:
-    """Unit vectors [dim, n] all around."""
-    grid = np.array([v for v in product(range(-2, 3), repeat=dim) if any(v)], np.float64)
-    return np.asarray(np.unique(grid / np.linalg.norm(grid, axis=1)[:, None], axis=0).T)
-
-
-_ALL_AROUND = {dim: _directions(dim) for dim in (2, 3)}
-
-
-def _farthest(points: Floats) -> Stamps:
+def _farthest(points: Floats) -> Ints:
     """Rows that are farthest in some direction, ascending."""
     return np.unique((points @ _ALL_AROUND[points.shape[1]]).argmax(0))
 
 
-def best_axes(points: Floats, before: Floats) -> Floats:
-    """Axes of a small box around points, float64 [dim, dim] as columns; the last ones if they are as good.
+def _best_axes(points: Floats, before: Floats) -> Floats:
+    """Axes of a small box around points [m, dim], as columns; the last ones if they are as good.
 
     The candidates share an axis with the principal axes of the points. The size of a box is half its
     surface, in 2-D half its outline, which distinguish flat boxes.
-
-    Parameters
-    ----------
-    points
-        float64 [m, dim].
-    before
-        float64 [dim, dim], the last axes.
     """
     if len(points) > 2 * _MAX_POINTS:
         points = points[_farthest(points)]
@@ -152,20 +109,17 @@ def best_axes(points: Floats, before: Floats) -> Floats:
     return _like(principal @ turns[best], before)
 
 
-def _quarter_turns(dim: int) -> Floats:
-    """Rotations about each principal axis, float64 [n, dim, dim]; all boxes are met within a right angle."""
+def _turns() -> dict[int, Floats]:
+    """Rotations about each axis, float64 [n, dim, dim] by dim; all boxes are met within a right angle."""
     angles = np.arange(0, np.pi / 2, _STEP)
-    c, s = np.cos(angles), np.sin(angles)
-    found = []
-    for p, q in ((0, 1), (1, 2), (0, 2))[: 3 if dim == 3 else 1]:
-        turn = np.tile(np.eye(dim), (len(angles), 1, 1))
-        turn[:, p, p] = turn[:, q, q] = c
-        turn[:, q, p], turn[:, p, q] = s, -s
-        found.append(turn)
-    return np.concatenate(found)
+    turns = [Rotation.from_rotvec(np.outer(angles, axis)).as_matrix() for axis in np.eye(3)]
+    return {2: turns[2][:, :2, :2], 3: np.concatenate(turns)}
 
 
-_TURNS = {dim: _quarter_turns(dim) for dim in (2, 3)}
+_TURNS = _turns()
+# Rotations that exchange axes of a box.
+_SAME_BOX = {3: np.round(Rotation.create_group("O").as_matrix())}
+_SAME_BOX[2] = np.array([turn[:2, :2] for turn in _SAME_BOX[3] if turn[2, 2] > 0])
 
 
 def _sizes(points: Floats, axes: Floats) -> Floats:
@@ -179,20 +133,6 @@ def _sizes(points: Floats, axes: Floats) -> Floats:
 
 def _like(axes: Floats, before: Floats) -> Floats:
     """The same axes in the order and with the signs that turn them least from others; right-handed."""
-    alike = before.T @ axes
-    _, order = linear_sum_assignment(-np.abs(alike))
-    found = axes[:, order]
-    found = found * np.where((found * before).sum(0) < 0, -1.0, 1.0)
-    if np.linalg.det(found) < 0:
-        found[:, int(np.abs((found * before).sum(0)).argmin())] *= -1
-    return found
-
-
-def _box(extent: Extent, R: Floats, t: Floats) -> Box:
-    """Box of the points in the axes of the space."""
-    along = extent.points @ extent.axes
-    low, high = along.min(0), along.max(0)
-    turn = R @ extent.axes
-    center = R @ (extent.axes @ ((low + high) / 2)) + t
-    rotation = float(np.arctan2(turn[1, 0], turn[0, 0])) if len(t) == 2 else quaternion(turn).tolist()
-    return Box(center=center.tolist(), half=((high - low) / 2).tolist(), rotation=rotation)
+    axes = axes * np.append(np.ones(len(axes) - 1), np.linalg.det(axes))
+    alike = axes @ _SAME_BOX[len(axes)]
+    return np.asarray(alike[(alike * before).sum((1, 2)).argmax()])

@@ -1,6 +1,6 @@
-"""What is known of each hypothesis over time, and of the current trajectories of an update."""
+"""What is known of each hypothesis over time, one record each, and the current trajectories of an update."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -11,113 +11,13 @@ from comotion_schemas import Hypothesis
 from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
 from ..partition import NO_HYPOTHESIS, PoseReference
 
-
-@dataclass
-class Trace:
-    """A hypothesis as it was last seen.
-
-    Attributes
-    ----------
-    keys, stamps, positions
-        int64 [m], int64 [m] and float64 [m, dim]: its last members, and when and where each was seen last.
-    description
-        As it was published last.
-    static
-        Whether it was the static body.
-    reference
-        Of its pose.
-    place, spread
-        float64 [dim], where its centroid has been in the mean of the last seconds; variance of a coordinate
-        about it.
-    """
-
-    keys: Stamps
-    stamps: Stamps
-    positions: Floats
-    description: Hypothesis
-    static: bool
-    reference: PoseReference
-    place: Floats
-    spread: float
-
-    @property
-    def stamp_ns(self) -> int:
-        """When it was last seen."""
-        return int(self.stamps.max())
-
-    @property
-    def velocity(self) -> Floats:
-        """Of the centroid, float64 [dim]; zero where unknown."""
-        twist = self.description.twist
-        return np.zeros(self.positions.shape[1]) if twist is None else np.array(twist.linear)
-
-    @property
-    def brought_up(self) -> Floats:
-        """Where its members were when it was last seen, float64 [m, dim]."""
-        return np.asarray(self.positions + self.velocity * (self.stamp_ns - self.stamps)[:, None] * 1e-9)
-
-    def heir(self, keys: Stamps, labels: Labels) -> int | None:
-        """Hypothesis that most of the last members belong to now; None if more of them are lost.
-
-        Parameters
-        ----------
-        keys, labels
-            int64 [n], the current trajectories, ascending, and their hypotheses.
-        """
-        at = find(self.keys, keys)
-        now = labels[at[at >= 0]]
-        found, counts = np.unique(now[now != NO_HYPOTHESIS], return_counts=True)
-        if not len(found) or 2 * counts.sum() <= len(self.keys):
-            return None
-        return int(found[counts.argmax()])
-
-
-@dataclass
-class Extent:
-    """Points of one body: keys int64 [m] ascending, `points` float64 [m, dim] in the axes of the body.
-
-    `since` int64 [m], when each became a member; `axes` float64 [dim, dim], those of the box, as columns;
-    `sought_ns`, when they were sought last.
-    """
-
-    keys: Stamps
-    points: Floats
-    since: Stamps
-    axes: Floats
-    sought_ns: int
-
-    def without_points(self) -> "Extent":
-        """The same axes alone."""
-        return replace(self, keys=self.keys[:0], points=self.points[:0], since=self.since[:0])
-
-
-@dataclass
-class Record:
-    """A hypothesis over time.
-
-    Attributes
-    ----------
-    origin
-        The hypothesis that it has left, None where its members came from nowhere.
-    stage
-        As of the events so far.
-    support_ns
-        Time with enough members less time with too few, since it appeared or returned; None while it has
-        no current member.
-    since_ns
-        Event time since when it has had no current member; None while it has any.
-    trace
-        As it was last seen; None before it is confirmed.
-    extent
-        What its box is about; None where nothing is known, as of how it has turned out of sight.
-    """
-
-    origin: int | None = None
-    stage: Literal["unconfirmed", "present", "absent"] = "unconfirmed"
-    support_ns: int | None = None
-    since_ns: int | None = None
-    trace: Trace | None = None
-    extent: Extent | None = None
+# ns; lost features count among the last members of their hypothesis for so long.
+_LAST_MEMBERS_NS = 2_000_000_000
+# ns; a lost feature that was a member for less says nothing about the body.
+_LASTING_NS = 500_000_000
+# s; the place about which a body moves is a mean over so long.
+_PLACE = 5.0
+_NEVER = 2**62
 
 
 @dataclass(frozen=True)
@@ -153,3 +53,194 @@ class Current:
     def centroid(self, one: int) -> Floats:
         """Of a hypothesis that has members, float64 [dim]."""
         return np.asarray(self.positions[self.members[one]].mean(0), np.float64)
+
+
+@dataclass(frozen=True)
+class Members:
+    """Features of one body that are seen, or were lost: a table of m rows.
+
+    Attributes
+    ----------
+    keys
+        int64 [m], ascending.
+    points
+        float64 [m, dim], in the axes of the body; of the space where it has no pose.
+    seen
+        int64 [m] ns, when each was seen last.
+    since
+        int64 [m] ns, since when it was a member more likely than not; later than any time where it was not.
+    """
+
+    keys: Stamps
+    points: Floats
+    seen: Stamps
+    since: Stamps
+
+    @classmethod
+    def none(cls) -> "Members":
+        """No rows."""
+        nothing = np.zeros(0, np.int64)
+        return cls(nothing, np.zeros((0, 0)), nothing, nothing)
+
+    def of(self, rows: Bools | Ints) -> "Members":
+        """Some of the rows."""
+        return Members(self.keys[rows], self.points[rows], self.seen[rows], self.since[rows])
+
+    def followed_by(self, now: "Members", current: Stamps, *, posed: bool) -> "Members":
+        """Those that are seen `now`, and those of these that are lost and still tell something.
+
+        `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
+        nothing tells where a feature is that was lost long ago.
+        """
+        at = find(now.keys, self.keys)
+        known = (at >= 0) & now.sure
+        now.since[known] = np.minimum(now.since[known], self.since[at[known]])
+        telling = self.seen >= now.seen[0] - _LAST_MEMBERS_NS
+        if posed:
+            telling |= self.lasted
+        lost = telling & (find(self.keys, current) < 0)
+        if not lost.any():
+            return now
+        parts = vars(now), vars(self.of(lost))
+        joined = Members(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+        return joined.of(np.argsort(joined.keys))
+
+    @property
+    def present(self) -> Bools:
+        """Which were seen at the last update, bool [m]."""
+        return np.asarray(self.seen == self.seen.max(initial=0))
+
+    @property
+    def sure(self) -> Bools:
+        """Which are members more likely than not, bool [m]."""
+        return np.asarray(self.since != _NEVER)
+
+    @property
+    def last(self) -> "Members":
+        """Those that were seen within the last two seconds."""
+        return self.of(self.seen >= self.seen.max(initial=0) - _LAST_MEMBERS_NS)
+
+    @property
+    def lasted(self) -> Bools:
+        """Which were members for long enough to tell of the body when they are lost, bool [m]."""
+        return np.asarray(self.seen - self.since >= _LASTING_NS)
+
+
+@dataclass
+class Record:
+    """A hypothesis over time.
+
+    Attributes
+    ----------
+    reference
+        Its birth and its pose.
+    origin
+        The hypothesis that it has left, None where its members came from nowhere.
+    stage
+        As of the events so far.
+    support_ns
+        Time with enough members less time with too few, since it appeared or returned; None while it has
+        no current member.
+    since_ns
+        Event time since when it has had no current member; None while it has any.
+    seen_ns
+        When it was last seen.
+    posed
+        Whether its pose was known when it was last seen.
+    members
+        Of now, or as it was last seen; none where nothing is known, as of how it has turned out of sight.
+    axes, sought_ns
+        float64 [dim, dim], axes of its box as columns, in those of the body; when they were sought last.
+    description
+        As it was published last; None before it is confirmed.
+    static
+        Whether it was the static body.
+    place, spread
+        float64 [dim], where its centroid has been in the mean of the last seconds; variance of a coordinate
+        about it.
+    """
+
+    reference: PoseReference
+    origin: int | None = None
+    stage: Literal["unconfirmed", "present", "absent"] = "unconfirmed"
+    support_ns: int | None = None
+    since_ns: int | None = None
+    seen_ns: int = -_NEVER
+    posed: bool = False
+    members: Members = field(default_factory=Members.none)
+    axes: Floats | None = None
+    sought_ns: int = -_NEVER
+    description: Hypothesis | None = None
+    static: bool = False
+    place: Floats = field(default_factory=lambda: np.zeros(0))
+    spread: float = 0.0
+
+    @property
+    def pose(self) -> tuple[Floats, Floats]:
+        """R float64 [dim, dim] and t float64 [dim] that take its points to the space, as it was last seen."""
+        dim = len(self.place)
+        if not self.posed:
+            return np.eye(dim), np.zeros(dim)
+        return self.reference.R[:dim, :dim], self.reference.t[:dim]
+
+    @property
+    def speed(self) -> float:
+        """Of the centroid, per second, as published last; 0 where unknown."""
+        twist = None if self.description is None else self.description.twist
+        return 0.0 if twist is None else float(np.linalg.norm(twist.linear))
+
+    @property
+    def positions(self) -> Floats:
+        """Where its last members were when it was last seen, float64 [m, dim]."""
+        R, t = self.pose
+        return np.asarray(self.members.last.points @ R.T + t, np.float64)
+
+    def see(self, stamp_ns: int, one: int, current: Current, *, posed: bool) -> None:
+        """Take in its current members, with the reference brought up to date where it is `posed`."""
+        mine = current.members[one]
+        positions = current.positions[mine]
+        self._settle(positions.mean(0), (stamp_ns - self.seen_ns) * 1e-9)
+        self.seen_ns = stamp_ns
+        before = self.members if posed == self.posed else Members.none()
+        self.posed = posed
+        R, t = self.pose
+        since = np.where(current.sure[mine], stamp_ns, _NEVER)
+        now = Members(current.keys[mine], (positions - t) @ R, np.full(len(mine), stamp_ns), since)
+        self.members = before.followed_by(now, current.keys, posed=posed)
+
+    def heir(self, keys: Stamps, labels: Labels) -> int | None:
+        """Hypothesis that most of the last members belong to now; None if more of them are lost.
+
+        Parameters
+        ----------
+        keys, labels
+            int64 [n], the current trajectories, ascending, and their hypotheses.
+        """
+        last = self.members.last.keys
+        at = find(last, keys)
+        now = labels[at[at >= 0]]
+        found, counts = np.unique(now[now != NO_HYPOTHESIS], return_counts=True)
+        if not len(found) or 2 * counts.sum() <= len(last):
+            return None
+        return int(found[counts.argmax()])
+
+    def move(self, centroid: Floats | None, stamp_ns: int) -> None:
+        """Take up its pose where it returns: how it has turned meanwhile is not known.
+
+        `centroid` float64 [dim] is where its members are; None for the static body, which has not moved.
+        """
+        last, moved = self.reference, np.zeros(3)
+        if centroid is not None:
+            moved[: len(centroid)] = centroid - self.positions.mean(0)
+            self.members = Members.none()
+        fresh = PoseReference.new(last.born_ns)
+        self.reference = replace(fresh, R=last.R.copy(), t=last.t + moved, stamp_ns=stamp_ns)
+
+    def _settle(self, now: Floats, seconds: float) -> None:
+        """Follow the place with a centroid float64 [dim], so many seconds after the last."""
+        if not len(self.place):
+            self.place = now
+        share = 1 - float(np.exp(-max(seconds, 0.0) / _PLACE))
+        way = now - self.place
+        self.place = self.place + share * way
+        self.spread = (1 - share) * (self.spread + share * float(way @ way) / len(way))

@@ -5,8 +5,7 @@ The steps of an update:
 1. Name the groups: those that share members with a hypothesis continue it (:mod:`.identity`).
 2. Recall: a new group that is a remembered hypothesis takes its id (:mod:`.memory`).
 3. Confirm hypotheses and find the events (:mod:`.events`).
-4. Describe those with current members, and measure them (:mod:`.extent`).
-5. Remember where each was seen (:mod:`.memory`), and list the absent ones.
+4. Describe those with current members, measure them (:mod:`.extent`), and list the absent ones.
 
 What is known of each is one record (:mod:`.records`).
 """
@@ -18,16 +17,16 @@ import numpy as np
 
 from comotion_schemas import Event, Hypothesis
 
-from ..arrays import Floats, Labels, Slots
+from ..arrays import Labels, Slots
 from ..config import HypothesesConfig
-from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference
+from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference, Previous
 from ..saving import plain, refill
 from ..trajectories.window import Window
-from .events import Count, Lifecycle
-from .extent import measured
-from .identity import IdAllocator, LabelMemory, retire, supported
-from .memory import appearance, recognised, seen
-from .records import Current, Trace
+from .events import Lifecycle
+from .extent import box_of
+from .identity import IdAllocator, named, relabel, supported
+from .memory import appearance, recognised
+from .records import Current, Record
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
 # before it is confirmed under its own: then the best assignment of all groups decides. With true
@@ -46,7 +45,7 @@ class Registry:
     ----------
     space
         Its name.
-    ids
+    allocator
         Where new hypotheses get their ids.
     config
         Of confirmation and memory.
@@ -55,17 +54,30 @@ class Registry:
 
     Attributes
     ----------
-    labels
-        Hypotheses by group, and their births.
+    ids
+        int64 [K]: hypothesis of each group of the last partition.
     """
 
     def __init__(
-        self, space: str, ids: IdAllocator, config: HypothesesConfig, *, established: bool = True
+        self, space: str, allocator: IdAllocator, config: HypothesesConfig, *, established: bool = True
     ) -> None:
-        self._space = space
-        self._config = config
+        self._space, self._allocator, self._config = space, allocator, config
+        self._established = established
         self._lifecycle = Lifecycle(config)
-        self.labels = LabelMemory(ids, established)
+        self.ids: Labels = np.zeros(0, np.int64)
+
+    @property
+    def _records(self) -> dict[int, Record]:
+        return self._lifecycle.records
+
+    @property
+    def references(self) -> dict[int, PoseReference]:
+        """Birth and pose of each hypothesis."""
+        return {one: record.reference for one, record in self._records.items()}
+
+    def previous(self, window: Window) -> Previous:
+        """What a method learns of the last update."""
+        return Previous(window.label, self.ids)
 
     def update(
         self,
@@ -99,54 +111,57 @@ class Registry:
             the events of this update.
         """
         before = window.label[current]
-        labels = self.labels.name(window, partition, current, matching, stamp_ns)  # 1
-        found = Current(
-            window.key[current], current, labels, partition.position, partition.confidence >= _SURE
-        )
-        self.labels.refer(window, stamp_ns)
+        allocate, established = self._allocator.next, self._established
+        self.ids = named(window, partition, matching, allocate, stamp_ns, established=established)  # 1
+        sure = partition.confidence >= _SURE
+        found = Current(window.key[current], current, window.label[current], partition.position, sure)
         if self._recall(stamp_ns, window, partition, found):  # 2
             found = replace(found, labels=window.label[current])
-            self.labels.refer(window, stamp_ns)
-        events = self._lifecycle.advance(stamp_ns, self._count(window, before, found))  # 3
-        retire(window, self._lifecycle.records)
-        listed = self._described(stamp_ns, partition, found, boxes)  # 4
-        self._remember(stamp_ns, partition, found, listed)  # 5
-        return found.labels, self._with_absent(listed, found), events
+        members = found.members
+        origins = {one: _origin(before[rows]) for one, rows in members.items() if one not in self._records}
+        heirs = self._heirs(found, supported(window, current))
+        sizes = {one: len(rows) for one, rows in members.items()}
+        events = self._lifecycle.advance(stamp_ns, sizes, self._least(found), origins, heirs)  # 3
+        # Nobody votes for any other hypothesis any more: an id that has ended does not come back.
+        window.established[~np.isin(window.established, list(self._records))] = NO_HYPOTHESIS
+        listed = [*self._described(stamp_ns, partition, found, boxes), *self._absent(found)]  # 4
+        return found.labels, sorted(listed, key=lambda h: h.id), events
 
     def forget(self, window: Window, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all: its members are grouped as new ones. Returns those forgotten."""
-        known = sorted(self._lifecycle.records)
-        gone = known if hypothesis is None else [one for one in known if one == hypothesis]
+        gone = sorted(one for one in self._records if hypothesis in (None, one))
         for one in gone:
             self._lifecycle.forget(one)
-            self.labels.drop(window, one)
+        relabel((window.label, window.established, self.ids), dict.fromkeys(gone, NO_HYPOTHESIS))
         return gone
 
     def state(self) -> dict[str, Any]:
         """As plain values and arrays, beside the columns of the window."""
-        return {"labels": plain(self.labels), "lives": plain(self._lifecycle)}
+        return {"ids": self.ids.copy(), "lives": plain(self._lifecycle)}
 
     def load(self, state: dict[str, Any], window: Window) -> None:
         """Take up :meth:`state`; an empty one: start afresh on the trajectories of the window."""
         if state:
-            refill(self.labels, state["labels"])
+            self.ids = state["ids"]
             refill(self._lifecycle, state["lives"])
         else:
             window.label[:] = window.established[:] = NO_HYPOTHESIS
 
-    def _traces(self) -> dict[int, Trace]:
-        """What is remembered of where hypotheses were, by id."""
-        records = self._lifecycle.records
-        return {one: record.trace for one, record in records.items() if record.trace is not None}
+    def _remembered(self, found: Current) -> dict[int, Record]:
+        """What is known of the confirmed hypotheses without a current member, by id."""
+        return {
+            one: record
+            for one, record in self._records.items()
+            if record.description is not None and one not in found.members
+        }
 
     def _least(self, found: Current) -> int:
         """Current members that confirm a hypothesis."""
         return self._config.members if len(found.keys) >= _BODIES * self._config.members else 2
 
     def _recall(self, stamp_ns: int, window: Window, partition: Partition, found: Current) -> bool:
-        """Rename the new groups that are remembered hypotheses; returns whether there is any."""
-        members, least, traces = found.members, self._least(found), self._traces()
-        missing = [one for one in traces if one not in members]
+        """Give new groups the ids of the remembered hypotheses that they are; returns whether any is."""
+        members, least, missing = found.members, self._least(found), self._remembered(found)
         groups = [
             one
             for one, rows in members.items()
@@ -155,7 +170,7 @@ class Registry:
         if not groups:
             return False
         static = self._static(partition)
-        heirs = {one: traces[one].heir(found.keys, found.labels) for one in missing}
+        heirs = self._heirs(found, found.labels)
         names = {heir: one for one, heir in heirs.items() if heir in groups and heir != static}
         lost = [one for one in missing if heirs[one] is None]
         due = [one for one in groups if self._lifecycle.due(one, stamp_ns)]
@@ -164,89 +179,61 @@ class Registry:
         }
         for some, margin in ((groups, _CLEAR), (due, _LIKELY)):
             left = {new: seen for new, seen in first.items() if new not in names}
-            free = {one: traces[one] for one in lost if one not in names.values()}
+            free = {one: missing[one] for one in lost if one not in names.values()}
             names |= {new: old for new, old in recognised(free, left, margin).items() if new in some}
-        self._rename(stamp_ns, window, names, {new: found.centroid(new) for new in names if new != static})
-        return bool(names)
-
-    def _rename(
-        self, stamp_ns: int, window: Window, names: dict[int, int], centroids: dict[int, Floats]
-    ) -> None:
-        """Give groups the ids that they continue, {present: other}; with the centroids of those that move."""
-        traces = self._traces()
-        self.labels.rename(window, names)
+        relabel((window.label, window.established, self.ids), names)
         for new, old in names.items():
-            self.labels.references[old] = _carried(traces[old], centroids.get(new), stamp_ns)
-            if new in centroids:
-                self._lifecycle.records[old].extent = None
+            missing[old].move(None if new == static else found.centroid(new), stamp_ns)
+        return bool(names)
 
     def _static(self, partition: Partition) -> int | None:
         """The hypothesis of the static body, if there is one."""
-        groups = zip(self.labels.ids.tolist(), partition.described, strict=False)
+        groups = zip(self.ids.tolist(), partition.described, strict=False)
         return next((one for one, group in groups if group.static), None)
 
-    def _count(self, window: Window, before: Labels, found: Current) -> Count:
-        sizes, known = {one: len(rows) for one, rows in found.members.items()}, self._lifecycle.records
-        origins = {one: _origin(before[rows]) for one, rows in found.members.items() if one not in known}
-        heirs: dict[int, int] = {}
-        wanted = supported(window, found.slots)
-        for one, trace in self._traces().items():
-            if one not in sizes and (heir := trace.heir(found.keys, wanted)) is not None:
-                heirs[one] = heir
-        return Count(sizes, self._least(found), origins, heirs)
+    def _heirs(self, found: Current, labels: Labels) -> dict[int, int | None]:
+        """The hypothesis, by labels int64 [n], in which most of the last members of a remembered one are."""
+        return {one: record.heir(found.keys, labels) for one, record in self._remembered(found).items()}
 
     def _described(
         self, stamp_ns: int, partition: Partition, found: Current, boxes: bool
     ) -> list[Hypothesis]:
-        """Hypotheses that have a current member, measured and described."""
+        """Hypotheses that have a current member, measured and described, with their records up to date."""
         listed = []
-        for group, one in zip(partition.described, self.labels.ids.tolist(), strict=True):
-            if one == NO_HYPOTHESIS:
+        for group, one in zip(partition.described, self.ids.tolist(), strict=True):
+            record = self._records.get(one)
+            if record is None:
                 continue
-            reference = self.labels.references[one]
             # A hypothesis without a current member keeps its pose up to date for their return.
-            pose = None if group.pose_since is None else group.pose_since(reference)
+            pose = None if group.pose_since is None else group.pose_since(record.reference)
             if one not in found.members:
                 continue
-            record, posed = self._lifecycle.records[one], None if pose is None else reference
-            record.extent, box = measured(record.extent, stamp_ns, one, found, posed, seek=boxes)
-            listed.append(
-                Hypothesis(
-                    id=one,
-                    space=self._space,
-                    size=len(found.members[one]),
-                    born_ns=reference.born_ns,
-                    state=group.state,
-                    centroid=found.centroid(one).tolist(),
-                    pose=pose,
-                    twist=group.twist,
-                    noise=group.noise,
-                    confirmed=self._lifecycle.confirmed(one),
-                    box=box,
-                )
+            record.see(stamp_ns, one, found, posed=pose is not None)
+            record.static = group.static
+            described = Hypothesis(
+                id=one,
+                space=self._space,
+                size=len(found.members[one]),
+                born_ns=record.reference.born_ns,
+                state=group.state,
+                centroid=found.centroid(one).tolist(),
+                pose=pose,
+                twist=group.twist,
+                noise=group.noise,
+                confirmed=self._lifecycle.confirmed(one),
+                box=box_of(record, seek=boxes),
             )
+            record.description = described if described.confirmed else None
+            listed.append(described)
         return listed
 
-    def _remember(
-        self, stamp_ns: int, partition: Partition, found: Current, listed: list[Hypothesis]
-    ) -> None:
-        """Take down the present hypotheses. One that has just returned may yet turn out to be another."""
-        static = self._static(partition)
-        for one in listed:
-            record = self._lifecycle.records[one.id]
-            if record.stage == "present":
-                reference = self.labels.references[one.id]
-                record.trace = seen(record.trace, stamp_ns, found, one, reference, static=one.id == static)
-
-    def _with_absent(self, listed: list[Hypothesis], found: Current) -> list[Hypothesis]:
-        """All hypotheses, by id: those with current members, and those that are remembered without."""
-        shown = {one.id for one in listed}
-        gone = [
-            replace(trace.description, size=0, absent=True, confirmed=True)
-            for one, trace in self._traces().items()
-            if one not in shown and trace.heir(found.keys, found.labels) is None
+    def _absent(self, found: Current) -> list[Hypothesis]:
+        """Hypotheses that are remembered without a current member, as they were last seen."""
+        return [
+            replace(record.description, size=0, absent=True, confirmed=True)
+            for record in self._remembered(found).values()
+            if record.description is not None and record.heir(found.keys, found.labels) is None
         ]
-        return sorted([*listed, *gone], key=lambda h: h.id)
 
 
 def _origin(before: Labels) -> int | None:
@@ -255,15 +242,3 @@ def _origin(before: Labels) -> int | None:
     if not len(found) or 2 * counts.sum() < len(before):
         return None
     return int(found[counts.argmax()])
-
-
-def _carried(trace: Trace, centroid: Floats | None, stamp_ns: int) -> PoseReference:
-    """Pose reference of a hypothesis that returns: how it has turned meanwhile is not known.
-
-    `centroid` float64 [dim] is where its members are; None for the static body, which has not moved.
-    """
-    last = trace.reference
-    moved = np.zeros(3)
-    if centroid is not None:
-        moved[: len(centroid)] = centroid - trace.positions.mean(0)
-    return replace(PoseReference.new(last.born_ns), R=last.R.copy(), t=last.t + moved, stamp_ns=stamp_ns)
