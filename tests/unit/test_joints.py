@@ -5,6 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
+from comotion.config import JointsConfig
+from comotion.joints.joints import Joints
 from comotion.joints.pair import Pair
 from comotion.partition import BodyMotion
 from comotion_schemas import decode, encode
@@ -50,7 +52,7 @@ def child(kind, q, seed=0, start=0):
 
 
 def judged(body, *, times=2):
-    found = Pair(1, 2, np.zeros(3))
+    found = Pair.of(1, 2, "world", np.zeros(3))
     for _ in range(times):
         found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
     return found
@@ -89,20 +91,20 @@ def test_bodies_that_move_as_one_are_fixed():
     rng = np.random.default_rng(0)
     held_R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (45, 3))).as_matrix() @ R
     held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
-    found = Pair(1, 2, np.zeros(3))
+    found = Pair.of(1, 2, "world", np.zeros(3))
     for _ in range(2):
         found.judge(carrier, held)
     assert found.known.kind == "fixed"
 
 
 def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
-    found = Pair(1, 2, np.zeros(3))
-    monkeypatch.setattr("comotion.joints.memory._MAX_STATES", 10)
+    found = Pair.of(1, 2, "world", np.zeros(3))
+    monkeypatch.setattr("comotion.joints.states._MAX_STATES", 10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
         found.judge(world(150, first), child("revolute", q, seed=first, start=first))
     assert found.known.kind == "revolute"
-    assert len(found._keys.weight) <= 10
+    assert len(found._keys) <= 10
     # For the last 150 frames it has rested.
     low, high = found.range
     assert high - low == pytest.approx(1.2, abs=0.1)
@@ -116,6 +118,13 @@ def test_a_joint_that_breaks_is_released():
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
     found.judge(world(150, 30), body)
     assert found.known.kind in {"undetermined", "free"}
+
+
+def test_every_pair_has_its_turn():
+    joints, near = Joints(JointsConfig(pairs=1)), [(1, 2), (3, 4)]
+    due = [joints._due(near, k * 200_000_000) for k in range(3)]
+    assert due == [[(1, 2)], [(3, 4)], [(1, 2)]]
+    assert joints._due(near, 400_000_000) == []
 
 
 @pytest.fixture(scope="module")

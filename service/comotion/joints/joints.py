@@ -4,55 +4,31 @@ Every pair of confirmed hypotheses that may touch is judged in turn, a few at an
 a joint between two judgements follows from the poses and velocities of its hypotheses.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import Event, Hypothesis, Joint, Twist
+from comotion_schemas import Event, Hypothesis, Joint
 from comotion_schemas.hypotheses import EventKind, JointKind
 from comotion_schemas.rigid import rotation, spin, three
 
 from ..arrays import Floats
 from ..config import JointsConfig
 from ..linking.linker import SpaceView
-from ..partition import BodyMotion
+from ..partition import BodyMotion, SpaceSpec
 from ..saving import NOT_KEPT
-from .pair import JOINTS, Pair
+from .models import KINDS
+from .pair import Pair
 from .states import States
 
 Key = tuple[int, int]
-MotionsOf = Callable[[Collection[int]], dict[int, BodyMotion]]
 # Between judgements: motion that shows joints takes longer than this, and updates must not.
-_REST_NS = 150_000_000
+_REST_NS, _NEVER_NS = 150_000_000, -(2**62)
 # Pairs touch with a gap between their boxes up to this share of the extent of the larger of two moving
 # bodies, and of the smaller where one rests.
 _REACH = 0.5
-
-
-@dataclass(frozen=True)
-class Place:
-    """Pose since birth and velocities of a hypothesis: R [3, 3], t, linear, angular, centroid [3] each."""
-
-    R: Floats
-    t: Floats
-    linear: Floats
-    angular: Floats
-    centroid: Floats
-
-    @classmethod
-    def of(cls, one: Hypothesis) -> "Place | None":
-        """Of a hypothesis as it is published; None where it has no pose."""
-        if one.pose is None:
-            return None
-        R, t = np.asarray(rotation(one.pose.rotation).as_matrix()), three(one.pose.translation)
-        linear, angular = _velocities(one.twist)
-        return cls(R, t, linear, angular, three(one.centroid))
-
-    def velocity(self, x: Floats) -> Floats:
-        """Velocity of the point of the body that is at x."""
-        return np.asarray(self.linear + np.cross(self.angular, x - self.centroid))
 
 
 @dataclass
@@ -67,85 +43,69 @@ class Joints:
 
     config: JointsConfig = field(metadata=NOT_KEPT)
     _pairs: dict[Key, Pair] = field(default_factory=dict)
-    _judged_ns: int | None = None
+    # When each was looked at last.
+    _judged_ns: dict[Key, int] = field(default_factory=dict)
 
     def update(
         self, stamp_ns: int, views: Sequence[SpaceView], *, judging: bool = True
     ) -> tuple[list[Joint], list[Event]]:
         """Judge some pairs, unless `judging` is False, and describe all that may touch."""
-        found: list[Joint] = []
-        events: list[Event] = []
+        spaces = []
         for view in views:
             if view.spec.unit == "m" and self.config.pairs:
-                joints, changes = self._of_space(stamp_ns, view, view.motions if judging else None)
-                found += joints
-                events += changes
-        return found, events
+                listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
+                spaces.append((view, listed, _touching(listed)))
+        due = self._due([key for *_, near in spaces for key in near], stamp_ns) if judging else []
+        changes: dict[tuple[EventKind, int], list[int]] = {}
+        joints = []
+        for view, listed, near in spaces:
+            mine = [key for key in due if key in near]
+            motions = view.motions({one for key in mine for one in key}) if mine else {}
+            for key in (key for key in mine if motions.keys() >= set(key)):
+                self._judge(key, motions, listed, view.spec.name, changes)
+            joints += [_describe(self._pairs[key], listed, view.spec) for key in near if key in self._pairs]
+        # One for each parent and kind, by which clients distinguish events.
+        return joints, [
+            Event(stamp_ns=stamp_ns, kind=kind, hypothesis=parent, others=children)
+            for (kind, parent), children in changes.items()
+        ]
 
     def keep(self, hypotheses: Iterable[int]) -> None:
         """Forget the pairs of hypotheses that exist no more."""
         known = set(hypotheses)
         self._pairs = {key: pair for key, pair in self._pairs.items() if known.issuperset(key)}
-
-    def _of_space(
-        self, stamp_ns: int, view: SpaceView, motions_of: MotionsOf | None
-    ) -> tuple[list[Joint], list[Event]]:
-        listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
-        near = _touching(listed)
-        rested = self._judged_ns is None or stamp_ns - self._judged_ns >= _REST_NS
-        due = self._due(near, stamp_ns) if rested and motions_of is not None else []
-        if due:
-            self._judged_ns = stamp_ns
-        motions = motions_of({one for key in due for one in key}) if due and motions_of is not None else {}
-        events: list[Event] = []
-        for key in due:
-            if motions.keys() >= set(key):
-                events += self._judge(key, motions, listed, stamp_ns)
-            elif key in self._pairs:
-                self._pairs[key].judged_ns = stamp_ns
-        shown = [self._pairs[key] for key in near if key in self._pairs]
-        return [_describe(pair, listed, view) for pair in shown], _merged(events)
+        self._judged_ns = {key: at for key, at in self._judged_ns.items() if known.issuperset(key)}
 
     def _due(self, near: list[Key], stamp_ns: int) -> list[Key]:
         """The pairs that were judged longest ago, as many as there is time for."""
-
-        def waiting(key: Key) -> tuple[int, Key]:
-            last = self._pairs[key].judged_ns if key in self._pairs else None
-            return (-(2**62) if last is None else last - stamp_ns, key)
-
-        return sorted(near, key=waiting)[: self.config.pairs]
+        if stamp_ns - max(self._judged_ns.values(), default=_NEVER_NS) < _REST_NS:
+            return []
+        due = sorted(near, key=lambda key: (self._judged_ns.get(key, _NEVER_NS), key))[: self.config.pairs]
+        self._judged_ns |= dict.fromkeys(due, stamp_ns)
+        return due
 
     def _judge(
-        self, key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis], stamp_ns: int
-    ) -> list[Event]:
-        pair = self._pairs.get(key)
-        if pair is None:
+        self,
+        key: Key,
+        motions: Mapping[int, BodyMotion],
+        listed: Mapping[int, Hypothesis],
+        space: str,
+        changes: dict[tuple[EventKind, int], list[int]],
+    ) -> None:
+        """Judge a pair of a space, and take down what changes."""
+        if key not in self._pairs:
             parent, child = _roles(key, motions, listed)
-            pair = self._pairs[key] = Pair(parent, child, motions[child].centre.copy())
+            self._pairs[key] = Pair.of(parent, child, space, motions[child].centre.copy())
+        pair = self._pairs[key]
         before = pair.known.kind
-        pair.judge(motions[pair.parent], motions[pair.child])
-        now = pair.known.kind
-        if before == now:
-            return []
-        changes: list[tuple[EventKind, JointKind]] = [("released", before), ("joined", now)]
-        return [
-            Event(stamp_ns=stamp_ns, kind=change, hypothesis=pair.parent, others=[pair.child])
-            for change, kind in changes
-            if kind in JOINTS
-        ]
+        pair.judge(motions[pair.known.parent], motions[pair.known.child])
+        ends: tuple[tuple[EventKind, JointKind], ...] = (("released", before), ("joined", pair.known.kind))
+        for change, kind in ends if before != pair.known.kind else ():
+            if kind in KINDS:
+                changes.setdefault((change, pair.known.parent), []).append(pair.known.child)
 
 
-def _merged(events: list[Event]) -> list[Event]:
-    """One event for each parent and kind: by which clients distinguish events."""
-    found: dict[tuple[str, int], Event] = {}
-    for event in events:
-        name = event.kind, event.hypothesis
-        known = found.get(name)
-        found[name] = event if known is None else replace(known, others=known.others + event.others)
-    return list(found.values())
-
-
-def _roles(key: Key, motions: dict[int, BodyMotion], listed: dict[int, Hypothesis]) -> Key:
+def _roles(key: Key, motions: Mapping[int, BodyMotion], listed: Mapping[int, Hypothesis]) -> Key:
     """Parent and child: what rests carries what moves, else the larger one the smaller."""
     a, b = key
     if motions[a].static != motions[b].static:
@@ -159,11 +119,10 @@ def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
     names = list(boxes)
     if len(names) < 2:
         return []
-    turns = [box.rotation for box in boxes.values()]
-    flat = not isinstance(turns[0], list)
-    turn = Rotation.from_rotvec(np.outer(turns, [0, 0, 1])) if flat else Rotation.from_quat(turns)
     centre = np.array([box.center for box in boxes.values()])
-    axes = np.abs(turn.as_matrix()[:, : centre.shape[1], : centre.shape[1]])
+    turns, dim = [box.rotation for box in boxes.values()], centre.shape[1]
+    turn = Rotation.from_quat(turns) if dim == 3 else Rotation.from_rotvec(np.outer(turns, [0, 0, 1]))
+    axes = np.abs(turn.as_matrix()[:, :dim, :dim])
     half = np.einsum("nij,nj->ni", axes, [box.half for box in boxes.values()])
     size = 2 * np.linalg.norm(half, axis=1)
     gap = (np.abs(centre[:, None] - centre) - half[:, None] - half).clip(0)
@@ -175,58 +134,40 @@ def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
     return [(names[i], names[j]) for i, j in near.tolist()]
 
 
-def _describe(pair: Pair, listed: Mapping[int, Hypothesis], view: SpaceView) -> Joint:
+def _describe(pair: Pair, listed: Mapping[int, Hypothesis], spec: SpaceSpec) -> Joint:
     """A joint as it is published."""
-    confidence = min(max(pair.known.confidence, 0.0), 1.0)
-    joint = Joint(
-        parent=pair.parent,
-        child=pair.child,
-        space=view.spec.name,
-        kind=pair.known.kind,
-        confidence=confidence,
-    )
-    model, sigmas = pair.model, pair.known.sigmas
-    if model is None or sigmas is None:
+    joint, model = pair.known, pair.model
+    parent, child = listed[joint.parent], listed[joint.child]
+    if model is None or joint.kind == "fixed" or parent.pose is None or child.pose is None:
         return joint
-    parent, child = Place.of(listed[pair.parent]), Place.of(listed[pair.child])
-    if parent is None or child is None:
-        return joint
-    state = _state_now(pair, parent, child)
-    axis = parent.R @ model.u
-    revolute = model.kind == "revolute"
+    R, t = rotation(parent.pose.rotation).as_matrix(), three(parent.pose.translation)
+    # The state by the published poses; turn and place weigh like those of a frame.
+    place = rotation(child.pose.rotation).as_matrix() @ pair.point + three(child.pose.translation)
+    turn = R.T @ rotation(child.pose.rotation).as_matrix()
+    p = R.T @ (place - t)
+    state = States(np.zeros(1, np.int64), turn[None], p[None], pair.typical_information[None])
+    axis, revolute = R @ model.u, model.kind == "revolute"
     # The point of the axis that is nearest to the child.
-    near = model.c + model.u * (model.u @ (state.p[0] - model.c)) if revolute else state.p[0]
-    point = parent.R @ near + parent.t
-    if revolute:
-        rate = float(axis @ (child.angular - parent.angular))
-    else:
-        rate = float(axis @ (child.velocity(point) - parent.velocity(point)))
+    point = R @ (model.c + model.u * (model.u @ (p - model.c)) if revolute else p) + t
+    (spin_p, velocity_p), (spin_c, velocity_c) = _motion(parent, point), _motion(child, point)
+    rate = float(axis @ (spin_c - spin_p if revolute else velocity_c - velocity_p))
     position, (low, high) = pair.position(state), pair.range
-    if view.spec.dim == 2 and revolute and axis[2] < 0:
+    if spec.dim == 2 and revolute and axis[2] < 0:
         position, rate, low, high = -position, -rate, -high, -low
     return replace(
         joint,
-        axis=None if view.spec.dim == 2 and revolute else axis[: view.spec.dim].tolist(),
-        point=point[: view.spec.dim].tolist(),
+        axis=None if spec.dim == 2 and revolute else axis[: spec.dim].tolist(),
+        point=point[: spec.dim].tolist(),
         position=position,
         rate=rate,
         lower=min(low, position),
         upper=max(high, position),
-        sigma_axis=sigmas.axis,
-        sigma_point=sigmas.point,
-        sigma_position=sigmas.position,
-        sigma_rate=sigmas.rate,
     )
 
 
-def _state_now(pair: Pair, parent: Place, child: Place) -> States:
-    """The state of a pair by its published poses; turn and place weigh like those of a frame."""
-    R = parent.R.T @ child.R
-    p = parent.R.T @ (child.R @ pair.point + child.t - parent.t)
-    return States(np.zeros(1, np.int64), R[None], p[None], pair.typical_information[None])
-
-
-def _velocities(twist: Twist | None) -> tuple[Floats, Floats]:
-    if twist is None:
+def _motion(one: Hypothesis, point: Floats) -> tuple[Floats, Floats]:
+    """Angular velocity of a hypothesis, and velocity of its point that is at `point`, float64 [3] each."""
+    if one.twist is None:
         return np.zeros(3), np.zeros(3)
-    return three(twist.linear), spin(twist)
+    turning = spin(one.twist)
+    return turning, three(one.twist.linear) + np.cross(turning, point - three(one.centroid))

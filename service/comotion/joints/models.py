@@ -1,4 +1,4 @@
-"""Joints between the states of a pair: fixed, prismatic and revolute.
+"""Joints between the states of a pair, and the one of a kind that fits them best.
 
 The models of Sturm, Stachniss and Burgard (2011), "A probabilistic framework for learning kinematic models of
 articulated objects". Each predicts a state from its joint position q:
@@ -6,18 +6,37 @@ articulated objects". Each predicts a state from its joint position q:
     fixed       R = R0,            p = p0
     prismatic   R = R0,            p = p0 + q u
     revolute    R = exp(q u) R0,   p = c + exp(q u) (p0 - c)
+
+A fit is of maximum likelihood, by Gauss-Newton on the whitened residuals (turn, place); the position of each
+state is eliminated. A state that fits badly counts less (Student's t).
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Floats
-from .states import States, turned, turns_between
+from comotion_schemas.hypotheses import JointKind
 
-FixedKind = Literal["fixed", "prismatic", "revolute"]
-FREE_PARAMETERS: dict[FixedKind, int] = {"fixed": 6, "prismatic": 8, "revolute": 9}
+from ..arrays import Floats
+from .states import States, skew, turned, turns_between
+
+KINDS: tuple[JointKind, ...] = ("fixed", "prismatic", "revolute")
+PARAMETERS: dict[JointKind, int] = {"fixed": 6, "prismatic": 8, "revolute": 9}
+# Turn of R0, shift of p0, shift of c and turn of the axis, of the last two the parts across the axis.
+_TURN, _SHIFT, _POINT, _AXIS = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10)
+_UNKNOWNS = 10
+# Columns of derivatives beside: by the position, and what is left of the state.
+_POSITION, _LEFT = _UNKNOWNS, _UNKNOWNS + 1
+HEAVY = 30.0
+"""Degrees of freedom of Student's t: residuals beyond some five standard deviations count less and less."""
+# Steps at most, as fits go on at the next judgement, and the step, in standard deviations squared, below
+# which a fit has converged.
+_STEPS, _SETTLED = 3, 1e-2
+# A direction below this squared length, in standard deviations per unit, does not determine a position.
+_NO_DIRECTION = 1e-12
+# What has less than this share of the largest information is not determined, as the position 0 of a joint and
+# what its kind does not have; it stays as it is.
+_UNDETERMINED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -34,20 +53,23 @@ class Model:
         float64 [3] each, axis, and a point on it; zero where the joint does not turn.
     """
 
-    kind: FixedKind
+    kind: JointKind
     R0: Floats
     p0: Floats
     u: Floats
     c: Floats
 
+    @property
+    def freedom(self) -> int:
+        """Numbers of a state that the joint determines."""
+        return 6 if self.kind == "fixed" else 5
+
     def predicted(self, q: Floats) -> tuple[Floats, Floats]:
         """Orientations [n, 3, 3] and places [n, 3] at positions [n]."""
-        if self.kind == "revolute":
-            R = turned(self.R0, q[:, None] * self.u)
-            E = R @ self.R0.T
-            return R, self.c + E @ (self.p0 - self.c)
-        moved = self.p0 + q[:, None] * self.u if self.kind == "prismatic" else np.tile(self.p0, (len(q), 1))
-        return np.tile(self.R0, (len(q), 1, 1)), moved
+        moved = q[:, None] * self.u
+        turns = self.kind == "revolute"
+        E = turned(np.eye(3), moved * turns)
+        return E @ self.R0, self.c + E @ (self.p0 - self.c) + moved * (not turns)
 
     def positions(self, states: States) -> Floats:
         """Position of each state on the joint, roughly, float64 [n]."""
@@ -56,3 +78,120 @@ class Model:
         if self.kind == "revolute":
             return np.asarray(turns_between(states.R, self.R0) @ self.u)
         return np.zeros(len(states))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to n states.
+
+    Attributes
+    ----------
+    model
+        The joint.
+    q, q_sigma
+        float64 [n], positions and their one-sigma; zero for a fixed joint.
+    residual, squared
+        float64 [n, 6], whitened residuals, and [n], their squares less what is along the joint.
+    covariance
+        float64 [10, 10] of (turn of R0, p0, c, axis); c and axis across the axis.
+    improbability
+        Minus the log prior of the model, without its constant.
+    """
+
+    model: Model
+    q: Floats
+    q_sigma: Floats
+    residual: Floats
+    squared: Floats
+    covariance: Floats
+    improbability: float
+
+    @property
+    def misfit(self) -> float:
+        """Minus the log likelihood of the states, without its constant."""
+        # Student's t: near half the square for small ones.
+        return float((0.5 * HEAVY * np.log1p(self.squared / HEAVY)).sum())
+
+
+def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> Fit:
+    """Fit a model from a start.
+
+    Parameters
+    ----------
+    states
+        n > 0 states.
+    start
+        Of the kind that is fitted.
+    reach
+        Standard deviation of the distance between the child and the axis of a hinge: a hinge that is far
+        away is a slide.
+    steps
+        At most; without any the positions of the states are fitted alone.
+    """
+    model, q, near, hinge = start, start.positions(states), states.p.mean(0), start.kind == "revolute"
+    for k in range(steps + 1):
+        white = states.roots @ _derivatives(states, model, q)
+        residual, along = white[:, :, _LEFT].copy(), white[:, :, _POSITION].copy()
+        # The position of each state is eliminated; what is left along the joint is no residual.
+        strength = np.square(along).sum(1) + _NO_DIRECTION
+        share = np.einsum("ni,nik->nk", along, white) / strength[:, None]
+        squared = np.square(residual).sum(1) - share[:, _LEFT] ** 2 * strength
+        white -= along[:, :, None] * share[:, None]
+        weight = 1 / (1 + np.square(residual).sum(1) / HEAVY)
+        J = white.reshape(-1, _UNKNOWNS + 2)
+        normal = (J * np.repeat(weight, 6)[:, None]).T @ J
+        left, right = normal[:_UNKNOWNS, :_UNKNOWNS], normal[:_UNKNOWNS, _LEFT]
+        away = _across(model.u) @ (model.c - near)
+        if hinge:
+            # An axis that no turn determines stays where it is.
+            left[[6, 7, 8, 9], [6, 7, 8, 9]] += [reach**-2, reach**-2, 1.0, 1.0]
+            right[_POINT] -= away / reach**2
+        covariance = np.linalg.pinv(left, _UNDETERMINED, hermitian=True)
+        step, extra = covariance @ right, share[:, _LEFT]
+        # Where the joint does not fit, standard deviations are more than the states say, and a gain changes
+        # nothing.
+        if k == steps or step @ right < _SETTLED * max(float(squared.mean()) / 6, 1.0) ** 2:
+            break
+        q = q + extra - share[:, :_UNKNOWNS] @ step
+        model = _moved(model, step)
+    sigma = np.sqrt(1 / strength) if model.kind != "fixed" else np.zeros(len(q))
+    improbability = 0.5 * float(away @ away) / reach**2 if hinge else 0.0
+    return Fit(model, q + extra, sigma, residual, squared, covariance, improbability)
+
+
+def joint_position(model: Model, state: States) -> float:
+    """Position of one state on a joint, the best by its information; 0 if it is fixed."""
+    return 0.0 if model.kind == "fixed" else float(fit(state, model, np.inf, steps=0).q[0])
+
+
+def _across(u: Floats) -> Floats:
+    """Two unit vectors across a vector, float64 [2, 3]."""
+    return np.asarray(np.linalg.svd(u[None])[2][1:], np.float64)
+
+
+def _derivatives(states: States, model: Model, q: Floats) -> Floats:
+    """Derivatives of states by the unknowns and by the position, and what is left, float64 [n, 6, 12]."""
+    J, u, sides = np.zeros((len(q), 6, _UNKNOWNS + 2)), model.u, _across(model.u).T
+    R, p = model.predicted(q)
+    E = R @ model.R0.T
+    J[:, :3, _TURN] = J[:, 3:, _SHIFT] = E
+    J[:, :3, _LEFT], J[:, 3:, _LEFT] = turns_between(states.R, R), states.p - p
+    if model.kind == "prismatic":
+        J[:, 3:, _POSITION] = u
+        J[:, 3:, _AXIS] = -q[:, None, None] * (skew(u[None]) @ sides)
+    elif model.kind == "revolute":
+        arm = -skew(p - model.c)
+        J[:, :3, _POSITION], J[:, 3:, _POSITION] = u, arm @ u
+        J[:, :3, _AXIS] = J[:, 3:, _POINT] = sides - E @ sides
+        J[:, 3:, _AXIS] = (E @ skew((model.p0 - model.c)[None]) + arm) @ sides
+    return J
+
+
+def _moved(model: Model, step: Floats) -> Model:
+    """A joint after a step of its unknowns."""
+    R0, p0, sides = turned(model.R0, step[_TURN]), model.p0 + step[_SHIFT], _across(model.u)
+    bend = step[_AXIS] @ sides
+    # Beyond a radian the equations are not linear.
+    bend /= max(1.0, float(np.linalg.norm(bend)))
+    u = turned(model.u, bend)
+    return replace(model, R0=R0, p0=p0, u=u, c=model.c + step[_POINT] @ sides)

@@ -1,21 +1,20 @@
 """One pair of hypotheses over time, and the joint between them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, Self
 
 import numpy as np
 
+from comotion_schemas import Joint
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats, Stamps
 from ..partition import BodyMotion
-from .evidence import DEGREES, KINDS, Verdict, excess, judge
-from .fitting import Fit, joint_position
-from .memory import KeyStates
-from .models import FixedKind, Model
-from .states import States, averaged, quantiles, relative_states
+from .evidence import judge, principal
+from .models import KINDS, Fit, Model, joint_position
+from .states import States, averaged, key_states, quantiles, relative_states, turns_between
 
-JOINTS: tuple[JointKind, ...] = KINDS
 # s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
 # median, and by so many times more than the states before. With lasting errors the variance of a state is
 # some 8 times that of a frame.
@@ -31,8 +30,6 @@ _MIN_TURN, _MIN_SHIFT = 0.2, 0.03
 _MAX_AXIS_SIGMA = 0.15
 # A free body may move for a while as if it had a joint. After that it must do so for longer.
 _PATIENCE_NS, _MAX_PATIENCE_NS = 3_000_000_000, 8_000_000_000
-# A joint is kept until its axis is so many times less well known than a new one's.
-_KEPT = 1.5
 # A hinge is within so many radii of the child's features; unit of the space, least radius.
 _REACH, _MIN_RADIUS = 4.0, 1e-3
 # Of the local cubic that poses are published from (rigid.kinematics): its error at the newest frame, and that
@@ -42,32 +39,9 @@ _NOW, _SLOPE = 0.46, 1.6
 # s; lasting errors go with the place of a body more than with time, so a longer look adds little. Axes on
 # even seeds of the workcell are then within 2.45 sigma in 88 % of the judgements.
 _MAX_SECONDS = 2.0
-
-
-class Sigmas(NamedTuple):
-    """One-sigma of the axis (rad), a point of it (across the axis), the position now and its rate."""
-
-    axis: float
-    point: float
-    position: float
-    rate: float
-
-
-@dataclass(frozen=True)
-class Known:
-    """A joint as it was judged last.
-
-    Attributes
-    ----------
-    kind, confidence
-        What it is, and its probability.
-    sigmas
-        Of its axis and position; None where it has none.
-    """
-
-    kind: JointKind = "undetermined"
-    confidence: float = 0.0
-    sigmas: Sigmas | None = None
+_SIGMAS = "sigma_axis", "sigma_point", "sigma_position", "sigma_rate"
+# States; residuals farther apart are taken to be independent: pairs of frames over two seconds.
+_LAGS = 15
 
 
 @dataclass
@@ -76,32 +50,25 @@ class Pair:
 
     Attributes
     ----------
-    parent, child
-        Their ids.
+    known
+        The joint as it was judged last, without where it is.
     point
         float64 [3], the point of the child whose place is followed, in the child's axes.
-    known
-        The joint as it was judged last.
-    models, chances
-        The best fit of each kind, and how probable each was.
-    judged_ns
-        When it was judged last; None: never.
+    models
+        The best fit of each kind.
     range
         Least and largest position of the joint so far.
     typical_information
         float64 [6, 6], of a state of two frames.
     """
 
-    parent: int
-    child: int
+    known: Joint
     point: Floats
-    known: Known = field(default_factory=Known)
-    models: dict[FixedKind, Model] = field(default_factory=dict)
-    chances: dict[JointKind, float] = field(default_factory=dict)
-    judged_ns: int | None = None
+    models: dict[JointKind, Model] = field(default_factory=dict)
     range: tuple[float, float] = (0.0, 0.0)
     typical_information: Floats = field(default_factory=lambda: np.eye(6))
-    _keys: KeyStates = field(default_factory=KeyStates)
+    # What the window has left.
+    _keys: States = field(default_factory=States.empty)
     # States up to here are key states, or of no account.
     _absorbed_ns: int = -(2**62)
     # The state of position 0, and where on the model it is.
@@ -112,129 +79,153 @@ class Pair:
     _candidate: JointKind = "undetermined"
     _patience_ns: int = 0
 
+    @classmethod
+    def of(cls, parent: int, child: int, space: str, point: Floats) -> Self:
+        """Build a pair of which nothing is known yet."""
+        unknown = Joint(parent=parent, child=child, space=space, kind="undetermined", confidence=0.0)
+        return cls(unknown, point)
+
     @property
     def model(self) -> Model | None:
         """The joint; None where there is none."""
-        kind = _joint_kind(self.known.kind)
-        return None if kind is None else self.models.get(kind)
+        return self.models[self.known.kind] if self.known.kind in KINDS else None
 
     def judge(self, parent: BodyMotion, child: BodyMotion) -> None:
         """Decide anew what the pair is."""
         stamp_ns = int(parent.stamps[-1])
         window = relative_states(parent, child, self.point)
         window = averaged(window.of(window.stamps > self._absorbed_ns))
-        states = States.joined([self._keys.states, window])
-        self.judged_ns = stamp_ns
+        states = States.joined([self._keys, window])
         if len(window) < 2:
             return
-        self._together |= _has_moved(child) and _has_moved(parent)
+        self._together = self._together or (_has_moved(child) and _has_moved(parent))
         self.typical_information = window.information[-1]
-        reach = _REACH * max(child.radius or parent.radius, _MIN_RADIUS)
-        verdict = judge(states, self.models, self.chances, reach)
-        if self._broken(verdict, len(self._keys.weight), stamp_ns - window.stamps):
+        radius = child.radius or parent.radius
+        fits, chances = judge(states, self.models, _REACH * max(radius, _MIN_RADIUS))
+        if self.known.kind in KINDS and self._broken(fits[self.known.kind], stamp_ns - window.stamps):
             self._begin_again(stamp_ns)
             return
-        before = self.model
-        self.models = {kind: one.model for kind, one in verdict.fits.items()}
-        self.chances = verdict.probability
+        before = self.known.kind
+        self.models = {kind: one.model for kind, one in fits.items()}
         rate = (len(window) - 1) / max(float(np.ptp(window.stamps)) * 1e-9, 1e-9)
-        self._decide(verdict, len(states) / rate)
-        model = self.model
-        if model is not None:
-            if before is None or before.kind != model.kind:
+        self._decide(states, fits, chances, len(states) / rate)
+        if self.known.kind in KINDS:
+            if before != self.known.kind:
                 self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
-            self._zero = 0.0 if self._first is None else joint_position(model, self._first)
-            self._see(verdict.fits[model.kind])
+            self._see(fits[self.known.kind])
         # What is about to leave the window is remembered.
         leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
         if len(leaving):
-            self._keys.absorb(leaving, child.radius or parent.radius)
+            self._keys = key_states(States.joined([self._keys, leaving]), radius)
             self._absorbed_ns = int(leaving.stamps[-1])
 
     def position(self, state: States) -> float:
         """Position of one state on the joint, 0 where the pair was first seen; 0 where there is no joint."""
-        model = self.model
-        if model is None:
-            return 0.0
-        return joint_position(model, state) - self._zero
+        return 0.0 if self.model is None else joint_position(self.model, state) - self._zero
 
-    def _decide(self, verdict: Verdict, seconds: float) -> None:
-        kind, chance = verdict.best, verdict.probability[verdict.best]
-        apart = verdict.turn >= _MIN_TURN or verdict.shift >= _MIN_SHIFT
-        decided = self._together if kind == "fixed" else apart
-        decided &= kind not in JOINTS or verdict.span_ns >= self._patience_ns
-        sigmas = _sigmas(verdict, kind, seconds)
-        most = _MAX_AXIS_SIGMA * (_KEPT if kind == self.known.kind else 1)
-        decided &= sigmas is None or sigmas.axis <= most
-        own = verdict.probability.get(self.known.kind, 0.0)
-        if self.known.kind in JOINTS and kind != self.known.kind and own > 1 - _MIN_CONFIDENCE:
+    def _decide(
+        self,
+        states: States,
+        fits: Mapping[JointKind, Fit],
+        chances: Mapping[JointKind, float],
+        seconds: float,
+    ) -> None:
+        """Take up the most probable kind, where enough speaks for it; states are of so many `seconds`."""
+        kind, known = max(chances, key=lambda one: chances[one]), self.known.kind
+        own = chances.get(known, 0.0)
+        decided = chances[kind] >= _MIN_CONFIDENCE and (
+            self._together if kind == "fixed" else _apart(states.R, fits["fixed"].model.R0, states.p)
+        )
+        sigmas = _sigmas(fits[kind], seconds) if kind in fits and kind != "fixed" else {}
+        if kind in fits:
+            decided &= int(np.ptp(states.stamps)) >= self._patience_ns
+            decided &= sigmas.get("sigma_axis", 0.0) <= _MAX_AXIS_SIGMA
+        if known in KINDS and kind != known and own > 1 - _MIN_CONFIDENCE:
             # What speaks against the joint is no better than doubt.
             self.known = replace(self.known, confidence=own)
-        elif decided and chance >= _MIN_CONFIDENCE:
-            # A free body may for a moment move as if it had a joint.
-            again = kind in (self._candidate, self.known.kind, "free")
-            if kind not in JOINTS:
-                self._lose()
-            self.known = Known(kind, chance, sigmas) if again else Known()
         else:
-            self._lose()
-            self.known = Known()
+            if not decided or kind not in KINDS:
+                self._lose()
+            # A free body may for a moment move as if it had a joint.
+            if decided and kind in (self._candidate, known, "free"):
+                self._take_up(kind, chances[kind], sigmas)
+            else:
+                self._take_up("undetermined", 0.0, {})
         self._candidate = kind
+
+    def _take_up(self, kind: JointKind, confidence: float, sigmas: dict[str, float]) -> None:
+        known: dict[str, Any] = dict.fromkeys(_SIGMAS) | sigmas
+        self.known = replace(self.known, kind=kind, confidence=confidence, **known)
 
     def _lose(self) -> None:
         """A pair that has lost a joint must show the next one for longer."""
-        if self.known.kind in JOINTS:
+        if self.known.kind in KINDS:
             self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MAX_PATIENCE_NS)
 
     def _see(self, fit: Fit) -> None:
-        """Widen the range of the joint."""
+        """Place the position 0 of the joint, and widen its range."""
+        self._zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
         if fit.model.kind != "fixed":
             low, high = quantiles(fit.q - self._zero, (0.01, 0.99))
             self.range = (min(self.range[0], low), max(self.range[1], high))
 
-    def _broken(self, verdict: Verdict, keys: int, age_ns: Stamps) -> bool:
-        kind = _joint_kind(self.known.kind)
-        if kind is None:
-            return False
-        fit = verdict.fits[kind]
-        recent = np.append(np.zeros(keys, np.bool_), age_ns <= _RECENT * 1e9)
+    def _broken(self, fit: Fit, age_ns: Stamps) -> bool:
+        """Whether the last states of the window, of an age int64 [n] each, fit far worse than all others."""
+        recent = np.append(np.zeros(len(self._keys), np.bool_), age_ns <= _RECENT * 1e9)
         if recent.all() or not recent.any():
             return False
-        per_freedom = fit.squared / (6 - DEGREES[kind])
+        per_freedom = fit.squared / fit.model.freedom
         (now,), (before,) = quantiles(per_freedom[recent], (0.5,)), quantiles(per_freedom[~recent], (0.5,))
         return now > max(_BROKEN, _WORSE * before)
 
     def _begin_again(self, stamp_ns: int) -> None:
         self._lose()
-        self._keys = KeyStates()
-        self.models, self.known, self._first = {}, Known(), None
+        self._keys = States.empty()
+        self.models, self._first = {}, None
+        self._take_up("undetermined", 0.0, {})
         self._together = False
         self._absorbed_ns = stamp_ns - int(_RECENT * 1e9)
 
 
-def _joint_kind(kind: JointKind) -> FixedKind | None:
-    return next((one for one in KINDS if one == kind), None)
-
-
-def _sigmas(verdict: Verdict, kind: JointKind, seconds: float) -> Sigmas | None:
-    """One-sigma of a joint; `seconds` is how long its states were seen for in all."""
-    movable = _joint_kind(kind)
-    if movable is None or movable == "fixed":
-        return None
-    fit = verdict.fits[movable]
-    variance = np.diag(fit.covariance) * excess(fit) * max(seconds / _MAX_SECONDS, 1.0)
-    point = variance[6:8] if kind == "revolute" else variance[3:6]
+def _sigmas(fit: Fit, seconds: float) -> dict[str, float]:
+    """One-sigma of a joint that moves, as it is published; `seconds` is how long its states were seen for."""
+    variance = np.diag(fit.covariance) * _excess(fit) * max(seconds / _MAX_SECONDS, 1.0)
+    point = variance[6:8] if fit.model.kind == "revolute" else variance[3:6]
     (frame,) = quantiles(fit.q_sigma, (0.5,))
-    return Sigmas(
-        float(np.sqrt(variance[8:].mean())), float(np.sqrt(point.mean())), _NOW * frame, _SLOPE * frame
-    )
+    axis, place = float(np.sqrt(variance[8:].mean())), float(np.sqrt(point.mean()))
+    return dict(zip(_SIGMAS, (axis, place, _NOW * frame, _SLOPE * frame), strict=True))
+
+
+def _excess(fit: Fit) -> float:
+    """How many times wider than its covariance a fit is: residuals that are large and last have few samples.
+
+    Their mean square, times the integrated autocorrelation time by a Bartlett window (Newey and West 1987);
+    not below 1.
+    """
+    count = len(fit.residual)
+    lags = np.arange(1, min(_LAGS, count // 3) + 1)
+    square = float((fit.residual**2).sum())
+    if not len(lags) or square <= 0:
+        return 1.0
+    shares = [float((fit.residual[k:] * fit.residual[:-k]).sum()) / square for k in lags.tolist()]
+    time = 1 + 2 * float(((1 - lags / (lags[-1] + 1)) * shares).sum())
+    return max(square / count / fit.model.freedom * max(time, 1.0), 1.0)
+
+
+def _span(vectors: Floats) -> float:
+    """Extent of vectors [n, 3] from end to end, nearly, along their principal direction."""
+    low, high = quantiles(vectors @ principal(vectors - vectors.mean(0)), (0.02, 0.98))
+    return high - low
 
 
 def _has_moved(body: BodyMotion) -> bool:
     """Whether a body has moved in the space, within the window."""
     if body.static or not body.posed.any():
         return False
-    R, place = body.R[body.posed], body.R[body.posed] @ body.centre + body.t[body.posed]
-    chord = np.sqrt(np.maximum(3 - np.einsum("nij,ij->n", R, R[-1]), 0)).max()
-    shift = float(np.linalg.norm(place - place[-1], axis=1).max())
-    return bool(chord >= _MIN_TURN or shift >= _MIN_SHIFT)
+    R = body.R[body.posed]
+    return _apart(R, R[-1], R @ body.centre + body.t[body.posed])
+
+
+def _apart(R: Floats, near: Floats, places: Floats) -> bool:
+    """Whether orientations [n, 3, 3] about a `near` one, or places [n, 3], differ enough to show a joint."""
+    return _span(turns_between(R, near)) >= _MIN_TURN or _span(places) >= _MIN_SHIFT

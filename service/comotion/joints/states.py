@@ -1,4 +1,4 @@
-"""States of one body against another, with their information."""
+"""States of one body against another, with their information, and the few that outlive the window."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Stamps, inverses
 from ..partition import BodyMotion
-from ..rigid.kernels.rotation import rotation_matrix, rotation_vectors
+from ..rigid.kernels.rotation import rotation_vectors
 
 # Errors of poses that last: patches drift, features come and go, bodies bend. A second of frames has one such
 # error. Its variance is that of a frame, so many times: on links of the workcell's arm it was measured to be
@@ -18,6 +18,10 @@ _LASTING = 1.0
 _SLOW_SHARE = 0.01
 _SLOW_TURN = 0.004
 _SLOW_SECONDS = 1.0
+# rad, and share of the child's radius, by which states are as different.
+_ALIKE_TURN, _ALIKE_SHIFT = 0.04, 0.1
+# Key states of a pair.
+_MAX_STATES = 40
 
 
 @dataclass(frozen=True)
@@ -98,34 +102,20 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
     inverse = Rp.transpose(0, 2, 1)
     R = inverse @ Rc
     p = np.einsum("nij,nj->ni", inverse, Rc @ point + child.t[both] - parent.t[both])
-    frames = _frames_of_an_error(parent, both)
-    lever = skew(p - parent.centre)
     arm = skew(np.einsum("nij,j->ni", R, point - child.centre))
-    turn_c = R @ child.turn_covariance[both] @ R.transpose(0, 2, 1)
-    turn_p = parent.turn_covariance[both]
-    covariance = np.zeros((len(R), 6, 6))
-    covariance[:, :3, :3] = turn_c + turn_p
-    covariance[:, 3:, :3] = -lever @ turn_p - arm @ turn_c
-    covariance[:, :3, 3:] = covariance[:, 3:, :3].transpose(0, 2, 1)
-    covariance[:, 3:, 3:] = lever @ turn_p @ lever.transpose(0, 2, 1) + arm @ turn_c @ arm.transpose(0, 2, 1)
+    by_parent = np.concatenate([np.broadcast_to(np.eye(3), R.shape), -skew(p - parent.centre)], 1)
+    by_child = np.concatenate([R, -arm @ R], 1)
+    covariance = by_parent @ parent.turn_covariance[both] @ by_parent.transpose(0, 2, 1)
+    covariance += by_child @ child.turn_covariance[both] @ by_child.transpose(0, 2, 1)
     place = parent.place_variance[both] + child.place_variance[both]
     covariance[:, 3:, 3:] += place[:, None, None] * np.eye(3)
-    covariance *= 1 + _LASTING * frames
-    covariance += frames * _bending(parent, child)
+    # So many frames share one lasting error, whose variance adds as many times that of one to each.
+    seconds = max(float(parent.stamps[-1] - parent.stamps[0]) * 1e-9, 1e-9)
+    frames = max(float(both.sum()) * _SLOW_SECONDS / seconds, 1.0)
+    radius = min((body.radius for body in (parent, child) if not body.static), default=0.0)
+    bent = np.repeat([_SLOW_TURN**2, (_SLOW_SHARE * radius) ** 2], 3)
+    covariance = (1 + _LASTING * frames) * covariance + frames * np.diag(bent)
     return States(parent.stamps[both], R, p, inverses(covariance))
-
-
-def _frames_of_an_error(body: BodyMotion, posed: Bools) -> float:
-    """How many frames share one lasting error: the variance that it adds to each is so many times its own."""
-    seconds = max((body.stamps[-1] - body.stamps[0]) * 1e-9, 1e-9)
-    return max(float(posed.sum() * _SLOW_SECONDS / seconds), 1.0)
-
-
-def _bending(parent: BodyMotion, child: BodyMotion) -> Floats:
-    """Variance of the lasting error of bodies that bend, float64 [6, 6]."""
-    sizes = [body.radius for body in (parent, child) if not body.static]
-    place = _SLOW_SHARE * min(sizes, default=0.0)
-    return np.asarray(np.diag([_SLOW_TURN**2] * 3 + [place**2] * 3), np.float64)
 
 
 def skew(v: Floats) -> Floats:
@@ -138,8 +128,7 @@ def skew(v: Floats) -> Floats:
 
 def turned(R: Floats, by: Floats) -> Floats:
     """Rotations [n, 3, 3] turned by rotation vectors [n, 3] or [3] of the outer axes."""
-    found = rotation_matrix(by) if by.ndim == 1 else Rotation.from_rotvec(by).as_matrix()
-    return np.asarray(found @ R)
+    return np.asarray(Rotation.from_rotvec(by).as_matrix() @ R)
 
 
 def turns_between(R: Floats, reference: Floats) -> Floats:
@@ -152,3 +141,19 @@ def quantiles(values: Floats, shares: tuple[float, ...]) -> list[float]:
     last = len(values) - 1
     wanted = np.array(shares) * last
     return [float(one) for one in np.interp(wanted, np.arange(last + 1), np.sort(values))]
+
+
+def key_states(states: States, radius: float) -> States:
+    """At most :data:`_MAX_STATES` of the states, those that differ most; of two alike the later one remains.
+
+    `radius` is the child's, in the unit of the space.
+    """
+    while len(states) > _MAX_STATES:
+        # 3 - tr(R1 R2^T) = 2 (1 - cos): its root is the chord of the turn.
+        flat = states.R.reshape(-1, 9)
+        turn = np.sqrt(np.maximum(3 - flat @ flat.T, 0)) / _ALIKE_TURN
+        shift = np.linalg.norm(states.p[:, None] - states.p, axis=2) / max(_ALIKE_SHIFT * radius, 1e-9)
+        apart = np.maximum(turn, shift)
+        np.fill_diagonal(apart, np.inf)
+        states = states.of(np.arange(len(states)) != apart.min(1).argmin())
+    return states
