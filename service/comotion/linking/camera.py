@@ -27,8 +27,7 @@ class CameraModel:
         self.rotation: Floats = Rotation.from_quat(camera.quaternion).as_matrix()
         self.translation: Floats = np.asarray(camera.translation)
         self.focal = math.sqrt(camera.fx * camera.fy)
-        self._scale = (camera.fx, camera.fy)
-        self._centre = (camera.cx, camera.cy)
+        self._matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         self._distortion = np.array(camera.distortion) if any(camera.distortion) else None
         if self._distortion is not None:
             import cv2  # noqa: F401, PLC0415 - takes a while: now rather than during an update
@@ -38,8 +37,6 @@ class CameraModel:
         if self._distortion is not None and len(pixels):
             import cv2  # noqa: PLC0415 - slow to import, and few cameras need it
 
-            (fx, fy), (cx, cy) = self._scale, self._centre
-            matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-            flat = cv2.undistortPoints(pixels[:, None], matrix, self._distortion)
+            flat = cv2.undistortPoints(pixels[:, None], self._matrix, self._distortion)
             return np.asarray(flat.reshape(-1, 2), np.float64)
-        return np.asarray((pixels - self._centre) / self._scale, np.float64)
+        return np.asarray((pixels - self._matrix[:2, 2]) / self._matrix.diagonal()[:2], np.float64)

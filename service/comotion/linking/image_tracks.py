@@ -61,37 +61,27 @@ def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraMo
     camera
         Calibration.
     """
-    count = len(slots)
     states = states_at(window, slots, stamps)
-    frame = np.zeros((count, _STATES), np.intp)
-    seen = np.zeros((count, _STATES), np.bool_)
-    noise = np.zeros(count)
-    for n, slot in enumerate(slots.tolist()):
-        chosen = _thinned(np.flatnonzero(states.held[:, n]))
-        frame[n, : len(chosen)], seen[n, : len(chosen)] = chosen, True
-        sigma = window.held(window.sigma, slot)
-        reported = sigma[np.isfinite(sigma)]
-        noise[n] = np.median(reported) if len(reported) else _NOISE
-    pixels = np.where(seen[..., None], states.position[frame, np.arange(count)[:, None]], 0.0)
-    extent = _extent(pixels, seen)
+    # The frames of each with a state come first, of which some are taken, evenly spread.
+    order, count = np.argsort(~states.held.T, axis=1, kind="stable"), states.held.sum(0)[:, None]
+    place = np.arange(_STATES)
+    spread = np.round(place * np.maximum(count - 1, 0) / (_STATES - 1)).astype(np.intp)
+    seen = place < count
+    frame = np.where(seen, np.take_along_axis(order, np.where(count > _STATES, spread, place * seen), 1), 0)
+    pixels = np.where(seen[..., None], states.position[frame, np.arange(len(slots))[:, None]], 0.0)
+    taken = np.maximum(seen.sum(1), 1)
+    centred = pixels - pixels.sum(1, keepdims=True) / taken[:, None, None]
+    extent = ((centred**2).sum(2) * seen).sum(1) / taken
+    noise = np.array([_noise(window.held(window.sigma, slot)) for slot in slots.tolist()])
     return ImageTracks(
         frame=frame,
         seen=seen,
-        position=camera.normalised(pixels.reshape(-1, 2)).reshape(count, _STATES, 2),
-        variance=((_NOISE_FACTOR * noise) ** 2 + (_DRIFT * extent) ** 2) / camera.focal**2,
+        position=camera.normalised(pixels.reshape(-1, 2)).reshape(*seen.shape, 2),
+        variance=((_NOISE_FACTOR * noise) ** 2 + _DRIFT**2 * extent) / camera.focal**2,
     )
 
 
-def _thinned(frames: Ints) -> Ints:
-    """At most :data:`_STATES` of the frames, evenly spread."""
-    if len(frames) <= _STATES:
-        return frames
-    return frames[np.round(np.linspace(0, len(frames) - 1, _STATES)).astype(np.intp)]
-
-
-def _extent(pixels: Floats, seen: Bools) -> Floats:
-    """Root mean square distance of each trajectory's states from their mean, float64 [N] px."""
-    count = np.maximum(seen.sum(1), 1)
-    mean = (pixels * seen[..., None]).sum(1) / count[:, None]
-    squared = ((pixels - mean[:, None]) ** 2).sum(2) * seen
-    return np.asarray(np.sqrt(squared.sum(1) / count))
+def _noise(sigma: Floats) -> float:
+    """Noise of a feature, px, by what its source reports, float64 [m]."""
+    reported = sigma[np.isfinite(sigma)]
+    return float(np.median(reported)) if len(reported) else _NOISE

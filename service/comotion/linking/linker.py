@@ -3,19 +3,18 @@
 Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from comotion_schemas import Hypothesis, HypothesisUpdate
 
-from ..arrays import Labels, Slots
+from ..arrays import Floats, Labels, Slots, ranks
 from ..config import LinkingConfig
 from ..partition import BodyMotion, SpaceSpec
 from ..trajectories.window import Window
 from .camera import CameraModel
-from .decision import body_evidence, decide, linked_hypotheses, representatives
 from .image_tracks import sample_tracks
 from .reprojection import log_likelihoods
 
@@ -23,6 +22,10 @@ from .reprojection import log_likelihoods
 _PERIOD_NS = 500_000_000
 # Members per hypothesis that are compared with the bodies.
 _REPRESENTATIVES = 12
+# Share of a hypothesis' members that may be outliers.
+_OUTLIER_SHARE = 0.2
+# nat; four members that fit one body only have as much.
+_MARGIN = 6.0
 
 
 @dataclass(frozen=True)
@@ -70,49 +73,49 @@ class Linker:
         if not self._cameras:
             return update
         space = {h.id: h.space for h in update.hypotheses}
-        self._prune(space)
         if deciding and (self._due_ns is None or update.stamp_ns >= self._due_ns):
             self._due_ns = update.stamp_ns + _PERIOD_NS
             self._look(views)
-            # A body that the update does not list, such as a static one without members, can be found too.
-            self._prune(space)
-        groups = linked_hypotheses(self.links, space)
-        found = [replace(h, linked=groups[h.id]) if h.id in groups else h for h in update.hypotheses]
+        # Between listed hypotheses alone; what a snapshot brings may be of another calibration.
+        frames = {name: camera.frame for name, camera in self._cameras.items()}
+        self.links = {
+            image: body
+            for image, body in self.links.items()
+            if image in space and body in space and frames.get(space[image]) == space[body]
+        }
+        linked: dict[int, list[int]] = {}
+        for image, body in self.links.items():
+            linked.setdefault(body, []).append(image)
+        # The hypotheses of several cameras may have one body.
+        for image, body in self.links.items():
+            others = [other for other in linked[body] if space[other] != space[image]]
+            linked[image] = [body, *others]
+        found = [replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses]
         return replace(update, hypotheses=found)
 
-    def _prune(self, space: Mapping[int, str]) -> None:
-        """Keep the links between listed hypotheses of spaces that can be linked."""
-        self.links = {i: k for i, k in self.links.items() if self._possible(space.get(i), space.get(k))}
-
-    def _possible(self, image: str | None, body: str | None) -> bool:
-        """Whether two spaces can be linked; what a snapshot brings may be of another calibration."""
-        camera = self._cameras.get(image) if image is not None else None
-        return camera is not None and camera.frame == body
-
     def _look(self, views: Sequence[SpaceView]) -> None:
+        """Decide anew for every hypothesis of every camera."""
         bodies: dict[str, dict[int, BodyMotion]] = {}
-        for space in views:
-            camera = self._cameras.get(space.spec.name)
-            if camera is None or space.spec.unit != "px" or space.spec.dim != 2:
+        for view in views:
+            camera = self._cameras.get(view.spec.name)
+            if camera is None or view.spec.unit != "px" or view.spec.dim != 2:
                 continue
             if camera.frame not in bodies:
                 bodies[camera.frame] = _bodies(camera.frame, views)
             if bodies[camera.frame]:
-                self._link(space, bodies[camera.frame], camera)
+                self._link(view, bodies[camera.frame], camera)
 
-    def _link(self, space: SpaceView, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
-        """Decide anew for every hypothesis of one camera."""
-        chosen = representatives(space.labels, space.window.counts(space.current), _REPRESENTATIVES)
-        ids, motions = list(bodies), list(bodies.values())
-        tracks = sample_tracks(space.window, space.current[chosen], motions[0].stamps, camera)
-        likelihoods = log_likelihoods(tracks, motions, camera)
-        labels = space.labels[chosen]
-        fittable = tracks.fittable()
+    def _link(self, view: SpaceView, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
+        """Decide anew for every hypothesis of one camera, by its longest observed members."""
+        observed = view.window.counts(view.current)
+        chosen = (view.labels >= 0) & (ranks(view.labels, -observed) < _REPRESENTATIVES)
+        ids, motions, labels = list(bodies), list(bodies.values()), view.labels[chosen]
+        tracks = sample_tracks(view.window, view.current[chosen], motions[0].stamps, camera)
+        likelihoods, fittable = log_likelihoods(tracks, motions, camera), tracks.fittable()
         for image in np.unique(labels).tolist():
             previous = self.links.pop(image, None)
             column = ids.index(previous) if previous in ids else None
-            evidence = body_evidence(likelihoods[fittable & (labels == image)])
-            best = decide(evidence, column)
+            best = _decide(_body_evidence(likelihoods[fittable & (labels == image)]), column)
             if best is not None:
                 self.links[image] = ids[best]
 
@@ -128,3 +131,29 @@ def _bodies(name: str, views: Sequence[SpaceView]) -> dict[int, BodyMotion]:
             motions = space.motions([h.id for h in space.hypotheses])
             return {one: motion if one in moving else motion.at_rest() for one, motion in motions.items()}
     return {}
+
+
+def _body_evidence(log_likelihood: Floats) -> Floats:
+    """Evidence of members for each body and, last, for none of them, nats, float64 [K + 1]; of [n, K + 1].
+
+    Each member is on the body, or an outlier: a few must not decide.
+    """
+    best = log_likelihood.max(1, keepdims=True, initial=-np.inf)
+    mixture = (1 - _OUTLIER_SHARE) * np.exp(log_likelihood - best) + _OUTLIER_SHARE
+    return np.asarray(np.log(mixture).sum(0))
+
+
+def _decide(evidence: Floats, previous: int | None) -> int | None:
+    """Column of the body that a hypothesis is linked to by evidence float64 [K + 1], or None.
+
+    Motion alone decides: the body must beat every other body, a resting one among them if it moves, and
+    "none of them", by the margin. Where nothing moves, all bodies explain the members equally well, and
+    there is no new link. A link, to the column `previous`, holds until something beats it by as much.
+    """
+    if previous is not None and evidence.max() < evidence[previous] + _MARGIN:
+        return previous
+    best = int(evidence.argmax())
+    others = np.delete(evidence, best)
+    if best == len(evidence) - 1 or len(evidence) < 3 or evidence[best] < others.max() + _MARGIN:
+        return None
+    return best

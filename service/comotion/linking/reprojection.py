@@ -45,69 +45,57 @@ def log_likelihoods(tracks: ImageTracks, bodies: Sequence[BodyMotion], camera: C
     camera
         Calibration.
     """
-    found = np.zeros((len(tracks.frame), len(bodies) + 1))
-    for k, body in enumerate(bodies):
-        found[:, k] = _on_body(tracks, body, camera)
     states = np.maximum(2 * tracks.seen.sum(1) - 3, 0)
-    found[:, -1] = -0.5 * _NO_BODY_CHARGE * states
-    return found
+    none = -0.5 * _NO_BODY_CHARGE * states
+    return np.column_stack([*(_on_body(tracks, body, camera) for body in bodies), none])
 
 
-class _Motion(NamedTuple):
-    """Motion of a body in the camera's axes from each trajectory's reference frame.
+class _Problem(NamedTuple):
+    """Where a body is to be found in each frame of a trajectory, from u = (α, β, ρ) at its reference frame.
 
-    `A` [N, M, 3, 3] and `a` [N, M, 3] lead to frame m, `pose_variance` [N, M] (m²) is that of a coordinate
-    of the point by the pose's own uncertainty.
+    The point is at p = `base` + `columns` u, float64 [N, M, 3] and [N, M, 3, 3], in the camera's axes in
+    units of the depth at the reference frame. `pose_variance` [N, M] (m²) is that of a coordinate of the
+    point by the pose's own uncertainty, `start` [N, 3] what is expected of u, and `spread` [N] that of the
+    inverse depth.
     """
 
-    A: Floats
-    a: Floats
+    base: Floats
+    columns: Floats
     pose_variance: Floats
-
-
-class _Prior(NamedTuple):
-    """Bearing [N, 2] and inverse depth [N] that the fit starts from, and the spread of the latter [N]."""
-
-    bearing: Floats
-    inverse_depth: Floats
+    start: Floats
     spread: Floats
-
-
-class _View(NamedTuple):
-    """Where points of a body are seen.
-
-    `p` [N, M, 3] is their position in units of the reference depth, `z` its depth, positive where `front`;
-    `residual` [N, M, 2], its `variance` and, in units of that, its square `squared` [N, M].
-    """
-
-    p: Floats
-    z: Floats
-    front: Bools
-    residual: Floats
-    variance: Floats
-    squared: Floats
 
 
 def _on_body(tracks: ImageTracks, body: BodyMotion, camera: CameraModel) -> Floats:
     """Log-likelihood of each trajectory on a body, float64 [N]."""
     seen = tracks.seen & body.posed[tracks.frame]
-    motion, prior = _motion_and_prior(tracks, body, camera, _middle(seen))
-    u = np.column_stack([prior.bearing, prior.inverse_depth])
-    information = np.zeros(len(u))
-    for _ in range(_GAUSS_NEWTON_STEPS):
-        view = _predict(tracks, motion, u)
-        weight = np.where(seen & view.front, 1 / (1 + view.squared / _LARGEST_SQUARE), 0.0) / view.variance
-        pull = (prior.inverse_depth - u[:, 2]) / prior.spread**2
-        step, information = _gauss_newton(motion, view, weight, pull, prior.spread)
-        u = u + step
+    problem = _problem(tracks, body, camera, _middle(seen))
+    u = problem.start
+    for step in range(_GAUSS_NEWTON_STEPS + 1):
+        p = problem.base + (problem.columns @ u[:, None, :, None])[..., 0]
+        front = p[..., 2] > _SMALLEST_DEPTH
+        z = np.where(front, p[..., 2], 1.0)[..., None]
+        residual = np.where(front[..., None], tracks.position - p[..., :2] / z, 1.0)
+        # p is in units of the depth at the reference frame: the true depth is z / ρ.
+        variance = tracks.variance[:, None] + problem.pose_variance * (u[:, 2:] / z[..., 0]) ** 2
+        squared = (residual**2).sum(2) / variance
+        off = (u[:, 2] - problem.start[:, 2]) / problem.spread
+        if step == _GAUSS_NEWTON_STEPS:
+            break
+        weight = np.where(seen & front, 1 / (1 + squared / _LARGEST_SQUARE), 0.0) / variance
+        J = problem.columns[..., :2, :] - (p[..., :2] / z)[..., None] * problem.columns[..., 2:, :]
+        J /= z[..., None]
+        left = np.einsum("nm,nmia,nmib->nab", weight, J, J)
+        right = np.einsum("nm,nmia,nmi->na", weight, J, residual)
+        # Never singular: a trajectory with no state at all stays where it is.
+        left[:, [0, 1], [0, 1]] += 1e-6
+        left[:, 2, 2] += 1 / problem.spread**2
+        right[:, 2] -= off / problem.spread
+        u = u + np.linalg.solve(left, right[..., None])[..., 0]
         u[:, 2] = np.maximum(u[:, 2], _SMALLEST_DEPTH)
-    view = _predict(tracks, motion, u)
-    widened = 2 * np.log(view.variance / tracks.variance[:, None])
-    charge = np.where(seen, np.minimum(view.squared, _LARGEST_SQUARE) + widened, 2.0 * tracks.seen)
-    off = ((u[:, 2] - prior.inverse_depth) / prior.spread) ** 2
-    # Laplace's approximation: the fitted depth costs the more the better the trajectory determines it.
-    occam = np.log1p(prior.spread**2 * information)
-    return np.asarray(-0.5 * (charge.sum(1) + off + occam))
+    widened = 2 * np.log(variance / tracks.variance[:, None])
+    charge = np.where(seen, np.minimum(squared, _LARGEST_SQUARE) + widened, 2.0 * tracks.seen)
+    return np.asarray(-0.5 * (charge.sum(1) + off**2))
 
 
 def _middle(seen: Bools) -> Ints:
@@ -116,63 +104,25 @@ def _middle(seen: Bools) -> Ints:
     return np.asarray(np.argmax(seen & (rank > rank[:, -1:] // 2), axis=1), np.intp)
 
 
-def _motion_and_prior(
-    tracks: ImageTracks, body: BodyMotion, camera: CameraModel, reference: Ints
-) -> tuple[_Motion, _Prior]:
+def _problem(tracks: ImageTracks, body: BodyMotion, camera: CameraModel, reference: Ints) -> _Problem:
     """Motion of a body from the reference states intp [N], and where its features are there."""
     rows = np.arange(len(tracks.frame))
-    at = tracks.frame[rows, reference]
-    bearing = tracks.position[rows, reference]
-    centre = body.R[at] @ body.centre + body.t[at]
-    inside = (centre - camera.translation) @ camera.rotation
-    spread = np.maximum(_DEPTH_RADII * body.radius, _LEAST_DEPTH_SHARE * np.abs(inside[:, 2]))
+    at, bearing = tracks.frame[rows, reference], tracks.position[rows, reference]
+    C, c = camera.rotation, camera.translation
+    centre = (body.R[at] @ body.centre + body.t[at] - c) @ C
+    spread = np.maximum(_DEPTH_RADII * body.radius, _LEAST_DEPTH_SHARE * np.abs(centre[:, 2]))
     # The camera does not see a body beside or behind itself; its depth says nothing then.
-    z = np.maximum(inside[:, 2], spread)
-    off = np.column_stack([bearing, np.ones(len(bearing))]) * z[:, None] - inside
+    depth = np.maximum(centre[:, 2], spread)
+    off = np.column_stack([bearing, np.ones(len(bearing))]) * depth[:, None] - centre
     # The uncertainty of a turn grows with the distance from the features that the pose was fitted to.
     lever = np.maximum((off**2).sum(1), body.radius**2)
     turn_variance = np.trace(body.turn_covariance, axis1=1, axis2=2) / 3
     pose_variance = body.place_variance[tracks.frame] + lever[:, None] * turn_variance[tracks.frame]
-    A, a = _relative(body, camera, tracks.frame, at)
-    return _Motion(A, a, pose_variance), _Prior(bearing, 1 / z, spread / z**2)
-
-
-def _relative(body: BodyMotion, camera: CameraModel, frame: Ints, at: Ints) -> tuple[Floats, Floats]:
-    """Motion of a body from frame at [N] to frame [N, M] in the camera's axes: [N, M, 3, 3], [N, M, 3]."""
-    C, c = camera.rotation, camera.translation
-    turn = body.R[frame] @ body.R[at].transpose(0, 2, 1)[:, None]
-    shift = body.t[frame] - np.einsum("nmij,nj->nmi", turn, body.t[at])
+    turn = body.R[tracks.frame] @ body.R[at].transpose(0, 2, 1)[:, None]
+    shift = body.t[tracks.frame] - np.einsum("nmij,nj->nmi", turn, body.t[at])
     # x' = turn x + shift in the space; with x = C y + c the same motion of y.
     A = C.T @ turn @ C
     a = (np.einsum("nmij,j->nmi", turn, c) + shift - c) @ C
-    return A, a
-
-
-def _predict(tracks: ImageTracks, motion: _Motion, u: Floats) -> _View:
-    """Where points u = (α, β, ρ) [N, 3] are seen, against where the trajectories were."""
-    ray = np.append(u[:, :2], np.ones((len(u), 1)), 1)
-    p = np.einsum("nmij,nj->nmi", motion.A, ray) + u[:, None, 2:] * motion.a
-    front = p[..., 2] > _SMALLEST_DEPTH
-    z = np.where(front, p[..., 2], 1.0)
-    residual = np.where(front[..., None], tracks.position - p[..., :2] / z[..., None], 1.0)
-    # p is in units of the depth at the reference frame: the true depth is z / ρ.
-    variance = tracks.variance[:, None] + motion.pose_variance * (u[:, 2:] / z) ** 2
-    return _View(p, z, front, residual, variance, (residual**2).sum(2) / variance)
-
-
-def _gauss_newton(
-    motion: _Motion, view: _View, weight: Floats, pull: Floats, spread: Floats
-) -> tuple[Floats, Floats]:
-    """Step [N, 3] of (α, β, ρ), and the information on ρ when α and β are free, [N]."""
-    columns = np.concatenate([motion.A[..., :2], motion.a[..., None]], axis=3)
-    q = view.p[..., :2] / view.z[..., None]
-    J = (columns[..., :2, :] - q[..., None] * columns[..., 2:, :]) / view.z[..., None, None]
-    left = np.einsum("nm,nmia,nmib->nab", weight, J, J)
-    right = np.einsum("nm,nmia,nmi->na", weight, J, view.residual)
-    # Never singular: a trajectory with no state at all stays where it is.
-    left[:, [0, 1], [0, 1]] += 1e-6
-    lateral = np.linalg.solve(left[:, :2, :2], left[:, :2, 2:])
-    information = left[:, 2, 2] - np.einsum("ni,ni->n", left[:, 2, :2], lateral[..., 0])
-    left[:, 2, 2] += 1 / spread**2
-    right[:, 2] += pull
-    return np.linalg.solve(left, right[..., None])[..., 0], np.maximum(information, 0.0)
+    columns = np.concatenate([A[..., :2], a[..., None]], axis=3)
+    start = np.column_stack([bearing, 1 / depth])
+    return _Problem(A[..., 2], columns, pose_variance, start, spread / depth**2)
