@@ -33,20 +33,19 @@ class PoseBuffer(Timed[Extrinsics]):
     """
 
     def __init__(self, mount: Extrinsics | None = None, kept_ns: int | None = _KEPT_NS) -> None:
-        super().__init__(kept_ns, _GAP_NS)
+        super().__init__(_between, kept_ns, _GAP_NS)
         self._mount = mount
 
     def at(self, stamp_ns: int) -> Extrinsics | None:
         """Pose of the camera at a stamp, interpolated; None beyond the stored poses and across a gap."""
-        poses = self.around(stamp_ns)
-        if poses is None:
-            return None
-        early, late, share = poses
-        if share:
-            turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early.rotation, late.rotation])))
-            place = early.translation + share * (late.translation - early.translation)
-            late = Extrinsics(turns([share]).as_matrix()[0], place, late.frame)
-        return late if self._mount is None else late.after(self._mount)
+        pose = super().at(stamp_ns)
+        return pose if pose is None or self._mount is None else pose.after(self._mount)
+
+
+def _between(early: Extrinsics, late: Extrinsics, share: float) -> Extrinsics:
+    turns = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([early.rotation, late.rotation])))
+    place = early.translation + share * (late.translation - early.translation)
+    return Extrinsics(turns([share]).as_matrix()[0], place, late.frame)
 
 
 def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:

@@ -3,7 +3,7 @@
 import logging
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
@@ -20,10 +20,17 @@ from comotion_schemas.keys import StreamKind
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.rows import check_space, usable_rows
 from comotion_schemas.text import shown
-from comotion_schemas.transport import Publisher, SessionSettings, client_settings, stream_publisher
+from comotion_schemas.transport import (
+    Publisher,
+    SessionSettings,
+    client_settings,
+    open_session,
+    stream_publisher,
+)
 from comotion_schemas.types import Unit
 
 from .frames import MessageBuilder
+from .received import Arrival, Inbox
 
 _MOST_LOGGED = 20  # different texts of rejected input in the log
 _MOST_NAMES, _NAME_LENGTH = 256, 80
@@ -136,6 +143,24 @@ class Source:
             self._counters["observations"] += len(message.ids)
             if self._lag is not metrics.OFF:
                 self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
+
+    def receive(self, key: str, settings: SessionSettings | None = None) -> Iterator[Arrival | None]:
+        """Receive what others publish, as :meth:`Inbox.until` the source stops.
+
+        Parameters
+        ----------
+        key
+            The key expression.
+        settings
+            How to connect to the router of another network; None: in the session of the source.
+        """
+        session = self.component.session
+        if settings is not None:
+            session = self._exit.enter_context(open_session(settings))
+        inbox = Inbox(session, key)
+        self._exit.callback(inbox.close)
+        self.more_counters = lambda: {"lost": inbox.lost}
+        return inbox.until(self.stop)
 
     def name_features(self, names: Mapping[int, str]) -> None:
         """Say the names of further features by id, 256 at most; what they move with is called by them."""

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 Value = TypeVar("Value")
@@ -12,14 +13,18 @@ class Timed(Generic[Value]):
 
     Parameters
     ----------
+    between
+        Interpolates between two values, by the share of the way from the first to the second.
     kept_ns
         How long values are kept; None: all of them.
     gap_ns
         Longest time between two values across which is interpolated.
     """
 
-    def __init__(self, kept_ns: int | None, gap_ns: int) -> None:
-        self._kept_ns, self._gap_ns = kept_ns, gap_ns
+    def __init__(
+        self, between: Callable[[Value, Value, float], Value], kept_ns: int | None, gap_ns: int
+    ) -> None:
+        self._between, self._kept_ns, self._gap_ns = between, kept_ns, gap_ns
         self._values: deque[tuple[int, Value]] = deque()
 
     @property
@@ -40,18 +45,15 @@ class Timed(Generic[Value]):
         """Forget all values."""
         self._values.clear()
 
-    def around(self, stamp_ns: int) -> tuple[Value, Value, float] | None:
-        """The values before and after an instant, and the share of the way from the first to the second.
-
-        Of the instant of a value, this value twice and 0. None beyond the values, and within a longer gap.
-        """
+    def at(self, stamp_ns: int) -> Value | None:
+        """Value at an instant, interpolated; None beyond the values, and within a longer gap."""
         place = bisect_left(self._values, stamp_ns, key=lambda stamped: stamped[0])
         if place == len(self._values):
             return None
         late_ns, late = self._values[place]
         if late_ns == stamp_ns:
-            return late, late, 0.0
+            return late
         if not place or late_ns - self._values[place - 1][0] > self._gap_ns:
             return None
         early_ns, early = self._values[place - 1]
-        return early, late, (stamp_ns - early_ns) / (late_ns - early_ns)
+        return self._between(early, late, (stamp_ns - early_ns) / (late_ns - early_ns))

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_sources.calibration.model import Extrinsics
 from comotion_sources.proprioception.joint_logs import read_csv
-from comotion_sources.proprioception.samples import joint_sample
+from comotion_sources.proprioception.samples import JointSample
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
@@ -26,7 +26,7 @@ def urdf(tmp_path):
 
 
 def reading(names, positions, stamp_ns=0):
-    return joint_sample(stamp_ns, names, positions)
+    return JointSample(stamp_ns, names, positions)
 
 
 def test_urdf_kinematics_agree_with_the_product_of_transformations(urdf):

@@ -14,9 +14,8 @@ from comotion_schemas.types import is_name
 
 from ..calibration.model import Extrinsics
 from ..poses import PoseBuffer
-from ..received import Polled
+from ..received import Inbox
 
-_RING = 1024
 _POLL_S = 0.004
 MAX_LAG_S = 0.5
 """How long a frame waits for its pose: the default of the service's `max_lag`."""
@@ -49,14 +48,14 @@ class Carrier:
 
     def __init__(self, component: Component, name: CarrierName, poses: PoseBuffer) -> None:
         self._name, self._poses = name, poses
-        self._batches = Polled(component, component.keys.stream("obs", name.source), "obs", _RING)
+        self._batches = Inbox(component.session, component.keys.stream("obs", name.source), "obs")
         self.close = self._batches.close
 
     def wait_for(self, stamp_ns: int, wait: Callable[[float], object]) -> None:
         """Take in poses until one is as new as a stamp, at most for :data:`MAX_LAG_S`."""
         end = time.monotonic() + MAX_LAG_S
         while True:
-            for batch in self._batches.take():
+            for batch in self._batches.messages():
                 add_poses(self._poses, cast("ObservationBatch", batch), self._name.feature)
             newest = self._poses.newest_ns
             if (newest is not None and newest >= stamp_ns) or time.monotonic() >= end:

@@ -12,7 +12,7 @@ from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Preview
 from comotion_schemas.transport import stream_publisher
 
 from ..cameras.types import Image
-from ..received import Polled
+from ..received import Inbox
 from ..runtime import Source
 from .drawing import Annotator
 from .flow import Pixels
@@ -21,7 +21,7 @@ from .tracker import Tracks
 
 _PREVIEW_EDGE = 960  # px
 _JPEG_QUALITY = 80  # 0 to 100
-_RING_UPDATES = 64
+_MOST_UPDATES = 64
 """Updates kept between two frames: 6 s at 10 Hz."""
 _LONGEST_DELAY_NS = 1_500_000_000
 
@@ -40,7 +40,7 @@ class HypothesisFeed:
     def __init__(self, source: Source) -> None:
         component = source.component
         self._source = (source.name, component.session_id)
-        self._updates = Polled(component, component.keys.hypotheses, "hypotheses", _RING_UPDATES)
+        self._updates = Inbox(component.session, component.keys.hypotheses, "hypotheses", _MOST_UPDATES)
         self.stamp_ns: int | None = None
         self.listed: Sequence[Hypothesis] = []
         self._hypotheses: dict[int, int] = {}
@@ -48,7 +48,7 @@ class HypothesisFeed:
 
     def poll(self) -> None:
         """Process the updates that arrived since the last call."""
-        for update in self._updates.take():
+        for update in self._updates.messages():
             if self.stamp_ns is None or cast("HypothesisUpdate", update).stamp_ns >= self.stamp_ns:
                 self._apply(cast("HypothesisUpdate", update))
 

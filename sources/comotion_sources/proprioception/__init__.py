@@ -2,13 +2,12 @@
 
 from .kinematics import Encoders, Kinematics, LinkPoses
 from .model import load_model
-from .samples import JointSample, joint_sample
+from .samples import JointSample
 
 __all__ = [
     "Encoders",
     "JointSample",
     "Kinematics",
     "LinkPoses",
-    "joint_sample",
     "load_model",
 ]

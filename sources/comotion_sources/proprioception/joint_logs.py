@@ -9,12 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
+import numpy as np
+
 from comotion_schemas.errors import KnownError
 from comotion_schemas.ros_types import store
 from comotion_schemas.time_units import seconds
 
 from ..errors import InputError
-from .samples import JOINT_STATE, JointSample, joint_sample, ros_sample
+from .samples import JOINT_STATE, JointSample, ros_sample
 
 _MAX_LINE = 100_000
 _MAX_JOINTS = 1000
@@ -83,7 +85,7 @@ def _csv_sample(path: Path, line: int, header: list[str], row: list[str]) -> Joi
         if len(row) != len(header):
             raise InputError(f"{len(row)} cells, expected {len(header)}")
         stamp = int(row[0]) if header[0] == "stamp_ns" else round(float(row[0]) * 1e9)
-        return joint_sample(stamp, header[1:], [float(cell) for cell in row[1:]])
+        return JointSample(stamp, header[1:], np.array([float(cell) for cell in row[1:]]))
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}, line {line}: {error}") from None
 

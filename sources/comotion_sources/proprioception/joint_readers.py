@@ -13,9 +13,8 @@ from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
-from ..received import Received, subscribed
 from ..runtime import SourcePublisher
-from .samples import JointSample, joint_sample, ros_sample
+from .samples import JointSample, ros_sample
 
 Readings: TypeAlias = Iterator[JointSample | None]
 Reader: TypeAlias = Callable[[SourcePublisher], Readings]
@@ -24,8 +23,7 @@ Reader: TypeAlias = Callable[[SourcePublisher], Readings]
 
 def scene_joints(source: SourcePublisher, *, name: str) -> Readings:
     """Read the joint states of the scene from the key ``joints/<name>``."""
-    with subscribed(source, source.component.keys.stream("joints", name)) as received:
-        yield from _samples(received, source, _from_wire)
+    return _received(source, source.component.keys.stream("joints", name), _from_wire)
 
 
 def ros_topic(
@@ -43,8 +41,7 @@ def ros_topic(
         How to connect to the router of that network; None: use the session of the source.
     """
     key = topic_key(topic, domain, "sensor_msgs::msg::dds_::JointState_")
-    with subscribed(source, key, settings) as received:
-        yield from _samples(received, source, lambda _, raw, received_ns: ros_sample(raw, received_ns))
+    return _received(source, key, lambda _, raw, received_ns: ros_sample(raw, received_ns), settings)
 
 
 def played(
@@ -74,16 +71,15 @@ def played(
         yield JointSample(stamp, sample.names, sample.positions)
 
 
-def _samples(
-    received: Received, source: SourcePublisher, read: Callable[[str, bytes, int], JointSample]
+def _received(
+    source: SourcePublisher,
+    key: str,
+    read: Callable[[str, bytes, int], JointSample],
+    settings: SessionSettings | None = None,
 ) -> Readings:
-    """Read what is received; what is malformed is counted and left out."""
-    for arrival in received:
-        if arrival is None:
-            yield None
-            continue
+    for arrival in source.receive(key, settings):
         try:
-            yield read(*arrival)
+            yield arrival and read(*arrival)
         except DecodeError as error:
             source.reject(error.reason)
         except InputError:
@@ -92,4 +88,4 @@ def _samples(
 
 def _from_wire(key: str, payload: bytes, _received_ns: int) -> JointSample:
     message = cast("JointStates", decode_on(key, payload))
-    return joint_sample(message.stamp_ns, message.names, message.positions)
+    return JointSample(message.stamp_ns, message.names, message.positions)

@@ -25,10 +25,8 @@ class Packer:
 
     Attributes
     ----------
-    stale
-        Number of samples that were not newer than the one before.
-    thinned
-        Number of samples left out because of the rate.
+    newest_ns
+        Stamp of the newest sample that is packed; None before the first.
     """
 
     def __init__(self, kinematics: Kinematics, *, rate: float = 200.0, span: float = 0.02) -> None:
@@ -36,27 +34,26 @@ class Packer:
         self._period_ns = round(1e9 / rate)
         self._span_ns = round(span * 1e9)
         self._pending: list[tuple[int, LinkPoses]] = []
-        self._newest: int | None = None
+        self.newest_ns: int | None = None
         self._due = 0
-        self.stale = self.thinned = 0
 
     def add(self, sample: JointSample) -> Columns | None:
         """Add a sample; returns a batch when one is full, else None.
+
+        A sample that is not newer than the last one, or too many for the rate, is left out.
 
         Raises
         ------
         InputError
             If a joint is missing in the sample.
         """
-        if self._newest is not None and sample.stamp_ns <= self._newest:
-            self.stale += 1
+        if self.newest_ns is not None and sample.stamp_ns <= self.newest_ns:
             return None
         # Tolerate jitter of a quarter of a period.
         if sample.stamp_ns < self._due - self._period_ns // 4:
-            self.thinned += 1
             return None
         self._pending.append((sample.stamp_ns, self._kinematics.poses(sample)))
-        self._newest = sample.stamp_ns
+        self.newest_ns = sample.stamp_ns
         self._due = max(self._due + self._period_ns, sample.stamp_ns + self._period_ns // 2)
         full = sample.stamp_ns - self._pending[0][0] + 5 * self._period_ns // 4 >= self._span_ns
         return self.flush() if full else None
@@ -79,4 +76,4 @@ class Packer:
 
     def restart(self) -> None:
         """Discard pending instants and the last stamp: the clock of the samples was set back."""
-        self._pending, self._newest, self._due = [], None, 0
+        self._pending, self.newest_ns, self._due = [], None, 0

@@ -72,37 +72,27 @@ def run(
                 names={number: called for _, number, called in known},
             )
         source.ready()
-        relay = _Relay(source, Packer(kinematics, rate=rate, span=span))
+        packer = Packer(kinematics, rate=rate, span=span)
         for sample in reader(source):
-            relay.pass_on(sample)
-        relay.pass_on(None)
+            _publish(packer.flush() if sample is None else _packed(sample, packer, source), source)
+        _publish(packer.flush(), source)
 
 
-class _Relay:
-    """Passes samples through the packer to the source and counts the rejected ones."""
+def _publish(columns: Columns | None, source: SourcePublisher) -> None:
+    if columns is not None:
+        source.observe(**columns)
 
-    def __init__(self, source: SourcePublisher, packer: Packer) -> None:
-        self._source, self._packer = source, packer
-        self._newest = 0
 
-    def pass_on(self, sample: JointSample | None) -> None:
-        """Handle a sample; None: no sample arrived, publish the pending instants."""
-        columns = self._packer.flush() if sample is None else self._packed(sample)
-        if columns is not None:
-            self._source.observe(**columns)
-
-    def _packed(self, sample: JointSample) -> Columns | None:
-        if sample.stamp_ns < self._newest - _SET_BACK_NS:
-            # A simulation or a log has begun again.
-            _log.warning("the stamps went back by more than a second: a new session begins")
-            self._packer.restart()
-            self._source.new_session()
-        self._newest = sample.stamp_ns
-        stale = self._packer.stale
-        try:
-            columns = self._packer.add(sample)
-        except InputError as error:
-            self._source.reject("schema", str(error))
-            return None
-        self._source.count("late", self._packer.stale - stale)
-        return columns
+def _packed(sample: JointSample, packer: Packer, source: SourcePublisher) -> Columns | None:
+    """Add a sample to a batch; count one that is late or lacks a joint."""
+    if packer.newest_ns is not None and sample.stamp_ns < packer.newest_ns - _SET_BACK_NS:
+        # A simulation or a log has begun again.
+        _log.warning("the stamps went back by more than a second: a new session begins")
+        packer.restart()
+        source.new_session()
+    source.count("late", packer.newest_ns is not None and sample.stamp_ns <= packer.newest_ns)
+    try:
+        return packer.add(sample)
+    except InputError as error:
+        source.reject("schema", str(error))
+        return None

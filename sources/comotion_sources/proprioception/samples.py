@@ -26,31 +26,28 @@ class JointSample:
         Names of the joints.
     positions
         float64 [J], rad (hinge) or m (slide).
-    """
-
-    stamp_ns: int
-    names: Sequence[str]
-    positions: Vector
-
-
-def joint_sample(stamp_ns: int, names: Sequence[str], positions: object) -> JointSample:
-    """Build and validate a sample.
 
     Raises
     ------
     InputError
         If names and positions do not match, a name occurs twice, or a position is not finite.
     """
-    values = np.asarray(positions, np.float64)
-    if values.shape != (len(names),):
-        raise InputError(f"{len(names)} joint names but {values.size} positions")
-    if len(set(names)) != len(names):
-        raise InputError("a joint is named twice")
-    if not np.isfinite(values).all():
-        raise InputError("a joint position is not finite")
-    if not 0 <= stamp_ns < 2**63:
-        raise InputError(f"stamp {stamp_ns} is out of range")
-    return JointSample(stamp_ns, tuple(names), values)
+
+    stamp_ns: int
+    names: Sequence[str]
+    positions: Vector
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.positions, np.float64)
+        object.__setattr__(self, "positions", values)
+        if values.shape != (len(self.names),):
+            raise InputError(f"{len(self.names)} joint names but {values.size} positions")
+        if len(set(self.names)) != len(self.names):
+            raise InputError("a joint is named twice")
+        if not np.isfinite(values).all():
+            raise InputError("a joint position is not finite")
+        if not 0 <= self.stamp_ns < 2**63:
+            raise InputError(f"stamp {self.stamp_ns} is out of range")
 
 
 def ros_sample(raw: bytes, received_ns: int) -> JointSample:
@@ -62,4 +59,4 @@ def ros_sample(raw: bytes, received_ns: int) -> JointSample:
         If it is none, names and positions do not match, or a number is not finite.
     """
     message = from_cdr(raw, JOINT_STATE)
-    return joint_sample(stamp_of(message.header, received_ns), message.name, message.position)
+    return JointSample(stamp_of(message.header, received_ns), message.name, message.position)

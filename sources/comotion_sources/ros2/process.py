@@ -8,7 +8,6 @@ from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
-from ..received import subscribed
 from ..runtime import SourcePublisher
 from .convert import Converter, Observed, kind_of
 
@@ -59,11 +58,11 @@ def run(
         message=f"ROS topic {followed.topic}",
         **where,
     )
-    key = topic_key(followed.topic, followed.domain)
-    with source, subscribed(source, key, followed.ros) as received:
+    with source:
+        arrivals = source.receive(topic_key(followed.topic, followed.domain), followed.ros)
         source.ready()
         relay = _Relay(source, followed)
-        for arrival in received:
+        for arrival in arrivals:
             if arrival is not None:
                 relay.take(*arrival)
 

@@ -17,28 +17,31 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 from urllib.parse import parse_qsl
 
-import zenoh
+import numpy as np
 from pydantic import Field, TypeAdapter
 
-from comotion_schemas import DecodeError, JointStates, decode
+from comotion_schemas import JointStates
 from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError
-from comotion_schemas.transport import declare_subscriber
 from comotion_schemas.types import Name
 
 from ..cameras.tum import TumWriter
 from ..cameras.types import Camera, Frame
 from ..errors import InputError
-from .history import JointHistory
+from ..received import Inbox
+from ..timed import Timed
 from .scene import Scene, Vector
 from .viewpoint import Cover, Viewpoint
 
 PREFIX = "workcell:"
 DEFAULT_FEED = "workcell"
 _WARN_AFTER_S = 2.0  # without joint states
+_KEPT_NS = 2_000_000_000  # a camera renders at most this far behind the joint states
+_GAP_NS = 500_000_000  # longer gaps are not interpolated
+_WAIT_S = 0.1  # between two looks at whether the camera is closed
 _log = logging.getLogger(__name__)
 
 
@@ -142,15 +145,17 @@ class WorkcellCamera(Camera):
         self.objects = self.scene.objects
         self.counters["skipped"] = 0
         self._closed = threading.Event()
-        self._news = threading.Condition()
-        self._history = JointHistory(self.scene.joints)
-        self._subscriber: Any = None
+        self._states = Timed[Vector](_between, _KEPT_NS, _GAP_NS)
+        self._session = ""
+        # A joint that the last message lacked.
+        self._missing: str | None = None
+        self._inbox: Inbox | None = None
 
     def attach(self, component: Component) -> None:
         """Follow the joint states of a scene."""
         self.live = True
         key = component.keys.stream("joints", self.spec.follow)
-        self._subscriber = declare_subscriber(component.session, key, "joints", self._receive)
+        self._inbox = Inbox(component.session, key, "joints")
 
     def __iter__(self) -> Iterator[Frame]:
         return self._follow() if self.live else self._run()
@@ -158,11 +163,9 @@ class WorkcellCamera(Camera):
     def close(self) -> None:
         """End the stream."""
         self._closed.set()
-        with self._news:
-            self._news.notify_all()
-        subscriber, self._subscriber = self._subscriber, None
-        if subscriber is not None:
-            subscriber.undeclare()
+        inbox, self._inbox = self._inbox, None
+        if inbox is not None:
+            inbox.close()
 
     def _run(self) -> Iterator[Frame]:
         duration = self.spec.duration or self.scene.period
@@ -194,36 +197,39 @@ class WorkcellCamera(Camera):
 
     def _await(self, stamp_ns: int) -> Vector | None:
         """Wait for the joint states around a stamp; None if they are missing, or at the end."""
-        history = self._history
+        warn_at, warned = time.monotonic() + _WARN_AFTER_S, False
+        while not self._closed.is_set() and (inbox := self._inbox) is not None:
+            for message in inbox.messages():
+                self._take(cast("JointStates", message))
+            newest = self._states.newest_ns
+            if newest is not None and newest >= stamp_ns:
+                if warned:
+                    _log.warning("joint states %r arrive", self.spec.follow)
+                return self._states.at(stamp_ns)
+            if not warned and time.monotonic() > warn_at:
+                _log.warning("%s", self._waiting_message())
+                warned = True
+            inbox.wait(_WAIT_S)
+        return None
 
-        def passed() -> bool:
-            newest = history.newest_ns
-            return self._closed.is_set() or (newest is not None and newest >= stamp_ns)
-
-        warned = False
-        with self._news:
-            while not self._news.wait_for(passed, _WARN_AFTER_S):
-                if not warned:
-                    _log.warning("%s", self._waiting_message())
-                    warned = True
-            if warned and not self._closed.is_set():
-                _log.warning("joint states %r arrive", self.spec.follow)
-            return history.at(stamp_ns)
+    def _take(self, message: JointStates) -> None:
+        """Add a configuration; a new session discards the states of the old one."""
+        if message.session != self._session:
+            self._session = message.session
+            self._states.clear()
+        positions = dict(zip(message.names, message.positions.tolist(), strict=True))
+        self._missing = next((joint for joint in self.scene.joints if joint not in positions), None)
+        if self._missing is None:
+            self._states.add(message.stamp_ns, np.array([positions[joint] for joint in self.scene.joints]))
 
     def _waiting_message(self) -> str:
-        if self._history.missing is not None:
-            return f"joint states {self.spec.follow!r} have no {self._history.missing!r}: another scene?"
+        if self._missing is not None:
+            return f"joint states {self.spec.follow!r} have no {self._missing!r}: another scene?"
         return f"waiting for joint states {self.spec.follow!r} (comotion source workcell {self.spec.scene})"
 
-    def _receive(self, sample: zenoh.Sample) -> None:
-        try:
-            message = decode(bytes(sample.payload))
-        except DecodeError:
-            return
-        if isinstance(message, JointStates):
-            with self._news:
-                self._history.take(message)
-                self._news.notify_all()
+
+def _between(early: Vector, late: Vector, share: float) -> Vector:
+    return early + share * (late - early)
 
 
 def write_tum(camera: WorkcellCamera, folder: Path) -> int:
