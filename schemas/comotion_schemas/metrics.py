@@ -19,15 +19,15 @@ import re
 import threading
 import weakref
 from collections.abc import Callable, Iterator
-from typing import Any, Literal, Protocol
+from functools import cache
+from typing import Any, Literal, get_args
 
 from .errors import KnownError
-from .messages import Status
+from .messages import Status, StatusState
 
 DEFAULT_HOST = "127.0.0.1"
 HistogramName = Literal["tick_seconds", "watermark_lag_seconds", "publish_lag_seconds"]
 _LABELS = ("scene", "component", "role")
-_STATES = ("ok", "degraded", "stalled")
 _BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 _HELP: dict[HistogramName, str] = {
     "tick_seconds": "Work left for an update of the service when it is due",
@@ -36,45 +36,18 @@ _HELP: dict[HistogramName, str] = {
 }
 
 
-class Reporting(Protocol):
-    """Interface of a component for metrics; `last_status` is None before the first Status."""
-
-    last_status: Status | None
-
-    @property
-    def scene(self) -> str:
-        """Name of its scene."""
-
-
-class Histogram(Protocol):
-    """A histogram of durations."""
+class Histogram:
+    """A histogram of durations that is disabled."""
 
     def observe(self, amount: float) -> None:
         """Add a duration in seconds."""
 
 
-class _Off:
-    """A histogram that is disabled."""
-
-    def observe(self, amount: float) -> None:
-        """Do nothing."""
-
-
-OFF: Histogram = _Off()
-
-
-class _Process:
-    """The metrics of this process, a singleton like the state of `logging`."""
-
-    def __init__(self) -> None:
-        self.registry: Any = None
-        self.library: Any = None
-        self.histograms: dict[str, Any] = {}
-        self.components: weakref.WeakSet[Any] = weakref.WeakSet()
-        self.lock = threading.Lock()
-
-
-_process = _Process()
+OFF = Histogram()
+# Components of this process, with what its metrics are registered in, once they are exposed.
+_components: weakref.WeakSet[Any] = weakref.WeakSet()
+_lock = threading.Lock()
+_registries: list[Any] = []
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -101,85 +74,79 @@ def expose(host: str, port: int) -> int:
     OSError
         If the address cannot be used; one line that names it.
     """
-    import prometheus_client.core  # noqa: PLC0415 - an extra
+    import prometheus_client  # noqa: PLC0415 - an extra
 
     registry = prometheus_client.CollectorRegistry()
     prometheus_client.ProcessCollector(registry=registry)
-    registry.register(_Collector(prometheus_client))
+    registry.register(_Collector())
     try:
         server, _ = prometheus_client.start_http_server(port, addr=host, registry=registry)
     except OSError as error:
         raise OSError(f"cannot serve metrics at {host}:{port}: {error.strerror or error}") from None
-    _process.registry, _process.library = registry, prometheus_client
+    _registries.append(registry)
     return int(server.server_port)
 
 
-def add(component: Reporting) -> None:
-    """Register a component; the reference is weak."""
-    with _process.lock:
-        _process.components.add(component)
+def add(component: Any) -> None:
+    """Register a component, which has a `scene` and a `last_status`; the reference is weak."""
+    with _lock:
+        _components.add(component)
 
 
-def remove(component: Reporting) -> None:
+def remove(component: Any) -> None:
     """Unregister a component."""
-    with _process.lock:
-        _process.components.discard(component)
+    with _lock:
+        _components.discard(component)
 
 
 def histogram(name: HistogramName, *, scene: str, component: str, role: str) -> Histogram:
     """Return a histogram of a component; :data:`OFF` if metrics are disabled."""
-    if _process.registry is None:
-        return OFF
-    if name not in _process.histograms:
-        _process.histograms[name] = _process.library.Histogram(
-            f"comotion_{name}", _HELP[name], _LABELS, registry=_process.registry, buckets=_BUCKETS
-        )
-    labelled: Histogram = _process.histograms[name].labels(scene, component, role)
+    labelled: Histogram = _family(name).labels(scene, component, role) if _registries else OFF
     return labelled
+
+
+@cache
+def _family(name: HistogramName) -> Any:
+    import prometheus_client  # noqa: PLC0415 - an extra
+
+    return prometheus_client.Histogram(
+        f"comotion_{name}", _HELP[name], _LABELS, registry=_registries[-1], buckets=_BUCKETS
+    )
 
 
 class _Collector:
     """Converts the last Statuses to metrics at each scrape."""
 
-    def __init__(self, library: Any) -> None:
-        self._library = library
-
     def collect(self) -> Iterator[Any]:
         """Yield all metric families, with one sample per component."""
-        families = _Families(self._library)
-        with _process.lock:
-            components = list(_process.components)
+        families: dict[str, Any] = {}
+        with _lock:
+            components = list(_components)
         for component in components:
-            status = component.last_status
-            if status is not None:
-                families.add((component.scene, status.component, status.role), status)
-        yield from families.all.values()
+            if (status := component.last_status) is not None:
+                for kind, name, text, label, value in _samples(status):
+                    labels = (component.scene, status.component, status.role)
+                    names = (*_LABELS, label[0]) if label else _LABELS
+                    family = families.setdefault(name, kind(f"comotion_{name}", text, labels=names))
+                    family.add_metric((*labels, label[1]) if label else labels, value)
+        yield from families.values()
 
 
-class _Families:
-    def __init__(self, library: Any) -> None:
-        self._core = library.core
-        self.all: dict[str, Any] = {}
+def _samples(
+    status: Status,
+) -> Iterator[tuple[Callable[..., Any], str, str, tuple[str, str] | None, float]]:
+    """Type, name, text, further label and value of each sample of a Status."""
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily  # noqa: PLC0415 - an extra
 
-    def add(self, labels: tuple[str, str, str], status: Status) -> None:
-        gauge, counter = self._core.GaugeMetricFamily, self._core.CounterMetricFamily
-        for state in _STATES:
-            made = self._family(gauge, "state", "Whether this is the state", "state")
-            made.add_metric((*labels, state), float(status.state == state))
-        for stream, rate in status.rates.items():
-            made = self._family(gauge, "rate_hertz", "Messages per second", "stream")
-            made.add_metric((*labels, stream), rate)
-        for stream, age in status.ages.items():
-            made = self._family(gauge, "age_seconds", "Time since the newest data", "stream")
-            made.add_metric((*labels, stream), age)
-        for what, count in status.counters.items():
-            name = re.sub(r"[^a-z0-9_]", "_", what.lower())
-            self._family(counter, name, f"Counter {name!r} of Status").add_metric(labels, count)
-        for reason, count in status.rejected.items():
-            made = self._family(counter, "rejected", "Counter 'rejected' of Status", "reason")
-            made.add_metric((*labels, reason), count)
-
-    def _family(self, kind: Callable[..., Any], name: str, text: str, *more: str) -> Any:
-        if name not in self.all:
-            self.all[name] = kind(f"comotion_{name}", text, labels=(*_LABELS, *more))
-        return self.all[name]
+    for state in get_args(StatusState):
+        is_state = float(status.state == state)
+        yield GaugeMetricFamily, "state", "Whether this is the state", ("state", state), is_state
+    for stream, rate in status.rates.items():
+        yield GaugeMetricFamily, "rate_hertz", "Messages per second", ("stream", stream), rate
+    for stream, age in status.ages.items():
+        yield GaugeMetricFamily, "age_seconds", "Time since the newest data", ("stream", stream), age
+    for what, count in status.counters.items():
+        name = re.sub(r"[^a-z0-9_]", "_", what.lower())
+        yield CounterMetricFamily, name, f"Counter {name!r} of Status", None, count
+    for reason, count in status.rejected.items():
+        yield CounterMetricFamily, "rejected", "Counter 'rejected' of Status", ("reason", reason), count

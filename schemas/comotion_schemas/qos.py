@@ -29,8 +29,6 @@ class QoS:
         Request reliable links.
     cache
         Samples that the publisher keeps for late joiners; 0: none.
-    congestion
-        Always DROP.
     """
 
     message: str
@@ -38,7 +36,6 @@ class QoS:
     express: bool
     reliable: bool
     cache: int
-    congestion: Literal["DROP"] = "DROP"
 
     @property
     def encoding(self) -> str:

@@ -253,7 +253,7 @@ def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher
 def _options(qos: QoS) -> dict[str, Any]:
     return {
         "encoding": qos.encoding,
-        "congestion_control": getattr(zenoh.CongestionControl, qos.congestion),
+        "congestion_control": zenoh.CongestionControl.DROP,
         "priority": getattr(zenoh.Priority, qos.priority),
         "express": qos.express,
         "reliability": zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,

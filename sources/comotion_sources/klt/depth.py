@@ -5,7 +5,6 @@ is linear in the pixel coordinates for every tilt; a deviation from it is a dept
 feature and the depth may belong to different surfaces.
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -25,29 +24,13 @@ BIRTH_RADIUS = 5
 _MIN_VALID_SHARE = 0.5  # of the neighbourhood: fewer valid pixels do not determine a plane well
 
 
-@dataclass(frozen=True, slots=True)
-class DepthLookup:
-    """Depth of N features.
-
-    Attributes
-    ----------
-    z
-        float64 [N], metres, NaN where missing or at an edge.
-    edge
-        bool [N], the depth is valid but has an edge.
-    """
-
-    z: Floats
-    edge: NDArray[np.bool_]
-
-
 @cache
 def _offsets(radius: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
     return y.ravel(), x.ravel()
 
 
-def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: int) -> DepthLookup:
+def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: int) -> Floats:
     """Look up the depth of features by a plane fit.
 
     Parameters
@@ -60,6 +43,10 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: in
         Thresholds.
     radius
         The plane is fitted to (2·radius + 1)² pixels.
+
+    Returns
+    -------
+    float64 [N], metres, NaN where missing or at an edge.
     """
     dy, dx = _offsets(radius)
     height, width = depth.shape
@@ -77,7 +64,7 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: in
         at = np.where(enough & (fitted > 0), 1.0 / fitted, np.nan)
     departure = (np.abs(residual) * valid).max(axis=1, initial=0.0) * at**2  # dz = z² d(1/z)
     edge = departure > config.depth_edge + 4.0 * depth_sigma(at, config)
-    return DepthLookup(np.where(edge, np.nan, at), edge)
+    return np.where(edge, np.nan, at)
 
 
 def _plane(

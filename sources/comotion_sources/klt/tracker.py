@@ -174,7 +174,7 @@ class Tracker:
         # A frame without any depth image does not count as missing depth.
         if self._intrinsics is None or frame.depth is None or not len(features.ids):
             return
-        z = look_up(frame.depth, features.pixels, self._config, LOOKUP_RADIUS).z
+        z = look_up(frame.depth, features.pixels, self._config, LOOKUP_RADIUS)
         points = self._intrinsics.lift(features.pixels, z)
         features.lifted = np.isfinite(z)
         keep = ~self._jumped(points, z, frame.stamp_ns)
@@ -204,13 +204,13 @@ class Tracker:
             noise = _GREY_NOISE * np.sqrt(extract(grey, pixels, self._config.window).variance_scale)
             chosen = np.asarray(noise < self._config.corner_sigma)
             if self._intrinsics is not None and depth is not None:
-                chosen &= np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS).z)
+                chosen &= np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS))
             return chosen
 
         pixels = new_corners(grey, self._features.pixels, self._config, usable)
         points = np.full((len(pixels), 3), np.nan)
         if self._intrinsics is not None and depth is not None and len(pixels):
-            z = look_up(depth, pixels, self._config, LOOKUP_RADIUS).z
+            z = look_up(depth, pixels, self._config, LOOKUP_RADIUS)
             pixels, z = pixels[np.isfinite(z)], z[np.isfinite(z)]
             points = self._intrinsics.lift(pixels, z)
         self._add(grey, pixels, points, frame.stamp_ns)
