@@ -4,7 +4,7 @@ A column is encoded as a msgpack ``bin`` of a little-endian C-order array (docs/
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,18 @@ class Column:
         Values per row; None for a vector, ``"dim"`` for the field ``dim`` of the message.
     finite
         Reject NaN and infinity.
+    least, most
+        Bounds of the values, inclusive; None: none.
+    distinct
+        Reject a value that occurs twice.
     """
 
     dtype: str
     width: int | str | None = None
     finite: bool = True
+    least: float | None = None
+    most: float | None = None
+    distinct: bool = False
 
     def validate(self, value: object, info: ValidationInfo) -> Array:
         """Validate a field; array-likes are accepted in Python, but not in decoded payloads."""
@@ -54,12 +61,19 @@ class Column:
         ------
         PydanticCustomError
             ``length`` for bytes that are not a whole number of rows, or an array of another rank;
-            ``non-finite`` for numbers that must be finite; ``range`` for integers that do not fit;
-            ``schema`` for anything that is not an array of numbers.
+            ``non-finite`` for numbers that must be finite; ``range`` for integers that do not fit and
+            values beyond a bound; ``duplicate-id`` for values that occur twice; ``schema`` for anything that
+            is not an array of numbers.
         """
         array = self._from_bytes(value) if isinstance(value, bytes) else self._from_array(value)
         if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
             raise reject("non-finite", "numbers must be finite")
+        if self.least is not None and (array < self.least).any():
+            raise reject("range", f"a value is below {self.least:g}")
+        if self.most is not None and (array > self.most).any():
+            raise reject("range", f"a value is above {self.most:g}")
+        if self.distinct and has_duplicates(array):
+            raise reject("duplicate-id", "an id occurs twice")
         return array
 
     def _from_bytes(self, raw: bytes) -> Array:
@@ -137,7 +151,14 @@ def has_duplicates(ids: Array) -> bool:
     return bool((ordered[1:] == ordered[:-1]).any())
 
 
-def require_rows(name: str, array: Array, expected: int) -> None:
-    """Reject a column whose number of rows is not the expected one."""
-    if len(array) != expected:
-        raise reject("length", f"{name} has {len(array)} rows, expected {expected}")
+class Rowwise:
+    """Base of messages with columns: each has a row for each element of one field."""
+
+    _OTHERS: ClassVar = frozenset({"ended"})  # columns of their own length
+    _of: ClassVar[str] = "ids"
+
+    def __post_init__(self) -> None:
+        expected = len(getattr(self, self._of))
+        for name, column in vars(self).items():
+            if isinstance(column, np.ndarray) and len(column) != expected and name not in self._OTHERS:
+                raise reject("length", f"{name} has {len(column)} rows, expected {expected}")

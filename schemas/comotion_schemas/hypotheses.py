@@ -8,13 +8,12 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic.dataclasses import dataclass
 
-from .columns import reject, require_rows
+from .columns import Rowwise, reject
 from .types import (
     MESSAGE_CONFIG,
     UNDETERMINED,
     UNIT_NORM_TOLERANCE,
     Count,
-    F4Column,
     Finite,
     IdColumn,
     Int64,
@@ -22,6 +21,7 @@ from .types import (
     PointColumn,
     Record,
     SessionId,
+    ShareColumn,
     SpaceName,
     U2Column,
     U4Column,
@@ -221,7 +221,7 @@ class Joint(Record):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
-class HypothesisUpdate:
+class HypothesisUpdate(Rowwise):
     """Every current trajectory and its hypothesis, whole in itself.
 
     Attributes
@@ -264,7 +264,7 @@ class HypothesisUpdate:
     track_source: U2Column
     track_id: IdColumn
     track_hypothesis: U4Column
-    track_confidence: F4Column
+    track_confidence: ShareColumn
     track_position: PointColumn
     hypotheses: list[Hypothesis]
     events: list[Event]
@@ -277,12 +277,11 @@ class HypothesisUpdate:
         count = f"{len(self.track_id)} tracks, hypotheses"
         return f"HypothesisUpdate({self.stamp_ns / 1e9:.3f} s, {count}: {', '.join(listed) or 'none'})"
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        count = len(self.track_id)
-        for name in ("track_source", "track_hypothesis", "track_confidence", "track_position"):
-            require_rows(name, getattr(self, name), count)
-        self._check_tracks(count)
+    _of = "track_id"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_tracks()
         if len({(source.name, source.session) for source in self.sources}) != len(self.sources):
             raise reject("duplicate-id", "a source is listed twice")
         ids = [h.id for h in self.hypotheses]
@@ -293,7 +292,6 @@ class HypothesisUpdate:
         if (listed[np.searchsorted(listed, self.track_hypothesis)] != self.track_hypothesis).any():
             raise reject("range", "a track names a hypothesis that is not listed")
         self._check_joints()
-        return self
 
     def _check_joints(self) -> None:
         if not self.joints:
@@ -310,13 +308,11 @@ class HypothesisUpdate:
         if len({frozenset((j.parent, j.child)) for j in self.joints}) != len(self.joints):
             raise reject("duplicate-id", "a pair of hypotheses has two joints")
 
-    def _check_tracks(self, count: int) -> None:
-        if not count:
+    def _check_tracks(self) -> None:
+        if not len(self.track_id):
             return
         if int(self.track_source.max()) >= len(self.sources):
             raise reject("range", "track_source points beyond sources")
-        if ((self.track_confidence < 0) | (self.track_confidence > 1)).any():
-            raise reject("range", "track_confidence must lie in 0..1")
         if not np.isfinite(self.track_position[:, :2]).all() or np.isinf(self.track_position[:, 2]).any():
             raise reject("non-finite", "track_position must be finite")
         order = np.lexsort((self.track_id, self.track_source))

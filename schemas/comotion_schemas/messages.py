@@ -6,32 +6,26 @@ clock.
 """
 
 from dataclasses import field
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    BeforeValidator,
-    Field,
-    StringConstraints,
-    ValidationInfo,
-    WithJsonSchema,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, ValidationInfo, WithJsonSchema
 from pydantic.dataclasses import dataclass
 
-from .columns import Array, Column, has_duplicates, increasing, reject, require_rows
+from .columns import Array, Column, Rowwise, has_duplicates, increasing, reject
 from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
     Count,
     CovarianceColumn,
+    DistinctIds,
     F8Column,
     Finite,
-    I4Column,
     IdColumn,
     Int64,
     Name,
+    ObjectColumn,
     PixelColumn,
     PositionColumn,
     QuaternionColumn,
@@ -50,17 +44,13 @@ def _sigma(value: object, info: ValidationInfo) -> float | Array:
     """Validate one number for all rows, or one per row, above zero and finite."""
     if isinstance(value, bool | str):
         raise reject("schema", "sigma is a number or a column")
-    if isinstance(value, int | float | np.number):
-        number = float(value)
-        if not np.isfinite(number):
-            raise reject("non-finite", "sigma must be finite")
-        if number <= 0:
-            raise reject("range", "sigma must be above zero")
-        return number
-    column = _SIGMA.validate(value, info)
-    if (column <= 0).any():
+    is_number = isinstance(value, int | float | np.number)
+    sigma = float(value) if is_number else _SIGMA.validate(value, info)  # type: ignore[arg-type]
+    if not np.isfinite(sigma).all():
+        raise reject("non-finite", "sigma must be finite")
+    if not np.all(sigma > 0):
         raise reject("range", "sigma must be above zero")
-    return column
+    return sigma
 
 
 Sigma = Annotated[
@@ -91,7 +81,7 @@ def symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
-class ObservationBatch:
+class ObservationBatch(Rowwise):
     """Observations of one source: newest states of its features (``comotion.ObservationBatch/1``).
 
     Attributes
@@ -141,38 +131,31 @@ class ObservationBatch:
     sigma: Sigma | None = None
     covariance: CovarianceColumn | None = None
     quaternions: QuaternionColumn | None = None
-    ended: IdColumn | None = None
+    ended: DistinctIds | None = None
     moving: Annotated[bool, Field(strict=True)] | None = None
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        self._shape_positions()
+    def __post_init__(self) -> None:
+        self._shape("positions", self.dim)
+        self._shape("covariance", self.dim * (self.dim + 1) // 2)
+        super().__post_init__()
         self._check_stamps()
-        if isinstance(self.sigma, np.ndarray):
-            require_rows("sigma", self.sigma, len(self.ids))
         self._check_covariance()
         self._check_quaternions()
-        if self.ended is not None and has_duplicates(self.ended):
-            raise reject("duplicate-id", "an id occurs twice in ended")
-        return self
 
-    def _shape_positions(self) -> None:
-        positions, expected = self.positions, (len(self.ids), self.dim)
-        if positions.size != expected[0] * expected[1] or (
-            positions.ndim == 2 and positions.shape != expected
-        ):
-            raise reject(
-                "length", f"positions hold {positions.size} numbers, expected {expected[0]} x {expected[1]}"
-            )
+    def _shape(self, name: str, width: int) -> None:
+        column, rows = getattr(self, name), len(self.ids)
+        if column is None:
+            return
+        if column.size != rows * width or (column.ndim == 2 and column.shape[1] != width):
+            raise reject("length", f"{name}: {column.size} numbers, expected {rows} x {width}")
         # Assign although frozen: the width is known only here.
-        object.__setattr__(self, "positions", positions.reshape(expected))
+        object.__setattr__(self, name, column.reshape(rows, width))
 
     def _check_stamps(self) -> None:
         if self.stamps_ns is None:
             if has_duplicates(self.ids):
                 raise reject("duplicate-id", "an id occurs twice in one instant")
             return
-        require_rows("stamps_ns", self.stamps_ns, len(self.ids))
         if not len(self.ids):
             return
         if int(self.stamps_ns.max()) != self.stamp_ns:
@@ -192,13 +175,6 @@ class ObservationBatch:
             return
         if self.unit != "m":
             raise reject("schema", "a covariance needs a metric space")
-        entries = self.dim * (self.dim + 1) // 2
-        if self.covariance.size != len(self.ids) * entries:
-            raise reject(
-                "length", f"covariance holds {self.covariance.size} numbers, not {entries} for each id"
-            )
-        # Assign although frozen: the width is known only here.
-        object.__setattr__(self, "covariance", self.covariance.reshape(len(self.ids), entries))
         least, *_, most = np.linalg.eigvalsh(symmetric(self.covariance.astype(np.float64))).T
         if (least < -_ROUNDING * most).any():
             raise reject("range", "a covariance is not positive semidefinite")
@@ -208,7 +184,6 @@ class ObservationBatch:
             return
         if self.dim != 3:
             raise reject("schema", "quaternions need dim 3")
-        require_rows("quaternions", self.quaternions, len(self.ids))
         squares = np.einsum("ni,ni->n", self.quaternions, self.quaternions)
         # Within half the tolerance of the norm: rounding cannot matter, and there is no NaN.
         if bool((np.abs(squares - 1.0) < UNIT_NORM_TOLERANCE).all()):
@@ -226,7 +201,7 @@ _ObjectNumber = Annotated[str, StringConstraints(strict=True, pattern=r"^(0|-?[1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
-class TruthBatch:
+class TruthBatch(Rowwise):
     """Which object each feature belongs to (``comotion.TruthBatch/1``).
 
     `ids` uint64 [N]; `objects` int32 [N], -1 for ambiguous (never scored); `names` maps object
@@ -236,22 +211,19 @@ class TruthBatch:
     schema: Literal["comotion.TruthBatch/1"] = "comotion.TruthBatch/1"
     source: Name
     session: SessionId
-    ids: IdColumn
-    objects: I4Column
+    ids: DistinctIds
+    objects: ObjectColumn
     names: dict[_ObjectNumber, ShortText]
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        require_rows("objects", self.objects, len(self.ids))
-        if has_duplicates(self.ids):
-            raise reject("duplicate-id", "an id occurs twice")
-        if (self.objects < -1).any():
-            raise reject("range", "an object number is below -1")
-        return self
+
+def _distinct(names: list[str]) -> list[str]:
+    if len(set(names)) != len(names):
+        raise reject("duplicate-id", "a joint is named twice")
+    return names
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
-class JointStates:
+class JointStates(Rowwise):
     """Joint positions of a robot (``comotion.JointStates/1``): float64 [J], rad or m."""
 
     schema: Literal["comotion.JointStates/1"] = "comotion.JointStates/1"
@@ -259,22 +231,15 @@ class JointStates:
     session: SessionId
     seq: Count
     stamp_ns: Int64
-    names: list[ShortText]
+    names: Annotated[list[ShortText], AfterValidator(_distinct)]
     positions: F8Column
     velocities: F8Column | None = None
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if len(set(self.names)) != len(self.names):
-            raise reject("duplicate-id", "a joint is named twice")
-        require_rows("positions", self.positions, len(self.names))
-        if self.velocities is not None:
-            require_rows("velocities", self.velocities, len(self.names))
-        return self
+    _of = "names"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
-class Preview:
+class Preview(Rowwise):
     """A camera image with its features (``comotion.Preview/1``): ids uint64 [N], pixels float32 [N, 2]."""
 
     schema: Literal["comotion.Preview/1"] = "comotion.Preview/1"
@@ -283,15 +248,8 @@ class Preview:
     stamp_ns: Int64
     encoding: Literal["jpeg"]
     image: Annotated[bytes, Field(strict=True)]
-    ids: IdColumn
+    ids: DistinctIds
     pixels: PixelColumn
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        require_rows("pixels", self.pixels, len(self.ids))
-        if has_duplicates(self.ids):
-            raise reject("duplicate-id", "an id occurs twice")
-        return self
 
 
 StatusState = Literal["ok", "degraded", "stalled"]
