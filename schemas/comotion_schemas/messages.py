@@ -5,6 +5,7 @@ arrays. Construction validates the message completely; the receiver checks what 
 clock.
 """
 
+import math
 from dataclasses import field
 from typing import Annotated, Literal
 
@@ -44,11 +45,16 @@ def _sigma(value: object, info: ValidationInfo) -> float | Array:
     """Validate one number for all rows, or one per row, above zero and finite."""
     if isinstance(value, bool | str):
         raise reject("schema", "sigma is a number or a column")
-    is_number = isinstance(value, int | float | np.number)
-    sigma = float(value) if is_number else _SIGMA.validate(value, info)  # type: ignore[arg-type]
-    if not np.isfinite(sigma).all():
-        raise reject("non-finite", "sigma must be finite")
-    if not np.all(sigma > 0):
+    if isinstance(value, int | float | np.number):
+        number = float(value)
+        if not math.isfinite(number):
+            raise reject("non-finite", "sigma must be finite")
+        sigma: float | Array = number
+        positive = number > 0
+    else:
+        sigma = _SIGMA.validate(value, info)
+        positive = bool((sigma > 0).all())
+    if not positive:
         raise reject("range", "sigma must be above zero")
     return sigma
 
