@@ -9,8 +9,8 @@ Sources, the service and clients run in a :class:`Component`::
             ...
 """
 
+import _thread
 import logging
-import os
 import secrets
 import signal
 import socket
@@ -35,7 +35,6 @@ from .text import shown
 from .transport import Publisher, SessionSettings, client_settings, connect, declare_publisher
 
 STATUS_PERIOD_S = 1.0
-_SIGNALS = frozenset({signal.SIGINT, signal.SIGTERM})
 _log = logging.getLogger(__name__)
 
 
@@ -113,36 +112,23 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    previous = {number: signal.getsignal(number) for number in _SIGNALS}
+    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
-    def restore(*_: object) -> None:
+    def restore() -> None:
         for number, handler in previous.items():
             signal.signal(number, handler)
 
-    # A handler runs in the main thread, which may hold the lock that Event.set needs. Therefore another
-    # thread sets the event.
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    thread = threading.Thread(target=_set_on_signal, args=(reader, stop), name="signals", daemon=True)
-    thread.start()
-    wakeup = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    for number in _SIGNALS:
-        signal.signal(number, restore)
+    def handle(*_: object) -> None:
+        restore()
+        # The main thread, which runs this, may hold the lock that Event.set needs, and those of threading.
+        _thread.start_new_thread(stop.set, ())
+
+    for number in previous:
+        signal.signal(number, handle)
     try:
         yield
     finally:
         restore()
-        signal.set_wakeup_fd(wakeup)
-        os.close(writer)
-        thread.join()
-        os.close(reader)
-
-
-def _set_on_signal(reader: int, stop: threading.Event) -> None:
-    """Set the event when one of the signals arrives on the pipe; return when the pipe is closed."""
-    while numbers := os.read(reader, 64):
-        if not _SIGNALS.isdisjoint(numbers):
-            stop.set()
 
 
 def viewer(

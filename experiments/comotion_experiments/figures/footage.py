@@ -14,7 +14,6 @@ from comotion_sources.klt import TrackerConfig
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.camera import CameraSpec
-from comotion_sources.workcell.sensor import SensorNoise
 
 from ..inputs import Message
 from ..rendered import filmed
@@ -100,7 +99,7 @@ class Stills:
         self._scene = Scene.named(scene, seed)
         atlas = build_atlas(self._scene.model, seed)
         # Without image noise, which would take 90 % of the size of a PNG.
-        self._view = Viewpoint(self._scene, CAMERA, PICTURE, SensorNoise(image=0.0), atlas)
+        self._view = Viewpoint(self._scene, CAMERA, PICTURE, atlas, grain=0.0)
         self._into_camera = self._view.extrinsics.inverse()
 
     @property

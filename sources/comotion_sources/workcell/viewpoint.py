@@ -16,7 +16,7 @@ from ..frames import AMBIGUOUS
 from .atlas import Atlas
 from .render import Renderer
 from .scene import Scene, Vector
-from .sensor import Sensor, SensorNoise
+from .sensor import Sensor
 
 # MuJoCo's cameras look along -z with y up, optical axes along z with y down.
 _OPTICAL = np.diag([1.0, -1.0, -1.0])
@@ -106,10 +106,10 @@ class Viewpoint:
     ----------
     scene, camera, size
         As in :func:`calibration`.
-    noise
-        Sensor noise; None: the defaults of :class:`SensorNoise`.
     atlas
         Textures, which the cameras of a scene may share; None: draw them.
+    grain
+        One-sigma noise of the image, grey levels.
 
     Attributes
     ----------
@@ -126,8 +126,8 @@ class Viewpoint:
         scene: Scene,
         camera: str,
         size: tuple[int, int] = (640, 480),
-        noise: SensorNoise | None = None,
         atlas: Atlas | None = None,
+        grain: float = 1.5,
     ) -> None:
         self.scene = scene
         self.intrinsics, self.extrinsics = calibration(scene, camera, size)
@@ -136,7 +136,7 @@ class Viewpoint:
         self._camera = scene.cameras.index(camera)
         self._data = scene.new_data()
         self.carried = is_carried(scene, camera)
-        self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), noise)
+        self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), grain)
 
     def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
         """Render the frame of a configuration float64 [joints] with a stamp.
