@@ -116,10 +116,13 @@ class ImageFiles(RecordedCamera):
     """
 
     def __init__(self, files: Iterable[Path], rate: float | None = None) -> None:
-        self._files = sorted(files, key=_natural)
+        # Natural order puts img_2 before img_10.
+        self._files = sorted(
+            files, key=lambda path: [(c.isdigit() and int(c), c) for c in re.split(r"(\d+)", path.name)]
+        )
         super().__init__(rate or DEFAULT_RATE, len(self._files))
-        times = [_seconds(path.stem) for path in self._files]
-        self._stamps = None if rate or None in times else [stamp_ns(path.stem) for path in self._files]
+        timed = not rate and all(re.fullmatch(r"\d+\.\d+", path.stem) for path in self._files)
+        self._stamps = [stamp_ns(path.stem) for path in self._files] if timed else None
 
     def __iter__(self) -> Iterator[Frame]:
         for number, _, image in self._images(self._files):
@@ -141,13 +144,3 @@ def read_image(path: Path) -> Image | None:
         return None
     image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
     return None if image is None else np.asarray(image, np.uint8)
-
-
-def _seconds(text: str) -> float | None:
-    return float(text) if re.fullmatch(r"\d+\.\d+", text) else None
-
-
-def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """Sort key that puts img_2 before img_10."""
-    chunks = re.split(r"(\d+)", path.name)
-    return [(1, int(chunk), "") if chunk.isdigit() else (0, 0, chunk) for chunk in chunks]

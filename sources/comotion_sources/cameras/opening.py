@@ -10,7 +10,7 @@ import cv2
 from ..errors import InputError
 from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile, image_files
 from .live import open_stream, open_webcam
-from .tum import TumFolder, is_tum_folder
+from .tum import TumFolder
 from .types import Camera
 
 _ERRORS_ONLY = 2  # cv2.utils.logging.LOG_LEVEL_ERROR
@@ -46,7 +46,9 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
 
         return open_realsense(rest, rate)
     if kind == "workcell":
-        return _open_workcell(rest)
+        # Imported on demand: real cameras do not need it.
+        camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
+        return camera
     return _open_path(what, rate)
 
 
@@ -61,7 +63,7 @@ def _silence_opencv() -> None:
 def _open_path(what: str, rate: float | None) -> Camera:
     path = Path(what)
     if path.is_dir():
-        if is_tum_folder(path):
+        if (path / "rgb.txt").is_file():
             return TumFolder(path)
         if not (images := image_files(path)):
             raise InputError(f"{path}: neither images nor rgb.txt in this folder")
@@ -71,9 +73,3 @@ def _open_path(what: str, rate: float | None) -> Camera:
     if path.is_file():
         return VideoFile(path)
     raise InputError(f"{what}: no such file or folder; name {FORMS}")
-
-
-def _open_workcell(rest: str) -> Camera:
-    # Imported on demand: real cameras do not need it.
-    camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
-    return camera

@@ -39,11 +39,6 @@ _HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty
 Listing = list[tuple[int, Path]]
 
 
-def is_tum_folder(folder: Path) -> bool:
-    """Whether a folder has the list of images of such a recording."""
-    return (folder / "rgb.txt").is_file()
-
-
 class TumFolder(RecordedCamera):
     """A TUM RGB-D folder; each image gets the depth image nearest in time, within 20 ms.
 
@@ -62,7 +57,8 @@ class TumFolder(RecordedCamera):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._listed = _listing(folder, "rgb.txt")
-        self._depths = _Nearest(_listing(folder, "depth.txt"))
+        self._depths = sorted(_listing(folder, "depth.txt"))
+        self._depth_stamps = np.array([stamp for stamp, _ in self._depths], np.int64)
         if not self._listed:
             raise InputError(f"{folder / 'rgb.txt'}: lists no image")
         gaps = np.diff([stamp for stamp, _ in self._listed])
@@ -82,26 +78,15 @@ class TumFolder(RecordedCamera):
             yield Frame(stamp, image, depth, self._truth(path, image.shape[:2]))
 
     def _depth(self, stamp: int, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
-        raw = _read_16_bit(self._depths.at(stamp), shape)
+        distances = np.abs(self._depth_stamps - stamp)
+        if not distances.size or distances.min() > ASSOCIATION_NS:
+            return None
+        raw = _read_16_bit(self._depths[int(np.argmin(distances))][1], shape)
         return None if raw is None else np.asarray(raw / np.float32(DEPTH_SCALE), np.float32)
 
     def _truth(self, path: Path, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
         raw = _read_16_bit(self._folder / "objects" / f"{path.stem}.png", shape)
         return None if raw is None else raw.astype(np.int32) - 1
-
-
-class _Nearest:
-    """Finds the file nearest in time; None if it is more than 20 ms away."""
-
-    def __init__(self, listing: Listing) -> None:
-        self._listing = sorted(listing)
-        self._stamps = np.array([stamp for stamp, _ in self._listing], np.int64)
-
-    def at(self, stamp: int) -> Path | None:
-        if not self._listing:
-            return None
-        index = int(np.argmin(np.abs(self._stamps - stamp)))
-        return self._listing[index][1] if abs(int(self._stamps[index]) - stamp) <= ASSOCIATION_NS else None
 
 
 def _listing(folder: Path, name: str) -> Listing:
@@ -136,9 +121,9 @@ def _read_still_pose(path: Path) -> Extrinsics | None:
     return first
 
 
-def _read_16_bit(path: Path | None, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
+def _read_16_bit(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
     """Read a 16-bit image of the given shape; None for anything else."""
-    if path is None or not path.is_file():
+    if not path.is_file():
         return None
     raw = np.fromfile(path, np.uint8)
     image = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
@@ -174,10 +159,9 @@ class TumWriter:
             raise InputError(f"{folder}: exists already")
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
-        self._pose = _pose_text(extrinsics)
-        self._lists: dict[str, TextIOBase] = {}
-        for kind in ("rgb", "depth"):
-            self._list(kind)
+        self._pose = extrinsics
+        # Lists are flushed line by line: a recording that is cut short can be read up to that point.
+        self._lists = {kind: self._begin(kind) for kind in ("rgb", "depth")}
         if intrinsics is not None:
             (folder / "camera_info.yaml").write_text(format_camera_info(intrinsics), encoding="utf-8")
         if objects:
@@ -196,9 +180,11 @@ class TumWriter:
             self._put("depth", time, units.astype(np.uint16))
         if frame.objects is not None:
             self._write_image("objects", time, (frame.objects + 1).astype(np.uint16))
-        place = self._pose if pose is None else _pose_text(pose)
-        if place:
-            self._append("groundtruth", f"{time} {place}")
+        if (place := pose or self._pose) is not None:
+            numbers = " ".join(f"{value:.9f}" for value in (*place.translation, *place.quaternion))
+            if "groundtruth" not in self._lists:
+                self._lists["groundtruth"] = self._begin("groundtruth")
+            self._lists["groundtruth"].write(f"{time} {numbers}\n")
 
     def close(self) -> None:
         """Close the lists."""
@@ -211,20 +197,13 @@ class TumWriter:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _list(self, kind: str) -> TextIOBase:
-        if kind not in self._lists:
-            self._lists[kind] = (self._folder / f"{kind}.txt").open("w", encoding="utf-8")
-            self._lists[kind].write(f"# {_HEADS[kind]}\n")
-        return self._lists[kind]
+    def _begin(self, kind: str) -> TextIOBase:
+        listing = (self._folder / f"{kind}.txt").open("w", encoding="utf-8", buffering=1)
+        listing.write(f"# {_HEADS[kind]}\n")
+        return listing
 
     def _put(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        self._append(kind, f"{time} {self._write_image(kind, time, image)}")
-
-    def _append(self, kind: str, line: str) -> None:
-        listing = self._list(kind)
-        listing.write(f"{line}\n")
-        # Flush every line: a recording that is cut short can then be read up to that point.
-        listing.flush()
+        self._lists[kind].write(f"{time} {self._write_image(kind, time, image)}\n")
 
     def _write_image(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
         name = f"{kind}/{time}.png"
@@ -234,9 +213,3 @@ class TumWriter:
         (self._folder / kind).mkdir(exist_ok=True)
         (self._folder / name).write_bytes(encoded.tobytes())
         return name
-
-
-def _pose_text(extrinsics: Extrinsics | None) -> str:
-    if extrinsics is None:
-        return ""
-    return " ".join(f"{value:.9f}" for value in (*extrinsics.translation, *extrinsics.quaternion))
