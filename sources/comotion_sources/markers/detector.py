@@ -44,8 +44,6 @@ class Markers:
     ----------
     numbers
         uint64 [N], numbers in the dictionary, ascending.
-    corners
-        float32 [N, 4, 2], px, clockwise from the upper left corner of the marker.
     poses
         [N], marker to camera (optical axes); marker axes: x right, y up, z out of its face.
     sigma
@@ -55,7 +53,6 @@ class Markers:
     """
 
     numbers: NDArray[np.uint64]
-    corners: NDArray[np.float32]
     poses: list[Extrinsics]
     sigma: Floats
     refused: int
@@ -90,6 +87,16 @@ def make_detector(dictionary: Any) -> Any:
     return cv2.aruco.ArucoDetector(dictionary, parameters)
 
 
+def outlines(detector: Any, image: Image) -> dict[int, NDArray[np.float32] | None]:
+    """Corners [4, 2], px, of the markers in an image by their number, ascending; None where it occurs twice."""
+    corners, numbers, _ = detector.detectMarkers(image)
+    flat = [] if numbers is None else np.ravel(numbers).tolist()
+    found = {
+        number: np.asarray(four, np.float32).reshape(4, 2) for number, four in zip(flat, corners, strict=True)
+    }
+    return {number: found[number] if flat.count(number) == 1 else None for number in sorted(found)}
+
+
 def corners_of(size: float) -> Floats:
     """Corners of a marker by its edge in m, float64 [4, 3]: clockwise from the upper left, x right, y up."""
     return size / 2 * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
@@ -114,21 +121,14 @@ class MarkerDetector:
 
     def detect(self, image: Image) -> Markers:
         """Find the markers in an image, uint8 [H, W] or [H, W, 3] (BGR)."""
-        outlines, numbers, _ = self._detector.detectMarkers(image)
-        flat = np.empty(0, np.int64) if numbers is None else np.asarray(numbers, np.int64).ravel()
-        seen: list[tuple[int, NDArray[np.float32], Extrinsics, float]] = []
-        for number in np.unique(flat).tolist():
-            places = np.flatnonzero(flat == number)
-            corners = np.asarray(outlines[places[0]], np.float32).reshape(4, 2)
-            posed = self._pose(number, corners) if len(places) == 1 else None
-            if posed is not None:
-                seen.append((number, corners, *posed))
+        found = outlines(self._detector, image)
+        posed = {n: self._pose(n, corners) for n, corners in found.items() if corners is not None}
+        seen = {number: pose for number, pose in posed.items() if pose is not None}
         return Markers(
-            numbers=np.array([number for number, *_ in seen], np.uint64),
-            corners=np.array([corners for _, corners, *_ in seen], np.float32).reshape(-1, 4, 2),
-            poses=[pose for *_, pose, _ in seen],
-            sigma=np.array([sigma for *_, sigma in seen], np.float64),
-            refused=len(np.unique(flat)) - len(seen),
+            numbers=np.array(list(seen), np.uint64),
+            poses=[pose for pose, _ in seen.values()],
+            sigma=np.array([sigma for _, sigma in seen.values()], np.float64),
+            refused=len(found) - len(seen),
         )
 
     def _pose(self, number: int, corners: NDArray[np.float32]) -> tuple[Extrinsics, float] | None:
@@ -143,9 +143,8 @@ class MarkerDetector:
                 return None
             best = max(similar, key=lambda pose: float(np.trace(pose.rotation.T @ last)))
         self._last[number] = best.rotation
-        return Extrinsics(best.rotation, best.translation, "camera"), self._sigma(
-            corners, best.translation[2], error
-        )
+        sigma = self._sigma(corners, best.translation[2], error)
+        return Extrinsics(best.rotation, best.translation, "camera"), sigma
 
     def _sigma(self, corners: NDArray[np.float32], z: float, error: float) -> float:
         """First-order noise, m: image position gives the axes across the ray, apparent size the one along."""

@@ -56,32 +56,29 @@ def calibrate_pair(
     """
     views: list[PairedView] = []
     for frame_a, frame_b in frames:
-        _check_size("A", frame_a, camera_a)
-        _check_size("B", frame_b, camera_b)
+        for name, frame, camera in (("A", frame_a, camera_a), ("B", frame_b, camera_b)):
+            height, width = frame.image.shape[:2]
+            if (width, height) != (camera.width, camera.height):
+                raise InputError(
+                    f"camera {name}: images of {width} x {height}, "
+                    f"calibration for {camera.width} x {camera.height}"
+                )
         views.extend(paired_views(target, frame_a, frame_b))
         if len(views) >= most_views:
             break
     fit = relative_pose(camera_a, camera_b, views)
-    origin = extrinsics_a or Extrinsics()
-    return PairCalibration(origin.after(fit.b_to_a), fit, len(views))
+    return PairCalibration((extrinsics_a or Extrinsics()).after(fit.b_to_a), fit, len(views))
 
 
-def paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> list[PairedView]:
-    """Find the target in both frames and return the points that are in both."""
-    found_a, found_b = target.find(frame_a.image), target.find(frame_b.image)
-    views = []
+def paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> Iterator[PairedView]:
+    """Find the target in both frames and yield the points that are in both."""
+    found_a, found_b = target(frame_a.image), target(frame_b.image)
     for name in sorted(found_a.keys() & found_b.keys()):
         a, b = found_a[name], found_b[name]
         common = sorted(a.keys() & b.keys())
         if len(common) >= _MIN_COMMON_POINTS:
-            views.append(
-                PairedView(
-                    np.array([a[i][0] for i in common]),
-                    np.array([a[i][1] for i in common]),
-                    np.array([b[i][1] for i in common]),
-                )
-            )
-    return views
+            columns = ((a[i][0] for i in common), (a[i][1] for i in common), (b[i][1] for i in common))
+            yield PairedView(*(np.array(list(column)) for column in columns))
 
 
 def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[tuple[Frame, Frame]]:
@@ -109,14 +106,6 @@ def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[
             continue
         last = frame_a.stamp_ns
         yield frame_a, frame_b
-
-
-def _check_size(name: str, frame: Frame, camera: Intrinsics) -> None:
-    height, width = frame.image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise InputError(
-            f"camera {name}: images of {width} x {height}, calibration for {camera.width} x {camera.height}"
-        )
 
 
 def known_intrinsics(name: str, given: Intrinsics | None, camera: Camera) -> Intrinsics:

@@ -87,9 +87,8 @@ def _fits(
     fits: list[tuple[float, Extrinsics] | None] = []
     for view, poses in zip(views, poses_a, strict=True):
         in_b = [reprojection(camera_b, a_to_b.after(pose), view.points, view.pixels_b) for _, pose in poses]
-        errors = [math.hypot(in_a, rms(part)) for (in_a, _), part in zip(poses, in_b, strict=True)]
-        best = int(np.argmin(errors)) if errors else 0
-        fits.append((errors[best], poses[best][1]) if errors else None)
+        errors = [(math.hypot(in_a, rms(part)), pose) for (in_a, pose), part in zip(poses, in_b, strict=True)]
+        fits.append(min(errors, key=lambda fit: fit[0], default=None))
     return fits
 
 

@@ -1,6 +1,6 @@
 """Finds the points of a chessboard, ChArUco board or single marker in an image."""
 
-from typing import Any, Protocol
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from comotion_schemas.errors import KnownError
 
 from ..cameras.types import Image
 from ..errors import InputError
-from ..markers.detector import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector
+from ..markers.detector import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector, outlines
 
 Floats = NDArray[np.float64]
 TargetPoints = dict[str, dict[int, tuple[Floats, Floats]]]
@@ -25,11 +25,8 @@ FORMS = (
 )
 
 
-class Target(Protocol):
-    """A target that can be found in an image."""
-
-    def find(self, image: Image) -> TargetPoints:
-        """Find the visible points of the target; empty if there is none."""
+Target = Callable[[Image], TargetPoints]
+"""Finds the visible points of a target in an image; empty if there is none."""
 
 
 def parse_target(text: str) -> Target:
@@ -43,11 +40,11 @@ def parse_target(text: str) -> Target:
     kind, *values = text.split(":")
     try:
         if kind == "chessboard" and len(values) == 2:
-            return Chessboard(*_grid(values[0]), _length(values[1]))
+            return _Chessboard(*_grid(values[0]), _length(values[1])).find
         if kind == "charuco" and len(values) in {3, 4}:
-            return Charuco(*_grid(values[0]), _length(values[1]), _length(values[2]), *values[3:])
+            return _charuco(_grid(values[0]), _length(values[1]), _length(values[2]), *values[3:])
         if kind == "marker" and len(values) in {1, 2}:
-            return SingleMarkers(_length(values[0]), *values[1:])
+            return _markers(_length(values[0]), *values[1:])
     except InputError:
         raise
     except ValueError as error:
@@ -69,7 +66,7 @@ def _length(text: str) -> float:
     return value
 
 
-class Chessboard:
+class _Chessboard:
     """A chessboard with one even and one odd number of inner corners.
 
     A board with two even or two odd numbers looks the same upside down. Two cameras could then number
@@ -101,56 +98,44 @@ class Chessboard:
 
     def _upright(self, grey: Image, pixels: Floats) -> Floats:
         """Order the corners so that the square at the first one is dark and at the last one light."""
-        columns, rows = self._size
-        grid = pixels.reshape(rows, columns, 2)
-        first = grid[:2, :2].mean(axis=(0, 1))
-        last = grid[-2:, -2:].mean(axis=(0, 1))
-        swap = _brightness(grey, first) > _brightness(grey, last)
-        return pixels[::-1].copy() if swap else pixels
+        grid = pixels.reshape(*self._size[::-1], 2)
+        first, last = (
+            float(cv2.getRectSubPix(grey, (3, 3), corners.mean(axis=(0, 1)).tolist()).mean())
+            for corners in (grid[:2, :2], grid[-2:, -2:])
+        )
+        return pixels[::-1].copy() if first > last else pixels
 
 
-def _brightness(grey: Image, place: Floats) -> float:
-    patch = cv2.getRectSubPix(grey, (3, 3), (float(place[0]), float(place[1])))
-    return float(np.mean(patch))
+def _charuco(
+    size: tuple[int, int], square: float, marker: float, dictionary: str = DEFAULT_DICTIONARY
+) -> Target:
+    if marker >= square:
+        raise InputError(f"markers of {marker} m do not fit in squares of {square} m")
+    board = cv2.aruco.CharucoBoard(size, square, marker, find_dictionary(dictionary))
+    points = np.asarray(board.getChessboardCorners(), np.float64)
+    detector = cv2.aruco.CharucoDetector(board)
 
-
-class Charuco:
-    """A ChArUco board, which may be partly visible."""
-
-    def __init__(
-        self, columns: int, rows: int, square: float, marker: float, dictionary: str = DEFAULT_DICTIONARY
-    ) -> None:
-        if marker >= square:
-            raise InputError(f"markers of {marker} m do not fit in squares of {square} m")
-        board = cv2.aruco.CharucoBoard((columns, rows), square, marker, find_dictionary(dictionary))
-        self._points = np.asarray(board.getChessboardCorners(), np.float64)
-        self._detector = cv2.aruco.CharucoDetector(board)
-
-    def find(self, image: Image) -> TargetPoints:
+    def find(image: Image) -> TargetPoints:
         """Find the corners whose markers are visible; empty with fewer than 6."""
-        corners, numbers, _, _ = self._detector.detectBoard(image)
+        corners, numbers, _, _ = detector.detectBoard(image)
         if numbers is None or len(numbers) < _MIN_CORNERS:
             return {}
         pixels = np.asarray(corners, np.float64).reshape(-1, 2)
         flat = [int(n) for n in np.ravel(numbers)]
-        return {"board": {n: (self._points[n], pixel) for n, pixel in zip(flat, pixels, strict=True)}}
+        return {"board": {n: (points[n], pixel) for n, pixel in zip(flat, pixels, strict=True)}}
+
+    return find
 
 
-class SingleMarkers:
-    """Markers of one size; each marker is a separate target."""
+def _markers(size: float, dictionary: str = DEFAULT_DICTIONARY) -> Target:
+    points, detector = corners_of(size), make_detector(find_dictionary(dictionary))
 
-    def __init__(self, size: float, dictionary: str = DEFAULT_DICTIONARY) -> None:
-        self._points = corners_of(size)
-        self._detector: Any = make_detector(find_dictionary(dictionary))
-
-    def find(self, image: Image) -> TargetPoints:
-        """Find the markers whose number occurs once in the image."""
-        detected, numbers, _ = self._detector.detectMarkers(image)
-        flat = [] if numbers is None else [int(n) for n in np.ravel(numbers)]
+    def find(image: Image) -> TargetPoints:
+        """Find the markers whose number occurs once; each is a separate target."""
         return {
-            f"marker {number}": dict(
-                enumerate(zip(self._points, np.asarray(corners, np.float64).reshape(4, 2), strict=True))
-            )
-            for number, corners in zip(flat, detected, strict=True)
-            if flat.count(number) == 1
+            f"marker {number}": dict(enumerate(zip(points, corners.astype(np.float64), strict=True)))
+            for number, corners in outlines(detector, image).items()
+            if corners is not None
         }
+
+    return find
