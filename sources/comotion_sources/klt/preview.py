@@ -48,20 +48,19 @@ class HypothesisFeed:
 
     def poll(self) -> None:
         """Process the updates that arrived since the last call."""
-        for update in self._updates.messages():
-            if self.stamp_ns is None or cast("HypothesisUpdate", update).stamp_ns >= self.stamp_ns:
-                self._apply(cast("HypothesisUpdate", update))
+        for message in self._updates.messages():
+            update = cast("HypothesisUpdate", message)
+            if self.stamp_ns is not None and update.stamp_ns < self.stamp_ns:
+                continue
+            self.stamp_ns, self.listed = update.stamp_ns, update.hypotheses
+            mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == self._source]
+            rows = np.isin(update.track_source, mine)
+            pairs = zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
+            self._hypotheses = dict(pairs)
 
     def hypothesis(self, feature: int) -> int:
         """Return the hypothesis of a feature; UNDETERMINED if the service has not listed it."""
         return self._hypotheses.get(feature, UNDETERMINED)
-
-    def _apply(self, update: HypothesisUpdate) -> None:
-        self.stamp_ns, self.listed = update.stamp_ns, update.hypotheses
-        mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == self._source]
-        rows = np.isin(update.track_source, mine)
-        pairs = zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
-        self._hypotheses = dict(pairs)
 
 
 class DelayedPreview:

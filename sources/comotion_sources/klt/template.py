@@ -26,10 +26,9 @@ _STIFFNESS = 0.02
 _EPSILON = 1e-6  # keeps the divisions and the inverse finite on a patch without texture
 _MAX_SHAPE_STEP = 0.3  # largest change of an entry of the shape matrix per iteration
 _MIN_GAIN = 0.1  # smallest contrast relative to the template that still scales a step
-_COLUMNS = ("patch", "power", "gradient_inverse", "variance_scale", "shape")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Templates:
     """Templates (patches at birth) of N features, P pixels each.
 
@@ -61,7 +60,14 @@ class Templates:
     def __getitem__(self, keep: NDArray[np.bool_]) -> "Templates":
         if keep.all():
             return self
-        return Templates(*(getattr(self, name)[keep] for name in _COLUMNS))
+        return Templates(*(column[keep] for column in vars(self).values()))
+
+    def extended(self, new: "Templates") -> "Templates":
+        """Append the templates of other features."""
+        if not len(self) or not len(new):
+            return self if len(self) else new
+        both = zip(vars(self).values(), vars(new).values(), strict=True)
+        return Templates(*(np.concatenate(columns) for columns in both))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +118,6 @@ def no_templates() -> Templates:
     """Return the templates of no features."""
     sizes = ((0, 1), (0,), (0, 6, 1), (0,), (0, 2, 2))
     return Templates(*(np.empty(size, np.float32) for size in sizes))
-
-
-def concatenated(first: Templates, second: Templates) -> Templates:
-    """Concatenate the templates of two sets of features."""
-    if not len(first) or not len(second):
-        return first if len(first) else second
-    return Templates(*(np.concatenate([getattr(first, name), getattr(second, name)]) for name in _COLUMNS))
 
 
 def extract(grey: Image, pixels: Pixels, window: int) -> Templates:

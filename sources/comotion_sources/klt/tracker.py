@@ -23,7 +23,7 @@ from .config import TrackerConfig
 from .corners import crowded, new_corners
 from .depth import BIRTH_RADIUS, LOOKUP_RADIUS, depth_sigma, look_up, point_sigma
 from .flow import Pixels, track
-from .template import Templates, align, concatenated, extract, no_templates
+from .template import Templates, align, extract, no_templates
 
 Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
@@ -95,7 +95,7 @@ class _Features:
             for name, column in vars(self).items()
             if name != "templates"
         }
-        return _Features(**both, templates=concatenated(self.templates, new.templates))
+        return _Features(**both, templates=self.templates.extended(new.templates))
 
 
 class Tracker:

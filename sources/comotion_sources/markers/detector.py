@@ -88,7 +88,7 @@ def make_detector(dictionary: Any) -> Any:
 
 
 def outlines(detector: Any, image: Image) -> dict[int, NDArray[np.float32] | None]:
-    """Corners [4, 2], px, of the markers in an image by their number, ascending; None where it occurs twice."""
+    """Corners [4, 2], px, of markers in an image by their number, ascending; None where it occurs twice."""
     corners, numbers, _ = detector.detectMarkers(image)
     flat = [] if numbers is None else np.ravel(numbers).tolist()
     found = {
