@@ -2,15 +2,16 @@
 
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack, cast
 
 from comotion_schemas.component import Where, new_session_id
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import StreamKind
-from comotion_schemas.terminal import keyboard, reporting
+from comotion_schemas.terminal import Report, keyboard, reporting
 from comotion_schemas.text import counted
 
 from .player import KINDS, Log, Player, Progress
@@ -47,20 +48,31 @@ def play(log: Log, sources: Sequence[Source], schedule: Schedule, *, shown_as: s
         If the log is shorter than the start of the schedule.
     """
     outputs = {source.name: source for source in sources}
-    progress, read_key = None, _no_key
+    progress: Progress | None = None
+    read_key: Callable[[], str] = str
     with ExitStack() as stack:
         for source in sources:
             stack.enter_context(source)
         if shown_as:
-            seconds = (log.end_ns - log.start_ns) / 1e9
-            progress = stack.enter_context(shown_progress(shown_as, seconds, schedule.start))
-            read_key = stack.enter_context(replay_keys())
+            report = stack.enter_context(reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S))
+            length = (log.end_ns - log.start_ns) / 1e9
+            progress = partial(_show, report, shown_as, length, schedule.start)
+            if sys.stderr.isatty():
+                read_key = partial(stack.enter_context(keyboard()), 0.0)
         # Signals reach the component that was entered last.
         player = Player(log, outputs, schedule, sources[-1].stop, read_key=read_key, progress=progress)
         sources[-1].ready()
         player.run()
         if not sources[-1].stop.is_set():
             _log.info("played to the end")
+
+
+def _show(report: Report, what: str, length: float, start: float, number: int, t: float) -> None:
+    """Report the second `t` of a pass, which begins at `start` of a recording of `length`, s."""
+    done = round(_BAR * min((start + t) / length, 1.0)) if sys.stderr.isatty() else 0
+    count = f", pass {number + 1}" if number else ""
+    line = f"{what}{count}: {start + t:.1f} of {length:.1f} s {'━' * done}".rstrip()
+    report(lambda: line)
 
 
 def play_streams(
@@ -167,39 +179,3 @@ def _recorded_sources(log: "MessageLog", message: str, where: Where) -> list[Sou
         Source(name, kinds=kinds[name], message=message, session_id=sessions[name], **where)
         for name in sorted(kinds)
     ]
-
-
-@contextmanager
-def shown_progress(what: str, length: float, start: float = 0.0) -> Iterator[Progress]:
-    """Show the progress of a replay on standard error; yields the function to call at every message.
-
-    Parameters
-    ----------
-    what
-        Name of the recording.
-    length, start
-        Seconds of the recording, and where in it a pass begins.
-    """
-    with reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S) as report:
-
-        def advance(number: int, t: float) -> None:
-            count = f", pass {number + 1}" if number else ""
-            done = round(_BAR * min((start + t) / length, 1.0)) if sys.stderr.isatty() else 0
-            line = f"{what}{count}: {start + t:.1f} of {length:.1f} s"
-            report(lambda: f"{line} {'━' * done}" if done else line)
-
-        yield advance
-
-
-@contextmanager
-def replay_keys() -> Iterator[Callable[[], str]]:
-    """Yield a function that returns a pressed key, or "" without a key press or terminal."""
-    if not sys.stderr.isatty():
-        yield _no_key
-        return
-    with keyboard() as read_key:
-        yield lambda: read_key(0.0)
-
-
-def _no_key() -> str:
-    return ""

@@ -1,6 +1,7 @@
 """Simulates what each source observes of a scene, frame by frame."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ DEFAULT_NAME = "simulator"
 _PHASE_STEP = 0.37
 
 
+@dataclass(kw_only=True, eq=False)
 class Simulation:
     """The frames that one source observes of a simulated scene.
 
@@ -51,28 +53,21 @@ class Simulation:
         If an argument is out of range.
     """
 
-    def __init__(
-        self,
-        spec: SceneSpec,
-        *,
-        seed: int = 0,
-        rate: float | None = None,
-        noise: float = 1.0,
-        time_scale: float = 1.0,
-        part: Part = WHOLE,
-        split: Split = "features",
-    ) -> None:
-        self.spec = spec
-        self.seed = seed
-        self.rate = spec.rate if rate is None else rate
-        self.noise = noise
-        self.time_scale = time_scale
-        self.part = part
+    spec: SceneSpec = field(kw_only=False)
+    seed: int = 0
+    rate: float = None  # type: ignore[assignment] # that of the scene
+    noise: float = 1.0
+    time_scale: float = 1.0
+    part: Part = WHOLE
+    split: Split = "features"
+
+    def __post_init__(self) -> None:
+        self.rate = self.spec.rate if self.rate is None else self.rate
         self._check()
-        self._phase = (_PHASE_STEP * part.index) % 1.0
-        self._actors = draw_actors(spec, seed)
-        divided = self._actors.slot if split == "features" else self._actors.object
-        self._mine = np.flatnonzero(divided % part.count == part.index)
+        self._phase = (_PHASE_STEP * self.part.index) % 1.0
+        self._actors = draw_actors(self.spec, self.seed)
+        divided = self._actors.slot if self.split == "features" else self._actors.object
+        self._mine = np.flatnonzero(divided % self.part.count == self.part.index)
         self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._mine]).any())
 
     @property
@@ -202,15 +197,7 @@ def simulate(
         known = spec.rates if len(spec.rates) == part.count else [spec.rate]
         chosen = [(part, rate_of(part, rates or known))]
     return [
-        Simulation(
-            spec,
-            seed=seed,
-            rate=rate,
-            noise=noise,
-            time_scale=time_scale,
-            part=each,
-            split=split,
-        )
+        Simulation(spec, seed=seed, rate=rate, noise=noise, time_scale=time_scale, part=each, split=split)
         for each, rate in chosen
     ]
 

@@ -2,11 +2,10 @@
 
 from .camera import CameraSpec, WorkcellCamera, open_camera
 from .scene import Scene, scene_names
-from .viewpoint import Cover, Viewpoint, calibration
+from .viewpoint import Viewpoint, calibration
 
 __all__ = [
     "CameraSpec",
-    "Cover",
     "Scene",
     "Viewpoint",
     "WorkcellCamera",

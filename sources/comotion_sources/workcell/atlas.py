@@ -22,27 +22,6 @@ _WIDTH = 4096  # texels; cv2.remap accepts at most 32767
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom without one
 
 
-@dataclass(frozen=True)
-class Face:
-    """Location of one face of a geom in the atlas.
-
-    Attributes
-    ----------
-    x, y
-        Texel of the upper left corner.
-    width, height
-        Size in metres.
-    scale
-        Texels per metre.
-    """
-
-    x: int
-    y: int
-    width: float
-    height: float
-    scale: float
-
-
 @dataclass(frozen=True, eq=False)
 class Atlas:
     """The image with its mipmap levels, and the faces of each geom.
@@ -54,12 +33,13 @@ class Atlas:
     level_tops
         float32 [LEVELS], first row of each level.
     faces
-        Per geom its faces (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one).
+        Per geom float32 [faces, 5] (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one):
+        texel x, y of the upper left corner, half width and half height in m, texels per metre.
     """
 
     image: Image
     level_tops: NDArray[np.float32]
-    faces: list[list[Face]]
+    faces: list[NDArray[np.float32]]
 
 
 def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
@@ -94,21 +74,19 @@ def build_atlas(model: Any, seed: int) -> Atlas:
     InputError
         If a geom or material has no texture.
     """
-    textures: list[tuple[int, int, Image, tuple[float, float], float]] = []
+    images: list[Image] = []
+    sizes: list[list[tuple[float, float, float]]] = []
     for geom in range(model.ngeom):
         material, colour = _material_of(model, geom)
-        for index, (width, height) in enumerate(
-            face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
-        ):
-            scale = _resolution(width, height)
-            shape = max(2, round(height * scale)), max(2, round(width * scale))
-            rng = np.random.default_rng([seed, geom, index])
-            textures.append((geom, index, material(rng, *shape, colour, scale), (width, height), scale))
-    image, corners = _pack([texture[2] for texture in textures])
-    faces: list[list[Face]] = [[] for _ in range(model.ngeom)]
-    for (geom, _, _, (width, height), scale), (x, y) in zip(textures, corners, strict=True):
-        faces[geom].append(Face(x, y, width, height, scale))
-    return Atlas(*_with_levels(image), faces)
+        faces = face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
+        sizes.append([(width / 2, height / 2, _resolution(width, height)) for width, height in faces])
+        for index, (half_w, half_h, scale) in enumerate(sizes[-1]):
+            shape = max(2, round(2 * half_h * scale)), max(2, round(2 * half_w * scale))
+            images.append(material(np.random.default_rng([seed, geom, index]), *shape, colour, scale))
+    image, corners = _pack(images)
+    corner = iter(corners)
+    placed = [np.array([(*next(corner), *face) for face in faces], np.float32) for faces in sizes]
+    return Atlas(*_with_levels(image), placed)
 
 
 def _material_of(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:

@@ -34,7 +34,7 @@ from ..errors import InputError
 from ..received import Inbox
 from ..timed import Timed
 from .scene import Scene, Vector
-from .viewpoint import Cover, Viewpoint
+from .viewpoint import Viewpoint
 
 PREFIX = "workcell:"
 DEFAULT_FEED = "workcell"
@@ -60,7 +60,7 @@ class CameraSpec:
     seed
         Seed of the scene; it must equal that of the process that drives the scene.
     cover
-        Time of the scene during which the lens is covered; None: never.
+        From and to when the lens is covered, s of the scene; None: never.
     duration
         Seconds until the stream ends; None: one period, or no end when attached.
     follow
@@ -72,7 +72,7 @@ class CameraSpec:
     size: tuple[int, int] = (640, 480)
     rate: float = 30.0
     seed: int = 0
-    cover: Cover | None = None
+    cover: tuple[float, float] | None = None
     duration: float | None = None
     follow: str = DEFAULT_FEED
 
@@ -105,11 +105,11 @@ def parse(text: str) -> CameraSpec:
     return CameraSpec(scene=scene, camera=camera, **values)
 
 
-def _cover(text: str) -> Cover:
+def _cover(text: str) -> tuple[float, float]:
     start, stop = (float(part) for part in text.split("-"))
     if not 0 <= start < stop < 1e6:
         raise KnownError(text)
-    return Cover(start, stop)
+    return start, stop
 
 
 _EDGE_PX = Annotated[int, Field(ge=16, le=4096)]
@@ -191,7 +191,7 @@ class WorkcellCamera(Camera):
 
     def _frame(self, configuration: Vector, stamp_ns: int) -> Frame:
         cover = self.spec.cover
-        if cover is not None and cover.hides(stamp_ns * 1e-9 % self.scene.period):
+        if cover is not None and cover[0] <= stamp_ns * 1e-9 % self.scene.period < cover[1]:
             return self.viewpoint.covered(stamp_ns)
         return self.viewpoint.frame(configuration, stamp_ns)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.model import Extrinsics, Intrinsics
-from .atlas import LEVELS, Atlas, Face, build_atlas
+from .atlas import LEVELS, Atlas, build_atlas
 from .extra import require_mujoco
 from .scene import MOVING, STILL, Scene, Vector
 from .shapes import Points, surface
@@ -75,13 +75,11 @@ class Renderer:
         v, u = np.mgrid[0 : self._shape[0], 0 : self._shape[1]]
         # Rays have z = 1 in the camera frame: the distance along them is then the depth.
         self._optical = intrinsics.rays(np.stack([u.ravel(), v.ravel()], 1))
-        self._rays = self._optical @ extrinsics.rotation.T
         self._light = np.array(scene.model.light_pos[0] if scene.model.nlight else (0.0, 0.0, 3.0))
         self._moving = np.flatnonzero(scene.model.geom_group == MOVING)
         sparse = np.arange(u.size, dtype=np.intp).reshape(self._shape)[::_SHADOW_STEP, ::_SHADOW_STEP]
         self._sparse_shape, self._sparse = sparse.shape, sparse.ravel()
-        self._still = self._render_still()
-        self._still_lit = self._reached_by_light(self._still.points[self._sparse], STILL)
+        self.move(extrinsics)
 
     def move(self, extrinsics: Extrinsics) -> None:
         """Move the camera; what is static is rendered anew."""
@@ -184,11 +182,10 @@ class Renderer:
         return x, y, np.float32(_DIFFUSE) * np.maximum(cosine, 0)
 
     def _locate(
-        self, faces: list[Face], face: NDArray[np.intp], u: Points, v: Points, depth: Points
+        self, faces: NDArray[np.float32], face: NDArray[np.intp], u: Points, v: Points, depth: Points
     ) -> tuple[Points, Points]:
         """Convert (u, v), metres right of and below the centre of a face, to atlas coordinates."""
-        table = np.array([(f.x, f.y, f.width / 2, f.height / 2, f.scale) for f in faces], np.float32)
-        left, top, half_w, half_h, scale = table[face].T
+        left, top, half_w, half_h, scale = faces[face].T
         # Stay half a texel inside: interpolation must not reach over the border of the face.
         x = left + np.clip((u + half_w) * scale - 0.5, 0, 2 * half_w * scale - 1)
         y = top + np.clip((v + half_h) * scale - 0.5, 0, 2 * half_h * scale - 1)

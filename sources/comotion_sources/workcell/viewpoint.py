@@ -1,7 +1,6 @@
 """Cameras of a scene: their true calibration, and frames with sensor noise and truth."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -85,18 +84,6 @@ def looking_at(position: Vector, target: Vector) -> Extrinsics:
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     return Extrinsics(np.stack([right, np.cross(forward, right), forward], axis=1), np.asarray(position))
-
-
-@dataclass(frozen=True)
-class Cover:
-    """The lens is covered from `start` to `stop`, in seconds of the scene."""
-
-    start: float
-    stop: float
-
-    def hides(self, t: float) -> bool:
-        """Whether the lens is covered at the time t."""
-        return self.start <= t < self.stop
 
 
 class Viewpoint:
