@@ -86,12 +86,15 @@ def usable_rows(
         usable = np.isfinite(states.astype(np.float32)).all(axis=1)
     absent = np.isnan(states).any(axis=1)
     negative = numbers < 0 if numbers.dtype.kind == "i" else np.zeros(len(numbers), bool)
-    bad: dict[RejectionReason, NDArray[np.bool_]] = {
-        "range": negative,
-        "non-finite": ~usable & ~absent & ~negative,
+    bad: dict[RejectionReason, tuple[NDArray[np.bool_], str]] = {
+        "range": (negative, "is negative"),
+        "non-finite": (~usable & ~absent & ~negative, "has a position that is infinite"),
     }
-    if not drop:
-        _refuse(numbers, bad)
+    for rows, words in bad.values():
+        if rows.any() and not drop:
+            more = f" (and {int(rows.sum()) - 1} more)" if rows.sum() > 1 else ""
+            first = numbers[np.flatnonzero(rows)[0]]
+            raise KnownError(f"id {first} {words}{more}; drop_invalid=True leaves such rows out")
     kept = np.flatnonzero(usable & ~negative)
     identities = numbers[kept].astype(np.uint64)
     if not instants and len(np.unique(identities)) != len(identities):
@@ -100,7 +103,7 @@ def usable_rows(
         identities,
         states[kept].astype(np.float32),
         _sigma(sigma, len(states), kept),
-        {reason: int(rows.sum()) for reason, rows in bad.items() if rows.any()},
+        {reason: int(rows.sum()) for reason, (rows, _) in bad.items() if rows.any()},
         kept,
         len(states),
     )
@@ -138,18 +141,6 @@ def _check_shapes(ids: NDArray[np.int64], positions: NDArray[np.float64]) -> Non
         raise KnownError(f"positions have the shape {positions.shape}, not [N, 2] or [N, 3]")
     if len(ids) != len(positions):
         raise KnownError(f"there are {len(ids)} ids for {len(positions)} positions")
-
-
-def _refuse(ids: NDArray[np.int64], bad: dict[RejectionReason, NDArray[np.bool_]]) -> None:
-    words: dict[RejectionReason, str] = {
-        "range": "is negative",
-        "non-finite": "has a position that is infinite",
-    }
-    for reason, rows in bad.items():
-        if rows.any():
-            first = int(ids[np.flatnonzero(rows)[0]])
-            more = f" (and {int(rows.sum()) - 1} more)" if rows.sum() > 1 else ""
-            raise KnownError(f"id {first} {words[reason]}{more}; drop_invalid=True leaves such rows out")
 
 
 def _sigma(

@@ -18,7 +18,7 @@ import zenoh.ext
 
 from .errors import KnownError
 from .keys import Keys, Kind, StreamKind
-from .qos import HEARTBEAT_S, QOS, QoS
+from .qos import HEARTBEAT_S, QOS
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -237,7 +237,13 @@ def connect(
 def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher:
     """Declare a publisher with the quality of service of a kind of key."""
     qos = QOS[kind]
-    options = _options(qos)
+    options: dict[str, Any] = {
+        "encoding": qos.encoding,
+        "congestion_control": zenoh.CongestionControl.DROP,
+        "priority": getattr(zenoh.Priority, qos.priority),
+        "express": qos.express,
+        "reliability": zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
+    }
     if not qos.cache:
         return session.declare_publisher(key, **options)
     return zenoh.ext.declare_advanced_publisher(
@@ -248,16 +254,6 @@ def declare_publisher(session: zenoh.Session, key: str, kind: Kind) -> Publisher
         publisher_detection=True,
         **options,
     )
-
-
-def _options(qos: QoS) -> dict[str, Any]:
-    return {
-        "encoding": qos.encoding,
-        "congestion_control": zenoh.CongestionControl.DROP,
-        "priority": getattr(zenoh.Priority, qos.priority),
-        "express": qos.express,
-        "reliability": zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
-    }
 
 
 def declare_subscriber(session: zenoh.Session, key: str, kind: Kind, handler: Any) -> Any:

@@ -51,15 +51,15 @@ class MarkerOutput:
 
         The empty batch keeps the watermark of the scene moving.
         """
-        markers = self._detector.detect(frame.image)
-        self.source.count("refused", markers.refused)
-        poses = [self._extrinsics.after(pose) for pose in markers.poses]
-        count = len(poses)
-        self.source.name_features({number: f"marker {number}" for number in markers.numbers.tolist()})
+        found = self._detector.detect(frame.image)
+        seen = {number: pose for number, pose in found.items() if pose is not None}
+        poses = [self._extrinsics.after(pose) for pose, _ in seen.values()]
+        self.source.count("refused", len(found) - len(seen))
+        self.source.name_features({number: f"marker {number}" for number in seen})
         self.source.observe(
             stamp_ns=frame.stamp_ns,
-            ids=markers.numbers,
-            positions=np.array([pose.translation for pose in poses]).reshape(count, 3),
-            quaternions=np.array([pose.quaternion for pose in poses]).reshape(count, 4) if count else None,
-            sigma=markers.sigma if count else None,
+            ids=np.array(list(seen), np.uint64),
+            positions=np.array([pose.translation for pose in poses]).reshape(-1, 3),
+            quaternions=[pose.quaternion for pose in poses] or None,
+            sigma=[sigma for _, sigma in seen.values()] or None,
         )

@@ -24,7 +24,7 @@ from .options import CameraOptions, space_of
 from .pacing import Pacer
 from .picture_file import NO_ENCODER, PictureFile
 from .preview import DelayedPreview, HypothesisFeed, PreviewStream
-from .tracker import Tracker, Tracks
+from .tracker import Tracker
 
 _RETRY_S = 1.0  # between two attempts to reopen a lost device
 _FLUSH_S = 2.0  # longest wait for the hypotheses of the last frames of a preview
@@ -67,7 +67,11 @@ class CameraProcess:
         self._extrinsics = given.extrinsics or camera.extrinsics
         self._space = space_of(camera, options, self._intrinsics, self._extrinsics)
         self._tracker = Tracker(options.tracker, self._space.intrinsics)
-        self._poses = self._open_poses() if options.posed else None
+        self._poses: PoseBuffer | None = None
+        if options.poses is not None:
+            self._poses = read_trajectory(options.poses, self._extrinsics)
+        elif options.carrier is not None:
+            self._poses = PoseBuffer(self._extrinsics)
         self._carrier: Carrier | None = None
         self._pacer = Pacer(options.pacing, camera.live, self._wait)
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
@@ -88,12 +92,6 @@ class CameraProcess:
             self._end_features()
         counts = ", ".join(f"{name} {count}" for name, count in self._counters().items() if count)
         _log.info("%s: ended; %s", self._what, counts)
-
-    def _open_poses(self) -> PoseBuffer:
-        """Read the trajectory file, or prepare for the poses of the carrier."""
-        if self._options.poses is not None:
-            return read_trajectory(self._options.poses, self._extrinsics)
-        return PoseBuffer(self._extrinsics)
 
     def _connect(self, stack: ExitStack) -> None:
         options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE
@@ -196,7 +194,10 @@ class CameraProcess:
             self._publisher.put(message)
         if self._markers is not None:
             self._markers.publish(seen)
-        self._show(frame, tracks)
+        if self._stream is not None:
+            self._stream.offer(frame.image, tracks)
+        if self._preview is not None:
+            self._preview.add(frame.image, tracks)
 
     def _check_size(self, frame: Frame) -> None:
         size = frame.image.shape[:2]
@@ -222,12 +223,6 @@ class CameraProcess:
         if missing != bool(self._publisher.fault):
             self._publisher.fault = f"{self._what}: frames come without depth" if missing else ""
             _log.warning("%s: %s", self._what, "no depth" if missing else "depth is back")
-
-    def _show(self, frame: Frame, tracks: Tracks) -> None:
-        if self._stream is not None:
-            self._stream.offer(frame.image, tracks)
-        if self._preview is not None:
-            self._preview.add(frame.image, tracks)
 
     def _flush_preview(self) -> None:
         """Wait for the hypotheses of the last frames, unless a signal ends the process."""

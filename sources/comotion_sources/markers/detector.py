@@ -36,28 +36,6 @@ class MarkerOptions:
         find_dictionary(self.dictionary)
 
 
-@dataclass(frozen=True, eq=False)
-class Markers:
-    """The markers of one image.
-
-    Attributes
-    ----------
-    numbers
-        uint64 [N], numbers in the dictionary, ascending.
-    poses
-        [N], marker to camera (optical axes); marker axes: x right, y up, z out of its face.
-    sigma
-        float64 [N], isotropic one-sigma noise of the position, m.
-    refused
-        Number of markers that occur twice or whose two mirrored poses are ambiguous.
-    """
-
-    numbers: NDArray[np.uint64]
-    poses: list[Extrinsics]
-    sigma: Floats
-    refused: int
-
-
 def dictionary_names() -> list[str]:
     """List the names of the available dictionaries, e.g. ``4x4_50`` and ``apriltag_36h11``."""
     return sorted(
@@ -119,17 +97,17 @@ class MarkerDetector:
         self._detector = make_detector(find_dictionary(self.options.dictionary))
         self._square = corners_of(self.options.size)
 
-    def detect(self, image: Image) -> Markers:
-        """Find the markers in an image, uint8 [H, W] or [H, W, 3] (BGR)."""
+    def detect(self, image: Image) -> dict[int, tuple[Extrinsics, float] | None]:
+        """Find the markers in an image, uint8 [H, W] or [H, W, 3] (BGR).
+
+        Returns
+        -------
+        By number, ascending: the pose from marker to camera (optical axes; marker axes: x right, y up, z out
+        of its face), and the isotropic one-sigma noise of its position, m. None for a marker that occurs
+        twice or whose two mirrored poses are ambiguous.
+        """
         found = outlines(self._detector, image)
-        posed = {n: self._pose(n, corners) for n, corners in found.items() if corners is not None}
-        seen = {number: pose for number, pose in posed.items() if pose is not None}
-        return Markers(
-            numbers=np.array(list(seen), np.uint64),
-            poses=[pose for pose, _ in seen.values()],
-            sigma=np.array([sigma for _, sigma in seen.values()], np.float64),
-            refused=len(found) - len(seen),
-        )
+        return {n: None if corners is None else self._pose(n, corners) for n, corners in found.items()}
 
     def _pose(self, number: int, corners: NDArray[np.float32]) -> tuple[Extrinsics, float] | None:
         candidates = planar_poses(self.intrinsics, self._square, corners.astype(np.float64))

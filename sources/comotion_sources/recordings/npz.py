@@ -102,7 +102,9 @@ def _recording(name: str, archive: Any, fps: float | None) -> Recording:
     if "positions" not in archive:
         arrays = {key: _array(archive, key) for key in NAMES if key in archive}
         return tracks_recording(name, arrays, fps)
-    positions = _numbers(archive, "positions", 3)
+    positions = _array(archive, "positions")
+    if positions.ndim != 3 or positions.dtype.kind not in "iuf":
+        raise RecordingError("its array 'positions' is not a 3-dimensional array of numbers")
     if fps is not None and "times" not in archive:
         times = np.arange(len(positions)) / fps
     else:
@@ -120,17 +122,10 @@ def _recording(name: str, archive: Any, fps: float | None) -> Recording:
     return Recording(
         name=name,
         times=times - times[0] if frames else times,
-        positions=clean(positions * (_scale(archive) if dim == 3 else 1.0)),
+        positions=clean(positions.astype(np.float64) * (_scale(archive) if dim == 3 else 1.0)),
         labels=labels,
         label_names={} if labels is None else _label_names(archive),
     )
-
-
-def _numbers(archive: Any, name: str, rank: int) -> NDArray[np.float64]:
-    array = _array(archive, name)
-    if array.ndim != rank or array.dtype.kind not in "iuf":
-        raise RecordingError(f"its array {name!r} is not a {rank}-dimensional array of numbers")
-    return np.asarray(array, np.float64)
 
 
 def _array(archive: Any, name: str) -> NDArray[Any]:

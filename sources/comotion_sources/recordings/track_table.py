@@ -92,19 +92,14 @@ def _cells(rows: Any, width: int) -> Iterator[list[float]]:
             continue
         if len(cells) != width:
             raise RecordingError(f"line {rows.line_num} has {len(cells)} cells, the first line {width}")
-        try:
-            yield [float(_WORDS.get(cell.strip().lower(), cell)) for cell in cells]
-        except ValueError:
-            wrong = next(cell for cell in cells if not _is_number(cell))
-            raise RecordingError(f"line {rows.line_num}: {wrong[:20]!r} is not a number") from None
+        yield [_number(cell, rows.line_num) for cell in cells]
 
 
-def _is_number(cell: str) -> bool:
+def _number(cell: str, line: int) -> float:
     try:
-        float(_WORDS.get(cell.strip().lower(), cell))
+        return float(_WORDS.get(cell.strip().lower(), cell))
     except ValueError:
-        return False
-    return True
+        raise RecordingError(f"line {line}: {cell[:20]!r} is not a number") from None
 
 
 def _column(columns: Mapping[str, NDArray[np.float64]], names: Sequence[str], what: str) -> NDArray[Any]:

@@ -21,20 +21,6 @@ _MAX_DELAY_NS = 50_000_000
 _log = logging.getLogger(__name__)
 
 
-def joint_states(scene: Scene, stamp_ns: int, *, source: str, session: str, seq: int) -> JointStates:
-    """Build the joint states of a scene at a stamp: t = stamp modulo the period."""
-    period_ns = round(scene.period * 1e9)
-    t = (stamp_ns % period_ns if period_ns else stamp_ns) * 1e-9
-    return JointStates(
-        source=source,
-        session=session,
-        seq=seq,
-        stamp_ns=stamp_ns,
-        names=list(scene.joints),
-        positions=scene.configuration(t),
-    )
-
-
 def run(
     workcell: Scene,
     *,
@@ -76,14 +62,20 @@ def run(
         publisher = stream_publisher(component.session, component.keys, "joints", name)
         component.ready()
         until = float("inf") if duration is None else time.monotonic() + duration
-        identity = {"source": name, "session": component.session_id}
-        period_ns = round(1e9 / rate)
+        period_ns, cycle_ns = round(1e9 / rate), round(workcell.period * 1e9)
         index = time.time_ns() // period_ns + 1
         while time.monotonic() < until:
             stamp = index * period_ns
             if component.stop.wait(max(0.0, (stamp - time.time_ns()) * 1e-9)):
                 break
-            message = joint_states(workcell, stamp, seq=counters["batches"], **identity)
+            message = JointStates(
+                source=name,
+                session=component.session_id,
+                seq=counters["batches"],
+                stamp_ns=stamp,
+                names=list(workcell.joints),
+                positions=workcell.configuration((stamp % cycle_ns if cycle_ns else stamp) * 1e-9),
+            )
             publisher.put(encode(message))
             counters["batches"] += 1
             due = max(index + 1, (time.time_ns() - _MAX_DELAY_NS) // period_ns)
