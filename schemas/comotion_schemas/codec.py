@@ -17,6 +17,7 @@ from .hypotheses import HypothesisUpdate
 from .keys import kind_of, publisher_of
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
 from .qos import QOS
+from .text import shown
 from .types import MAX_BYTES
 
 Message: TypeAlias = ObservationBatch | TruthBatch | JointStates | Preview | HypothesisUpdate | Status
@@ -116,9 +117,9 @@ def decode_on(key: str, payload: bytes) -> Message:
     """
     kind, message = kind_of(key), decode(payload)
     if kind is None or type(message).__name__ != QOS[kind].message:
-        raise DecodeError("schema", f"a {type(message).__name__} on {_printable(key)}")
+        raise DecodeError("schema", f"a {type(message).__name__} on {shown(key, 200)}")
     if _publisher(message) != publisher_of(key):
-        raise DecodeError("source-mismatch", f"published on {_printable(key)}")
+        raise DecodeError("source-mismatch", f"published on {shown(key, 200)}")
     return message
 
 
@@ -170,7 +171,7 @@ class _Containers:
             if not isinstance(key, str):
                 raise DecodeError("malformed", "a map key is not a string")
             if value is None:  # in the protocol an unset optional field is absent
-                raise DecodeError("schema", f"{_printable(key)}: nil")
+                raise DecodeError("schema", f"{shown(key, 200)}: nil")
         return content
 
     def list(self, items: list[Any]) -> list[Any]:
@@ -183,16 +184,11 @@ class _Containers:
             raise DecodeError("limit", f"more than {_MAX_TOTAL} items")
 
 
-def _printable(text: str) -> str:
-    """Replace control characters: received text must not change the display of an error."""
-    return "".join(char if char.isprintable() else "?" for char in text[:200])
-
-
 def _decode_error(error: ValidationError) -> DecodeError:
     first = error.errors(include_url=False, include_input=False)[0]
     kind = first["type"]
     reason = kind if kind in _REASONS else _PYDANTIC_REASONS.get(kind, "schema")
-    where = _printable(".".join(str(part) for part in first["loc"]))
+    where = shown(".".join(str(part) for part in first["loc"]), 200)
     detail = f"{where}: {first['msg']}" if where else first["msg"]
     return DecodeError(cast("RejectionReason", reason), detail[:500])
 

@@ -45,6 +45,7 @@ class Frame:
     quaternions: NDArray[np.float64] | None = None
 
 
+@dataclass(kw_only=True)
 class MessageBuilder:
     """Builds the messages of one session of a source; batches are numbered from 0.
 
@@ -58,13 +59,13 @@ class MessageBuilder:
         Whether its frame is carried, as that of a camera in the hand.
     """
 
-    def __init__(
-        self, *, source: str, session: str, space: str, unit: Unit, dim: int, moving: bool = False
-    ) -> None:
-        self.source, self.session = source, session
-        self._space, self._unit, self._dim = space, unit, dim
-        self._moving = True if moving else None
-        self._seq = 0
+    source: str
+    session: str
+    space: str
+    unit: Unit
+    dim: int
+    moving: bool = False
+    seq: int = field(default=0, init=False)
 
     def observation(self, **columns: Any) -> ObservationBatch:
         """Build the next batch; `columns` are the other fields of :class:`ObservationBatch`, as array-likes.
@@ -74,17 +75,8 @@ class MessageBuilder:
         pydantic.ValidationError
             If the arrays are malformed; the sequence number is then not used.
         """
-        batch = ObservationBatch(
-            source=self.source,
-            session=self.session,
-            seq=self._seq,
-            space=self._space,
-            unit=self._unit,
-            dim=self._dim,
-            moving=self._moving,
-            **columns,
-        )
-        self._seq += 1
+        batch = ObservationBatch(**vars(self) | {"moving": self.moving or None}, **columns)
+        self.seq += 1
         return batch
 
     def truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> TruthBatch:

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Self, Unpack
@@ -173,9 +174,9 @@ class Source:
         """Add to a counter that appears in Status."""
         self._counters[name] = self._counters.get(name, 0) + amount
 
-    def reject(self, reason: RejectionReason, text: str = "") -> None:
-        """Count a rejected input by its reason for Status; a `text` that says more is logged once."""
-        self._rejected[reason] = self._rejected.get(reason, 0) + 1
+    def reject(self, reason: RejectionReason, text: str = "", count: int = 1) -> None:
+        """Count rejected input by its reason for Status; a `text` that says more is logged once."""
+        self._rejected[reason] = self._rejected.get(reason, 0) + count
         if text and text not in self._logged and len(self._logged) < _MOST_LOGGED:
             self._logged.add(text)
             _log.warning("%s: such messages are left out", text)
@@ -284,28 +285,22 @@ class SourcePublisher(Source):
             ready_file=ready_file,
         )
         self._drop_invalid = drop_invalid
-        self._moving = moving
         # Whether the first positions were looked at.
         self._judged = False
-        self._space: tuple[str, Unit, int] = (space, unit, dim)
-        self.builder = self._builder()
+        session = self.component.session_id
+        self.builder = MessageBuilder(
+            source=name, session=session, space=space, unit=unit, dim=dim, moving=moving
+        )
 
     @property
     def dropped(self) -> dict[RejectionReason, int]:
         """Rows that were left out, by reason."""
         return dict(self._rejected)
 
-    def _builder(self) -> MessageBuilder:
-        space, unit, dim = self._space
-        session = self.component.session_id
-        return MessageBuilder(
-            source=self.name, session=session, space=space, unit=unit, dim=dim, moving=self._moving
-        )
-
     def new_session(self) -> None:
         """Start a new session: all trajectories end, and ids and sequence numbers start again."""
         self._begin_session(new_session_id())
-        self.builder = self._builder()
+        self.builder = replace(self.builder, session=self.component.session_id)
 
     def observe(
         self,
@@ -354,23 +349,17 @@ class SourcePublisher(Source):
                 if text := coarse(rows.positions):
                     _log.warning("%s", text)
             for reason, count in rows.dropped.items():
-                self._rejected[reason] = self._rejected.get(reason, 0) + count
+                self.reject(reason, count=count)
+            given = {"covariance": covariance, "quaternions": quaternions, "stamps_ns": stamps_ns}
+            columns = {name: rows.of(name, column) for name, column in given.items() if column is not None}
             stamp = time.time_ns() if stamp_ns is None else stamp_ns
-            stamps = None if stamps_ns is None else rows.of("stamps_ns", stamps_ns)
-            if stamps is not None and len(rows.kept) < rows.given and len(stamps):
-                stamp = int(stamps.max())
-            self.put(
-                self.builder.observation(
-                    stamp_ns=stamp,
-                    ids=rows.ids,
-                    positions=rows.positions if len(rows.ids) else np.zeros((0, self._space[2]), np.float32),
-                    sigma=rows.sigma,
-                    covariance=None if covariance is None else rows.of("covariance", covariance),
-                    quaternions=None if quaternions is None else rows.of("quaternions", quaternions),
-                    ended=ended,
-                    stamps_ns=stamps,
-                )
+            if stamps_ns is not None and 0 < len(rows.kept) < rows.given:
+                stamp = int(columns["stamps_ns"].max())
+            positions = rows.positions if len(rows.ids) else np.zeros((0, self.builder.dim))
+            batch = self.builder.observation(
+                stamp_ns=stamp, ids=rows.ids, positions=positions, sigma=rows.sigma, ended=ended, **columns
             )
+            self.put(batch)
 
     def tell_truth(self, *, ids: ArrayLike, objects: ArrayLike, names: Mapping[int, str]) -> None:
         """Publish the true objects of features.

@@ -108,11 +108,8 @@ class Observer:
         objects: Mapping[int, str] | None = None,
         poses: PoseBuffer | None = None,
     ) -> None:
-        self._space = space
-        self._poses = poses
-        self.unposed = 0
-        self._builder = builder
-        self._objects = dict(objects or {})
+        self._space, self._builder, self._objects = space, builder, dict(objects or {})
+        self._poses, self.unposed = poses, 0
 
     def messages(self, tracks: Tracks, frame: Frame) -> Iterator[TruthBatch | ObservationBatch]:
         """Build the messages of a frame; its batch leaves out features without depth."""
@@ -120,7 +117,6 @@ class Observer:
             ids = tracks.ids[tracks.born]
             objects = objects_under(frame.objects, tracks.pixels[tracks.born])
             yield self._builder.truth(ids=ids, objects=objects, names=self._objects)
-        ended = tracks.ended if len(tracks.ended) else None
         positions, sigma = self._states(tracks)
         shown = np.isfinite(positions).all(axis=1)
         known = bool(np.isfinite(sigma[shown]).all())
@@ -129,15 +125,13 @@ class Observer:
             ids=tracks.ids[shown],
             positions=positions[shown],
             sigma=sigma[shown].astype(np.float32) if known else None,
-            ended=ended,
+            ended=tracks.ended if len(tracks.ended) else None,
         )
 
     def ending(self, ids: NDArray[np.uint64], stamp_ns: int) -> ObservationBatch:
         """Build the batch that ends features, as after a cut or at the end of the stream."""
-        nothing = np.empty((0, self._space.dim), np.float32)
-        return self._builder.observation(
-            stamp_ns=stamp_ns, ids=np.empty(0, np.uint64), positions=nothing, ended=ids
-        )
+        nothing = np.empty((0, self._space.dim))
+        return self._builder.observation(stamp_ns=stamp_ns, ids=[], positions=nothing, ended=ids)
 
     def _states(self, tracks: Tracks) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if tracks.points is None or tracks.sigma is None:

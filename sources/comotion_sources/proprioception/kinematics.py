@@ -100,7 +100,15 @@ class Kinematics:
         ]
         self._needed = self._find_joints()
         self.joints = tuple(model.joint(i).name for i in self._needed)
-        self._counts = self._resolutions() / np.sqrt(12.0)  # one sigma of a rounding error
+        hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)
+        steps = (self._encoders.linear, self._encoders.angular)
+        self._steps = {
+            name: steps[int(model.jnt_type[joint]) == hinge]
+            for name, joint in zip(self.joints, self._needed, strict=True)
+        }
+        self._counts = np.zeros(model.nv)
+        # One sigma of a rounding error.
+        self._counts[model.jnt_dofadr[self._needed]] = np.array(list(self._steps.values())) / np.sqrt(12.0)
 
     def poses(self, sample: JointSample) -> LinkPoses:
         """Compute the poses of the links for a joint sample; other joints in it are ignored.
@@ -121,12 +129,7 @@ class Kinematics:
 
         Joints that move none of the links are not changed.
         """
-        counts = {
-            joint: step
-            for joint, index in zip(self.joints, self._needed, strict=True)
-            if (step := self._resolutions()[self._model.jnt_dofadr[index]]) > 0
-        }
-        steps = np.array([counts.get(name, 0.0) for name in sample.names])
+        steps = np.array([self._steps.get(name, 0.0) for name in sample.names])
         safe = np.where(steps > 0, steps, 1.0)
         rounded = np.where(steps > 0, np.rint(sample.positions / safe) * safe, sample.positions)
         return JointSample(sample.stamp_ns, sample.names, rounded)
@@ -174,13 +177,3 @@ class Kinematics:
                 name = model.joint(joint).name
                 raise InputError(f"joint {name!r} is neither a hinge nor a slide")
         return needed
-
-    def _resolutions(self) -> Vector:
-        """Encoder resolution of each degree of freedom [nv], rad or m; 0 for joints that are not used."""
-        hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)
-        counts = np.zeros(self._model.nv)
-        for joint in self._needed:
-            angular = int(self._model.jnt_type[joint]) == hinge
-            step = self._encoders.angular if angular else self._encoders.linear
-            counts[self._model.jnt_dofadr[joint]] = step
-        return counts
