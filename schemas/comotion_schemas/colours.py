@@ -72,8 +72,11 @@ class Palette:
         }
         new = [h for h in hypotheses if h.id not in self._given]
         have = {listed[number].space for number, rgb in self._given.items() if rgb == BACKGROUND}
-        for number in _backgrounds([h for h in new if h.id in behind and h.space not in have]):
-            self._given[number] = BACKGROUND
+        # A hypothesis at rest goes before one that is not known to be, and a larger one before a smaller.
+        for h in sorted(new, key=lambda h: (h.state == "static", h.size), reverse=True):
+            if h.id in behind and h.space not in have:
+                have.add(h.space)
+                self._given[h.id] = BACKGROUND
         for h in sorted(new, key=lambda h: h.id):
             if h.id not in self._given:
                 self._given[h.id] = self._free(h.id)
@@ -108,20 +111,6 @@ def _is_behind(body: Hypothesis, listed: Sequence[Hypothesis]) -> bool:
 
 def _area(body: Hypothesis) -> float:
     return 0.0 if body.box is None else math.prod(body.box.half)
-
-
-def _backgrounds(candidates: Sequence[Hypothesis]) -> list[int]:
-    """The best candidate of each space."""
-    best: dict[str, Hypothesis] = {}
-    for h in candidates:
-        if h.space not in best or _rank(h) > _rank(best[h.space]):
-            best[h.space] = h
-    return [h.id for h in best.values()]
-
-
-def _rank(hypothesis: Hypothesis) -> tuple[bool, int]:
-    # A hypothesis at rest goes before one that is not known to be.
-    return hypothesis.state == "static", hypothesis.size
 
 
 def colour(hypothesis: int) -> RGB:

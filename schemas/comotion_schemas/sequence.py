@@ -104,11 +104,7 @@ class SequenceCounter:
         seq
             Sequence number, 0 or more.
         """
-        key = publisher, session
-        # The last in the dictionary is the one seen last.
-        runs = self._sessions[key] = self._sessions.pop(key, [])
-        if len(self._sessions) > MAX_SESSIONS:
-            del self._sessions[next(iter(self._sessions))]
+        runs = self._runs(publisher, session)
         run = next((known for known in reversed(runs) if known.is_near(seq)), None)
         if run is not None:
             if runs[-1] is not run:
@@ -125,18 +121,22 @@ class SequenceCounter:
         A number that comes after all is ``overtaken``, and lost no more. A claim beyond what a gap may be is
         not believed.
         """
-        key = publisher, session
-        runs = self._sessions.get(key)
+        runs = self._sessions.get((publisher, session))
         if not count or count > 2**63 or (runs and not runs[-1].is_near(count - 1)):
             return 0
         if runs:
             return runs[-1].extend(count)
         if count > MAX_JUMP:
             return 0
-        self._sessions[key] = [_Run(count - 1, 0, [(0, count)])]
+        self._runs(publisher, session).append(_Run(count - 1, 0, [(0, count)]))
+        return count
+
+    def _runs(self, publisher: str, session: str) -> list[_Run]:
+        """Runs of a session, which is now the one seen last: the last in the dictionary."""
+        runs = self._sessions[publisher, session] = self._sessions.pop((publisher, session), [])
         if len(self._sessions) > MAX_SESSIONS:
             del self._sessions[next(iter(self._sessions))]
-        return count
+        return runs
 
     def newest(self, publisher: str, session: str) -> int | None:
         """Largest number of the run seen last; None where the session is not known."""

@@ -65,7 +65,7 @@ class MessageBuilder:
     unit: Unit
     dim: int
     moving: bool = False
-    seq: int = field(default=0, init=False)
+    seq: int = field(default_factory=int, init=False)
 
     def observation(self, **columns: Any) -> ObservationBatch:
         """Build the next batch; `columns` are the other fields of :class:`ObservationBatch`, as array-likes.

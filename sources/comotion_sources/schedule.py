@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_left, insort
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,22 +102,17 @@ class Restamp:
         if not isinstance(message, TruthBatch | ObservationBatch | JointStates | Preview):
             return message
         session = self._sessions.setdefault((message.source, message.session), new_session_id())
-        if isinstance(message, TruthBatch):
-            return replace(message, session=session)
-        stamp = int(self._moved(np.array([message.stamp_ns]))[0])
-        if isinstance(message, Preview):
-            return replace(message, session=session, stamp_ns=stamp)
-        seq = message.seq - bisect_left(self._left_out.get((type(message), session), ()), message.seq)
-        if isinstance(message, JointStates):
-            return replace(message, session=session, seq=seq, stamp_ns=stamp)
-        return replace(
-            message,
-            session=session,
-            seq=seq,
-            stamp_ns=stamp,
-            stamps_ns=None if message.stamps_ns is None else self._moved(message.stamps_ns),
-            ended=self._with_ended(message, session),
-        )
+        changes: dict[str, Any] = {"session": session}
+        if not isinstance(message, TruthBatch):
+            changes["stamp_ns"] = int(self._moved(np.array([message.stamp_ns]))[0])
+        if isinstance(message, ObservationBatch | JointStates):
+            left_out = self._left_out.get((type(message), session), ())
+            changes["seq"] = message.seq - bisect_left(left_out, message.seq)
+        if isinstance(message, ObservationBatch):
+            changes["ended"] = self._with_ended(message, session)
+            if message.stamps_ns is not None:
+                changes["stamps_ns"] = self._moved(message.stamps_ns)
+        return replace(message, **changes)
 
     def leave_out(self, message: Message) -> None:
         """Take note of a message that is left out: the next batch says what has ended in it."""

@@ -12,6 +12,7 @@ LATE_NS = 200_000_000
 CLOCK_STEP_NS = 1_000_000_000
 """If a device's stamp goes back by more than this, its clock was set back."""
 
+_COUNTERS = ("late", "duplicates", "thinned", "overruns", "slips", "clock_steps")
 MAX_SKIPPED = 5
 """Most consecutive frames left out to catch up; then the recording is played more slowly instead."""
 
@@ -61,11 +62,7 @@ class Pacer:
     wait: Callable[[float], object]
     wall: Callable[[], int] = time.time_ns
     monotonic: Callable[[], int] = time.monotonic_ns
-    counters: dict[str, int] = field(
-        default_factory=lambda: dict.fromkeys(
-            ("late", "duplicates", "thinned", "overruns", "slips", "clock_steps"), 0
-        )
-    )
+    counters: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTERS, 0))
     _last_ns: int | None = None
     _next_ns: int | None = None
     _first_ns: int | None = None
