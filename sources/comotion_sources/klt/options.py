@@ -1,15 +1,12 @@
-"""Options of a camera source, and the coordinate space that follows from them."""
+"""Options of a camera source."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..calibration.files import Calibration, CalibrationError
-from ..calibration.model import Extrinsics, Intrinsics
-from ..cameras.types import Camera
+from ..calibration.files import Calibration
 from ..markers.detector import MarkerOptions
 from .carrier import CarrierName
 from .config import TrackerConfig
-from .observer import CameraSpace, choose_space
 from .pacing import Pacing
 
 
@@ -67,33 +64,3 @@ class CameraOptions:
     def posed(self) -> bool:
         """Whether the pose of every frame is known."""
         return self.poses is not None or self.carrier is not None
-
-
-def space_of(
-    camera: Camera, options: CameraOptions, intrinsics: Intrinsics | None, extrinsics: Extrinsics | None
-) -> CameraSpace:
-    """Choose the coordinate space of a camera; see :func:`choose_space`.
-
-    Raises
-    ------
-    CalibrationError
-        If a fixed camera has no extrinsics but publishes metres.
-    CameraError
-        If there is depth but no intrinsics.
-    """
-    has_depth = camera.has_depth and options.use_depth
-    if options.posed:
-        if not has_depth or intrinsics is None:
-            raise CalibrationError("poses need a camera with depth and intrinsics: --calibration FILE")
-        return CameraSpace(options.space or "world", "m", 3, intrinsics)
-    if options.fixed and extrinsics is None and (has_depth or options.markers is not None):
-        raise CalibrationError(
-            "an external camera needs its extrinsics: --extrinsics FILE ('comotion calibrate' makes it)"
-        )
-    return choose_space(
-        options.name,
-        has_depth=has_depth,
-        intrinsics=intrinsics,
-        extrinsics=extrinsics,
-        name=options.space,
-    )

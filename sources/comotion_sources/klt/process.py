@@ -19,8 +19,8 @@ from ..runtime import SourcePublisher
 from .carrier import Carrier
 from .drawing import Annotator
 from .marker_output import MarkerOutput
-from .observer import Observer
-from .options import CameraOptions, space_of
+from .observer import CameraSpace, Observer, choose_space
+from .options import CameraOptions
 from .pacing import Pacer
 from .picture_file import NO_ENCODER, PictureFile
 from .preview import DelayedPreview, HypothesisFeed, PreviewStream
@@ -65,7 +65,7 @@ class CameraProcess:
         given = options.calibration
         self._intrinsics = given.intrinsics or camera.intrinsics
         self._extrinsics = given.extrinsics or camera.extrinsics
-        self._space = space_of(camera, options, self._intrinsics, self._extrinsics)
+        self._space = self._choose_space()
         self._tracker = Tracker(options.tracker, self._space.intrinsics)
         self._poses: PoseBuffer | None = None
         if options.poses is not None:
@@ -92,6 +92,24 @@ class CameraProcess:
             self._end_features()
         counts = ", ".join(f"{name} {count}" for name, count in self._counters().items() if count)
         _log.info("%s: ended; %s", self._what, counts)
+
+    def _choose_space(self) -> CameraSpace:
+        options, has_depth = self._options, self._camera.has_depth and self._options.use_depth
+        if options.posed:
+            if not has_depth or self._intrinsics is None:
+                raise CalibrationError("poses need a camera with depth and intrinsics: --calibration FILE")
+            return CameraSpace(options.space or "world", "m", 3, self._intrinsics)
+        if options.fixed and self._extrinsics is None and (has_depth or options.markers is not None):
+            raise CalibrationError(
+                "an external camera needs its extrinsics: --extrinsics FILE ('comotion calibrate' makes it)"
+            )
+        return choose_space(
+            options.name,
+            has_depth=has_depth,
+            intrinsics=self._intrinsics,
+            extrinsics=self._extrinsics,
+            name=options.space,
+        )
 
     def _connect(self, stack: ExitStack) -> None:
         options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE

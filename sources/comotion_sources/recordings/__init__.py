@@ -29,9 +29,20 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
     RecordingError
         If the file is missing, truncated, empty or not a recording; one line that names the file.
     """
+    from .c3d import read_c3d
+    from .npz import read_npy, read_npz
+    from .track_table import read_csv
+
     path = Path(path)
+    readers = {".c3d": read_c3d, ".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
+    reader = readers.get(path.suffix.lower())
     try:
-        recording = _read(path, fps)
+        if path.stat().st_size == 0:
+            raise RecordingError("the file is empty")
+        if reader is None:
+            # A recorded scene has readers of its own; it is accepted wherever these are.
+            raise RecordingError(f"its ending is not one of {', '.join((*readers, SUFFIX))}")
+        recording = reader(path, fps)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
     except RecordingError as error:
@@ -39,18 +50,3 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
     for text in doubts(recording.positions, recording.unit):
         _log.warning("%s: %s", path, text)
     return recording
-
-
-def _read(path: Path, fps: float | None) -> Recording:
-    from .c3d import read_c3d
-    from .npz import read_npy, read_npz
-    from .track_table import read_csv
-
-    if path.stat().st_size == 0:
-        raise RecordingError("the file is empty")
-    readers = {".c3d": read_c3d, ".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        # A recorded scene has readers of its own; it is accepted wherever these are.
-        raise RecordingError(f"its ending is not one of {', '.join((*readers, SUFFIX))}")
-    return reader(path, fps)

@@ -4,7 +4,8 @@ The draw depends on the seed alone. Sources that observe parts of one scene in s
 therefore simulate the same world, including replaced features.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from .motion import Array, Path
 from .spec import Body, Gaps, Range, Respawn, SceneSpec
 
-_INTEGERS = {"body": np.intp, "object": np.int32, "slot": np.intp}
 # One stream of random numbers per purpose: a change of one draw does not change the others.
 _PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
 
@@ -88,18 +88,11 @@ class Actors(Features):
     names: dict[int, str]
 
 
-@dataclass(frozen=True)
-class _Actor:
-    """One feature, before the rows are put into columns."""
-
-    body: int
-    object: int
-    slot: int
-    local: Array
-    birth: float
-    death: float
-    sigma: float
-    pose_sigma: float = float("nan")
+_COLUMNS = {"body": np.intp, "object": np.int32, "slot": np.intp} | dict.fromkeys(
+    ("local", "birth", "death", "sigma", "pose_sigma"), np.float64
+)
+_Actor = tuple[int, int, int, Array, float, float, float, float]
+"""One feature, by these columns."""
 
 
 def draw_actors(spec: SceneSpec, seed: int) -> Actors:
@@ -115,14 +108,10 @@ def draw_actors(spec: SceneSpec, seed: int) -> Actors:
         drawn += _body_actors(spec, body, index, number, slots, stream(seed, _FEATURES, index))
         slots += body.features + body.poses
     _add_outliers(spec, seed, slots, paths, drawn, names)
-    drawn.sort(key=lambda actor: actor.birth)
+    rows = np.array(drawn, [(name, kind, (spec.dim,)[: name == "local"]) for name, kind in _COLUMNS.items()])
+    rows = rows[np.argsort(rows["birth"], kind="stable")]
+    columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in _COLUMNS}
     camera = Path(spec.camera, spec.dim, stream(seed, _CAMERA)) if spec.camera else None
-    columns = {
-        column.name: np.array(
-            [getattr(actor, column.name) for actor in drawn], _INTEGERS.get(column.name, np.float64)
-        )
-        for column in fields(_Actor)
-    }
     gap = _gaps(spec.gaps, columns["birth"], columns["death"], spec.duration, stream(seed, _GAPS))
     return Actors(paths=paths, camera=camera, gap=gap, names=names, **columns)
 
@@ -135,7 +124,7 @@ def _body_actors(
 
     def actor(place: int, birth: float, death: float, pose_sigma: float = float("nan")) -> _Actor:
         local = rng.uniform(-half, half)
-        return _Actor(index, number, slot + place, local, birth, death, body.sigma, pose_sigma)
+        return index, number, slot + place, local, birth, death, body.sigma, pose_sigma
 
     births = np.zeros(body.features)
     drawn = []
@@ -166,7 +155,7 @@ def _add_outliers(
         number = len(names)
         names[number] = f"outlier {k + 1}"
         local = np.zeros(spec.dim)
-        drawn.append(_Actor(len(paths) - 1, number, slots + k, local, 0.0, np.inf, spec.outliers.sigma))
+        drawn.append((len(paths) - 1, number, slots + k, local, 0.0, np.inf, spec.outliers.sigma, np.nan))
 
 
 def _gaps(gaps: Gaps | None, birth: Array, death: Array, duration: float, rng: np.random.Generator) -> Array:

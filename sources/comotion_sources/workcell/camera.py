@@ -14,18 +14,19 @@ In both modes the time of the scene is the stamp modulo the period.
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, cast
 from urllib.parse import parse_qsl
 
 import numpy as np
-from pydantic import Field, TypeAdapter
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.dataclasses import dataclass
 
 from comotion_schemas import JointStates
 from comotion_schemas.component import Component
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.types import Name
 
 from ..cameras.tum import TumWriter
@@ -45,7 +46,23 @@ _WAIT_S = 0.1  # between two looks at whether the camera is closed
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
+def _split(at: str, value: Any) -> Any:
+    return tuple(value.split(at)) if isinstance(value, str) else value
+
+
+def _ordered(cover: tuple[float, float]) -> tuple[float, float]:
+    if cover[0] >= cover[1]:
+        raise KnownError("the end is not after the start")
+    return cover
+
+
+_Edge = Annotated[int, Field(ge=16, le=4096)]
+_Time = Annotated[float, Field(ge=0, lt=1e6)]
+_Positive = Annotated[float, Field(gt=0, lt=1e6)]
+_Cover = Annotated[tuple[_Time, _Time], BeforeValidator(partial(_split, "-")), AfterValidator(_ordered)]
+
+
+@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 class CameraSpec:
     """A parsed ``workcell:SCENE/CAMERA?option=value&...``.
 
@@ -69,12 +86,12 @@ class CameraSpec:
 
     scene: str
     camera: str
-    size: tuple[int, int] = (640, 480)
-    rate: float = 30.0
-    seed: int = 0
-    cover: tuple[float, float] | None = None
-    duration: float | None = None
-    follow: str = DEFAULT_FEED
+    size: Annotated[tuple[_Edge, _Edge], BeforeValidator(partial(_split, "x"))] = (640, 480)
+    rate: _Positive = 30.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    cover: _Cover | None = None
+    duration: _Positive | None = None
+    follow: Name = DEFAULT_FEED
 
 
 def parse(text: str) -> CameraSpec:
@@ -94,34 +111,11 @@ def parse(text: str) -> CameraSpec:
     scene, slash, camera = path.partition("/")
     if not (scene and slash and camera):
         raise InputError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
-    values: dict[str, Any] = {}
-    for key, value in parse_qsl(query, keep_blank_values=True):
-        if key not in _OPTIONS:
-            raise InputError(f"{text}: unknown option {key!r}; one of {', '.join(sorted(_OPTIONS))}")
-        try:
-            values[key] = _OPTIONS[key](value)
-        except ValueError:
-            raise InputError(f"{text}: {key}={value} is not valid") from None
-    return CameraSpec(scene=scene, camera=camera, **values)
-
-
-def _cover(text: str) -> tuple[float, float]:
-    start, stop = (float(part) for part in text.split("-"))
-    if not 0 <= start < stop < 1e6:
-        raise KnownError(text)
-    return start, stop
-
-
-_EDGE_PX = Annotated[int, Field(ge=16, le=4096)]
-_POSITIVE = TypeAdapter(Annotated[float, Field(gt=0, lt=1e6)])
-_OPTIONS: dict[str, Callable[[str], Any]] = {
-    "size": lambda text: TypeAdapter(tuple[_EDGE_PX, _EDGE_PX]).validate_python(tuple(text.split("x"))),
-    "rate": _POSITIVE.validate_python,
-    "seed": TypeAdapter(Annotated[int, Field(ge=0)]).validate_python,
-    "cover": _cover,
-    "duration": _POSITIVE.validate_python,
-    "follow": TypeAdapter(Name).validate_python,
-}
+    options: dict[str, Any] = dict(parse_qsl(query, keep_blank_values=True))
+    try:
+        return CameraSpec(**{"scene": scene, "camera": camera} | options)
+    except ValidationError as error:
+        raise InputError(f"{text}: {describe(error)}") from None
 
 
 class WorkcellCamera(Camera):
