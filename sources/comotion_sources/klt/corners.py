@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..cameras.types import Image
 from .config import TrackerConfig
-from .flow import Pixels
+from .flow import Pixels, inside
 
 Usable = Callable[[Pixels], NDArray[np.bool_]]
 _SUBPIX = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)  # iterations, px
@@ -55,11 +55,7 @@ def _corners(grey: Image, config: TrackerConfig) -> Pixels:
     if corners is None:
         return np.empty((0, 2), np.float32)
     corners = corners.reshape(-1, 2)[np.asarray(quality).ravel() >= config.quality_floor]
-    height, width = grey.shape
-    border = config.window // 2 + 1
-    x, y = corners[:, 0], corners[:, 1]
-    inside = (x >= border) & (y >= border) & (x <= width - 1 - border) & (y <= height - 1 - border)
-    return np.asarray(corners[inside], np.float32)
+    return np.asarray(corners[inside(corners, grey.shape, config.window // 2 + 1)], np.float32)
 
 
 def _grid(pixels: Pixels, columns: int, size_x: float, size_y: float) -> NDArray[np.int64]:
@@ -96,10 +92,8 @@ def _refined(grey: Image, corners: Pixels, config: TrackerConfig) -> Pixels:
     half = (_SUBPIX_HALF, _SUBPIX_HALF)
     fine = cv2.cornerSubPix(grey, corners[:, None].copy(), half, (-1, -1), _SUBPIX).reshape(-1, 2)
     diverged = ~np.isfinite(fine).all(axis=1) | (np.abs(fine - corners).max(axis=1) > _SUBPIX_HALF)
-    border = config.window // 2
-    height, width = grey.shape
-    outside = (fine < border).any(axis=1) | (fine > (width - 1 - border, height - 1 - border)).any(axis=1)
-    return np.where((diverged | outside)[:, None], corners, fine).astype(np.float32)
+    kept = ~diverged & inside(fine, grey.shape, config.window // 2)
+    return np.where(kept[:, None], fine, corners).astype(np.float32)
 
 
 def _apart(corners: Pixels, present: Pixels, distance: float) -> Pixels:

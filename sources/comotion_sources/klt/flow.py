@@ -1,6 +1,7 @@
 """Tracks features from one image to the next by pyramidal Lucas-Kanade, forward and backward."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -81,7 +82,7 @@ def track(earlier: Image, later: Image, pixels: Pixels, config: TrackerConfig) -
         later, earlier, there, config, cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
     )
     kept, error = forward_backward(pixels, there, back, config.fb_relative, config.fb_absolute)
-    kept &= tracked & tracked_back & _inside(there, later.shape, config.window // 2)
+    kept &= tracked & tracked_back & inside(there, later.shape, config.window // 2)
     # Cramér-Rao: σ = σ_image / sqrt(n λ_min), λ_min of the mean structure tensor.
     share = _NOISE_SCALE / config.window * difference / np.sqrt(np.maximum(texture, _MIN_EIGENVALUE))
     return Flow(there, np.hypot(share, error / 2).astype(np.float32), kept)
@@ -109,8 +110,8 @@ def _lucas_kanade(
     return np.where(tracked[:, None], positions, pixels).astype(np.float32), tracked, residual
 
 
-def _inside(pixels: Pixels, shape: tuple[int, ...], border: int) -> NDArray[np.bool_]:
-    """Mask of pixels [N, 2] at least `border` px away from the border of the image."""
+def inside(pixels: NDArray[Any], shape: tuple[int, ...], border: int) -> NDArray[np.bool_]:
+    """Mask of pixels [N, 2] at least `border` px away from the border of an image of a shape."""
     height, width = shape[:2]
     x, y = pixels[:, 0], pixels[:, 1]
     return (x >= border) & (y >= border) & (x <= width - 1 - border) & (y <= height - 1 - border)

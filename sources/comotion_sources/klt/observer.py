@@ -115,7 +115,7 @@ class Observer:
         """Build the messages of a frame; its batch leaves out features without depth."""
         if frame.objects is not None and tracks.born.any():
             ids = tracks.ids[tracks.born]
-            objects = objects_under(frame.objects, tracks.pixels[tracks.born])
+            objects = _objects_under(frame.objects, tracks.pixels[tracks.born])
             yield self._builder.truth(ids=ids, objects=objects, names=self._objects)
         positions, sigma = self._states(tracks)
         shown = np.isfinite(positions).all(axis=1)
@@ -146,20 +146,8 @@ class Observer:
         return points, tracks.sigma
 
 
-def objects_under(objects: NDArray[np.int32], pixels: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Look up the true objects of features.
-
-    Parameters
-    ----------
-    objects
-        int32 [H, W], true object of each pixel.
-    pixels
-        float32 [N, 2].
-
-    Returns
-    -------
-    int32 [N]; :data:`AMBIGUOUS` outside the image.
-    """
+def _objects_under(objects: NDArray[np.int32], pixels: NDArray[np.float32]) -> NDArray[np.int32]:
+    """True objects int32 [N] under pixels [N, 2]; AMBIGUOUS outside the image `objects` [H, W]."""
     height, width = objects.shape
     column, row = np.rint(pixels).astype(np.int64).T
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)

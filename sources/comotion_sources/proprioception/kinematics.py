@@ -95,9 +95,7 @@ class Kinematics:
             if link not in names:
                 raise InputError(f"no link {link!r}; one of {', '.join(n for n in names[1:] if n)}")
         self._bodies = [names.index(link) for link in self.links]
-        self._couplings = [
-            (t, d, np.polynomial.Polynomial(coefficients)) for t, d, coefficients in couplings(model)
-        ]
+        self._couplings = couplings(model)
         self._needed = self._find_joints()
         self.joints = tuple(model.joint(i).name for i in self._needed)
         hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)

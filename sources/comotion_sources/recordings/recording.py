@@ -90,25 +90,8 @@ class Recording:
             raise RecordingError("it holds no observation")
 
 
-def decimate(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
-    """Choose the frames that remain when the rate is reduced by dropping frames.
-
-    Parameters
-    ----------
-    times
-        float64 [F], seconds, increasing.
-    rate
-        Hz; None: keep all.
-
-    Returns
-    -------
-    intp [K]: of each period of the new rate, the first frame.
-
-    Raises
-    ------
-    RecordingError
-        If the rate is above that of the recording.
-    """
+def _decimate(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
+    """Instants [K] of times [F], s, that remain at a rate in Hz: of each period the first; None: all."""
     if rate is None:
         return np.arange(len(times))
     native = 1.0 / float(np.median(np.diff(times)))
@@ -210,7 +193,7 @@ def recording_streams(
     for part in range(split):
         rate = recording.rate / (part + 1) if rates is None else rate_of(Part(part, split), rates)
         # The first source has every frame, however uneven the times are.
-        instants = decimate(recording.times, None if rates is None and part == 0 else rate)
+        instants = _decimate(recording.times, None if rates is None and part == 0 else rate)
         markers = np.arange(part, recording.positions.shape[1], split)
         streams.append(
             Stream(

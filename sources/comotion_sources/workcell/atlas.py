@@ -42,19 +42,8 @@ class Atlas:
     faces: list[NDArray[np.float32]]
 
 
-def face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Width and height in metres of each face of a geom.
-
-    Parameters
-    ----------
-    kind, size
-        MuJoCo's geom type, and its size float64 [3].
-
-    Raises
-    ------
-    InputError
-        If the geom is not a box, cylinder or sphere.
-    """
+def _face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Width and height in m of each face of a geom of MuJoCo, by its type and size [3]."""
     geom = require_mujoco().mjtGeom
     a, b, c = (2 * float(v) for v in size)
     if kind == geom.mjGEOM_BOX:
@@ -78,7 +67,7 @@ def build_atlas(model: Any, seed: int) -> Atlas:
     sizes: list[list[tuple[float, float, float]]] = []
     for geom in range(model.ngeom):
         material, colour = _material_of(model, geom)
-        faces = face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
+        faces = _face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
         sizes.append([(width / 2, height / 2, _resolution(width, height)) for width, height in faces])
         for index, (half_w, half_h, scale) in enumerate(sizes[-1]):
             shape = max(2, round(2 * half_h * scale)), max(2, round(2 * half_w * scale))

@@ -3,6 +3,8 @@
 from types import ModuleType
 from typing import Any
 
+from numpy.polynomial import Polynomial
+
 from ..errors import InputError
 
 
@@ -21,11 +23,11 @@ def require_mujoco() -> ModuleType:
     return mujoco  # type: ignore[no-any-return]
 
 
-def couplings(model: Any) -> list[tuple[int, int, list[float]]]:
-    """List the joint equalities: (dependent joint, driving joint, polynomial, lowest power first)."""
+def couplings(model: Any) -> list[tuple[int, int, Polynomial]]:
+    """List the joint equalities: (dependent joint, driving joint, position of the first by the second)."""
     kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
     return [
-        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i, :5].tolist())
+        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), Polynomial(model.eq_data[i, :5]))
         for i in range(model.neq)
         if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
     ]

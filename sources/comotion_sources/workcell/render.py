@@ -113,7 +113,7 @@ class Renderer:
         )
 
     def _render_still(self) -> "_Layer":
-        geoms, depth = multi_ray(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
+        geoms, depth = _cast(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
         everywhere = np.arange(len(geoms))
         layer = _Layer.empty(len(geoms))
         layer.points[:] = self._points(everywhere, depth)
@@ -128,7 +128,7 @@ class Renderer:
     def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
         """Pixels [n] that show a moving body, with geom and depth."""
         near = np.flatnonzero(self._covered())
-        geoms, depth = multi_ray(
+        geoms, depth = _cast(
             self.scene.model, self._data, self.extrinsics.translation, self._rays[near], MOVING
         )
         behind = self._still.depth[near]
@@ -208,7 +208,7 @@ class Renderer:
     def _reached_by_light(self, points: Points, group: int) -> Points:
         """Whether light reaches points [N, 3] past the geoms of a group: 1 or 0, float32 [N]."""
         rays = points.astype(np.float64) - self._light
-        geoms, reach = multi_ray(self.scene.model, self._data, self._light, rays, group)
+        geoms, reach = _cast(self.scene.model, self._data, self._light, rays, group)
         return ((geoms < 0) | (reach > _LIT)).astype(np.float32)
 
     def _shadow_gain(self, points: Points, t: float) -> Points | np.float32:
@@ -258,23 +258,12 @@ def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np
     return texels.reshape(-1, 3)[:count]
 
 
-def multi_ray(
+def _cast(
     model: Any, data: Any, origin: Vector, rays: Vector, group: int
 ) -> tuple[NDArray[np.int32], Points]:
-    """Cast rays from one origin at the geoms of one group.
+    """Cast rays [N, 3] of any length from one origin [3], m, at the geoms of one group.
 
-    Parameters
-    ----------
-    model, data
-        The ``mjModel`` and its ``mjData``.
-    origin, rays
-        float64 [3], metres; float64 [N, 3], vectors of any length.
-    group
-        :data:`STILL` or :data:`MOVING`.
-
-    Returns
-    -------
-    Geom int32 [N], -1 where none is hit; distance float32 [N] in multiples of the ray, 0 where none.
+    Returns geom int32 [N], -1 where none is hit; distance float32 [N] in multiples of the ray, 0 where none.
     """
     mujoco = require_mujoco()
     count = len(rays)

@@ -124,8 +124,8 @@ class Scene:
         """Compute the joint positions float64 [joints], rad or m, at time t in seconds."""
         when = self._warped(t % self.period if self.period else t)
         q = np.array([0.0 if curve is None else float(curve(when)) for curve in self._curves])
-        for target, driver, coefficients in self._couplings:
-            q[target] = np.polynomial.polynomial.polyval(q[driver], coefficients)
+        for target, driver, polynomial in self._couplings:
+            q[target] = polynomial(q[driver])
         return q
 
     def place(self, data: Any, configuration: Vector) -> None:

@@ -51,19 +51,19 @@ def calibration(
     if scene.seed:
         rng = np.random.default_rng([scene.seed, 4, index])
         position += rng.uniform(-_PLACEMENT_M, _PLACEMENT_M, 3)
-    if is_carried(scene, camera):
-        return intrinsics, carried_pose(scene, scene.new_data(), index)
+    if _is_carried(scene, camera):
+        return intrinsics, _carried_pose(scene, scene.new_data(), index)
     target = model.body_pos[model.cam_targetbodyid[index]]
-    return intrinsics, looking_at(position, target)
+    return intrinsics, _looking_at(position, target)
 
 
-def is_carried(scene: Scene, camera: str) -> bool:
+def _is_carried(scene: Scene, camera: str) -> bool:
     """Whether a camera is on a body that can move."""
     body = scene.model.cam_bodyid[scene.cameras.index(camera)]
     return bool(scene.model.body_weldid[body] > 0)
 
 
-def mount(scene: Scene, camera: str) -> Extrinsics:
+def _mount(scene: Scene, camera: str) -> Extrinsics:
     """Camera to the body that carries it, optical axes."""
     index = scene.cameras.index(camera)
     quaternion = scene.model.cam_quat[index][[1, 2, 3, 0]]
@@ -71,14 +71,14 @@ def mount(scene: Scene, camera: str) -> Extrinsics:
     return Extrinsics(turn, scene.model.cam_pos[index].copy())
 
 
-def carried_pose(scene: Scene, data: Any, index: int) -> Extrinsics:
+def _carried_pose(scene: Scene, data: Any, index: int) -> Extrinsics:
     """Pose of a carried camera in the configuration of an ``MjData``."""
     body = scene.model.cam_bodyid[index]
     carrier = Extrinsics(data.xmat[body].reshape(3, 3), data.xpos[body].copy())
-    return carrier.after(mount(scene, scene.cameras[index]))
+    return carrier.after(_mount(scene, scene.cameras[index]))
 
 
-def looking_at(position: Vector, target: Vector) -> Extrinsics:
+def _looking_at(position: Vector, target: Vector) -> Extrinsics:
     """Return the extrinsics of an upright camera at `position` [3] that points at `target` [3], m."""
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, (0.0, 0.0, 1.0))
@@ -122,7 +122,7 @@ class Viewpoint:
         self._renderer = Renderer(scene, self.intrinsics, self.extrinsics, atlas)
         self._camera = scene.cameras.index(camera)
         self._data = scene.new_data()
-        self.carried = is_carried(scene, camera)
+        self.carried = _is_carried(scene, camera)
         self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), grain)
 
     def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
@@ -134,14 +134,14 @@ class Viewpoint:
             self._renderer.move(self.pose(configuration))
         ideal = self._renderer.render(configuration, stamp_ns * 1e-9)
         image, depth = self._sensor.observe(ideal, stamp_ns)
-        return Frame(stamp_ns, image, depth, object_map(self.scene.geom_objects, ideal.geoms))
+        return Frame(stamp_ns, image, depth, _object_map(self.scene.geom_objects, ideal.geoms))
 
     def pose(self, configuration: Vector) -> Extrinsics:
         """True pose of the camera in a configuration float64 [joints]."""
         if not self.carried:
             return self.extrinsics
         self.scene.place(self._data, configuration)
-        return carried_pose(self.scene, self._data, self._camera)
+        return _carried_pose(self.scene, self._data, self._camera)
 
     def covered(self, stamp_ns: int) -> Frame:
         """Return the frame of a covered lens: black, without depth and objects."""
@@ -154,16 +154,8 @@ class Viewpoint:
         )
 
 
-def object_map(geom_objects: NDArray[np.int32], geoms: NDArray[np.int32]) -> NDArray[np.int32]:
-    """True object of each pixel, int32 [H, W]; -1 on outlines, where a feature may belong to either side.
-
-    Parameters
-    ----------
-    geom_objects
-        int32 [geoms], object of each geom.
-    geoms
-        int32 [H, W], geom of each pixel, -1 where none.
-    """
+def _object_map(geom_objects: NDArray[np.int32], geoms: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Objects int32 [H, W] under geoms [H, W]; -1 on outlines, where a feature may belong to either side."""
     objects = np.where(geoms >= 0, geom_objects[geoms], AMBIGUOUS).astype(np.float32)
     kernel = np.ones((3, 3), np.uint8)
     uniform = cv2.erode(objects, kernel) == cv2.dilate(objects, kernel)
