@@ -49,13 +49,7 @@ class Column:
     distinct: bool = False
 
     def validate(self, value: object, info: ValidationInfo) -> Array:
-        """Validate a field; array-likes are accepted in Python, but not in decoded payloads."""
-        if info.context is WIRE and not isinstance(value, bytes):
-            raise reject("schema", f"a column is bin, not {type(value).__name__}")
-        return self.coerce(value)
-
-    def coerce(self, value: object) -> Array:
-        """Convert an array-like or encoded bytes to a read-only array of the dtype of the column.
+        """Convert an array-like, or of a decoded payload bytes, to a read-only array of the column's dtype.
 
         Raises
         ------
@@ -65,6 +59,8 @@ class Column:
             values beyond a bound; ``duplicate-id`` for values that occur twice; ``schema`` for anything that
             is not an array of numbers.
         """
+        if info.context is WIRE and not isinstance(value, bytes):
+            raise reject("schema", f"a column is bin, not {type(value).__name__}")
         array = self._from_bytes(value) if isinstance(value, bytes) else self._from_array(value)
         if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
             raise reject("non-finite", "numbers must be finite")

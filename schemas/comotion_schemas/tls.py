@@ -94,16 +94,6 @@ class TlsFiles:
     key: Path
     identity: Identity | None = None
 
-    @property
-    def expires_in_s(self) -> float | None:
-        """Seconds until the certificate expires, negative afterwards; None if unknown."""
-        return None if self.identity is None else self.identity.expires_s - time.time()
-
-    @property
-    def key_is_exposed(self) -> bool:
-        """Whether others than the owner and its group may read the key."""
-        return bool(self.key.stat().st_mode & stat.S_IRWXO)
-
 
 def load_tls(folder: Path) -> TlsFiles:
     """Read the folder of a component.
@@ -162,10 +152,10 @@ def require_encryption(endpoints: Sequence[str], *, wanted: bool) -> None:
 
 def warn_of_expiry(tls: TlsFiles) -> None:
     """Log a warning if the certificate expires soon, or others can read its key."""
-    left = tls.expires_in_s
-    if left is not None and left < WARN_BEFORE_S:
+    left = float("inf") if tls.identity is None else tls.identity.expires_s - time.time()
+    if left < WARN_BEFORE_S:
         _log.warning("%s expires in %.0f days; renew it", tls.certificate, max(0.0, left) / 86_400)
-    if tls.key_is_exposed:
+    if tls.key.stat().st_mode & stat.S_IRWXO:
         _log.warning("%s can be read by everyone on this machine: chmod 600", tls.key)
 
 

@@ -2,13 +2,12 @@
 
 import time
 from collections import deque
-from collections.abc import Sequence
 from typing import Any, cast
 
 import cv2
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Preview, encode
+from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview, encode
 from comotion_schemas.transport import stream_publisher
 
 from ..cameras.types import Image
@@ -26,58 +25,25 @@ _MOST_UPDATES = 64
 _LONGEST_DELAY_NS = 1_500_000_000
 
 
-class HypothesisFeed:
-    """The newest hypothesis of each feature of a source, from the updates of the service; never blocks.
-
-    Attributes
-    ----------
-    stamp_ns
-        Watermark of the newest update; None before the first.
-    listed
-        All hypotheses of that update.
-    """
-
-    def __init__(self, source: Source) -> None:
-        component = source.component
-        self._source = (source.name, component.session_id)
-        self._updates = Inbox(component.session, component.keys.hypotheses, "hypotheses", _MOST_UPDATES)
-        self.stamp_ns: int | None = None
-        self.listed: Sequence[Hypothesis] = []
-        self._hypotheses: dict[int, int] = {}
-        self.close = self._updates.close
-
-    def poll(self) -> None:
-        """Process the updates that arrived since the last call."""
-        for message in self._updates.messages():
-            update = cast("HypothesisUpdate", message)
-            if self.stamp_ns is not None and update.stamp_ns < self.stamp_ns:
-                continue
-            self.stamp_ns, self.listed = update.stamp_ns, update.hypotheses
-            mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == self._source]
-            rows = np.isin(update.track_source, mine)
-            pairs = zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
-            self._hypotheses = dict(pairs)
-
-    def hypothesis(self, feature: int) -> int:
-        """Return the hypothesis of a feature; UNDETERMINED if the service has not listed it."""
-        return self._hypotheses.get(feature, UNDETERMINED)
-
-
 class DelayedPreview:
     """Delays frames until the service has fused them, 1.5 s at most, and writes them annotated to a file."""
 
-    def __init__(self, file: PictureFile, annotator: Annotator, feed: HypothesisFeed) -> None:
-        self._file, self._annotator, self._feed = file, annotator, feed
+    def __init__(self, file: PictureFile, annotator: Annotator, source: Source) -> None:
+        self._file, self._annotator, self._source = file, annotator, source
+        component = source.component
+        self._updates = Inbox(component.session, component.keys.hypotheses, "hypotheses", _MOST_UPDATES)
+        self._newest: HypothesisUpdate | None = None
+        self._hypotheses: dict[int, int] = {}
         self._held: deque[tuple[Image, Tracks]] = deque()
 
     def is_waiting(self) -> bool:
         """Whether the newest delayed frame may still be fused."""
-        self._feed.poll()
-        return bool(self._held) and self._feed.stamp_ns is not None and not self._is_due(self._held[-1][1])
+        self._poll()
+        return bool(self._held) and self._newest is not None and not self._is_due(self._held[-1][1])
 
     def add(self, image: Image, tracks: Tracks) -> None:
         """Add a frame and write the frames that are due."""
-        self._feed.poll()
+        self._poll()
         self._held.append((image, tracks))
         latest_ns = tracks.stamp_ns - _LONGEST_DELAY_NS
         while self._held and (self._is_due(self._held[0][1]) or self._held[0][1].stamp_ns < latest_ns):
@@ -88,15 +54,30 @@ class DelayedPreview:
         while self._held:
             self._write()
         self._file.close()
-        self._feed.close()
+        self._updates.close()
+
+    def _poll(self) -> None:
+        """Take the newest update, and the hypothesis of each feature of the source in it."""
+        own = self._source.name, self._source.component.session_id
+        for message in self._updates.messages():
+            update = cast("HypothesisUpdate", message)
+            if self._newest is None or update.stamp_ns >= self._newest.stamp_ns:
+                self._newest = update
+                mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == own]
+                rows = np.isin(update.track_source, mine)
+                ids, hypotheses = update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist()
+                self._hypotheses = dict(zip(ids, hypotheses, strict=True))
 
     def _is_due(self, tracks: Tracks) -> bool:
-        fused = self._feed.stamp_ns
-        return fused is None or fused >= tracks.stamp_ns
+        return self._newest is None or self._newest.stamp_ns >= tracks.stamp_ns
 
     def _write(self) -> None:
         image, tracks = self._held.popleft()
-        self._file.write(self._annotator.draw(image, tracks, self._feed.hypothesis, self._feed.listed))
+        listed = [] if self._newest is None else self._newest.hypotheses
+        picture = self._annotator.draw(
+            image, tracks, lambda feature: self._hypotheses.get(feature, UNDETERMINED), listed
+        )
+        self._file.write(picture)
 
 
 class PreviewStream:

@@ -23,7 +23,7 @@ from .observer import CameraSpace, Observer, choose_space
 from .options import CameraOptions
 from .pacing import Pacer
 from .picture_file import NO_ENCODER, PictureFile
-from .preview import DelayedPreview, HypothesisFeed, PreviewStream
+from .preview import DelayedPreview, PreviewStream
 from .tracker import Tracker
 
 _RETRY_S = 1.0  # between two attempts to reopen a lost device
@@ -149,7 +149,7 @@ class CameraProcess:
             file = PictureFile(options.preview, rate)
             if file.codec == "mpeg4":
                 _log.warning("%s: %s", options.preview, NO_ENCODER)
-            self._preview = DelayedPreview(file, Annotator(self._space), HypothesisFeed(self._publisher))
+            self._preview = DelayedPreview(file, Annotator(self._space), self._publisher)
             stack.callback(self._preview.close)
         self._attach()
         # Closing the camera ends its wait for a frame.
