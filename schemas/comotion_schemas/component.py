@@ -52,14 +52,6 @@ def new_session_id() -> str:
     return secrets.token_hex(8)
 
 
-def viewer_name(program: str, settings: SessionSettings | None) -> str:
-    """Name of a viewer: that of its certificate, or without one, of the program with random digits."""
-    tls = (settings or client_settings()).tls
-    if tls is not None and tls.identity is not None:
-        return tls.identity.name
-    return f"{program}-{new_session_id()[:8]}"
-
-
 @dataclass(frozen=True, kw_only=True)
 class StatusFields:
     """The fields of Status that a component provides; :class:`Component` adds the others.
@@ -134,8 +126,13 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
 def viewer(
     program: str, scene: str = DEFAULT_SCENE, settings: SessionSettings | None = None, **options: Any
 ) -> "Component":
-    """The component of a client; `options` are further arguments of :class:`Component`."""
-    name = viewer_name(program, settings)
+    """The component of a client; `options` are further arguments of :class:`Component`.
+
+    Its name is that of its certificate, or without one that of the program with random digits.
+    """
+    tls = (settings or client_settings()).tls
+    certified = tls is not None and tls.identity
+    name = certified.name if certified else f"{program}-{new_session_id()[:8]}"
     return Component(role="viewer", name=name, scene=scene, settings=settings, **options)
 
 

@@ -146,16 +146,9 @@ class Hypothesis(Record):
 
 
 # Least and most `others` of an event.
-_OTHERS: dict[EventKind, tuple[int, int | None]] = {
-    "born": (0, 0),
-    "split": (1, 1),
-    "merged": (1, None),
-    "ended": (0, 0),
-    "absent": (0, 0),
-    "returned": (0, 0),
-    "joined": (1, None),
-    "released": (1, None),
-}
+_OTHERS: dict[EventKind, tuple[int, float]] = {"split": (1, 1)}
+_OTHERS |= dict.fromkeys(("born", "ended", "absent", "returned"), (0, 0))
+_OTHERS |= dict.fromkeys(("merged", "joined", "released"), (1, math.inf))
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
@@ -176,7 +169,7 @@ class Event(Record):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         least, most = _OTHERS[self.kind]
-        if len(self.others) < least or (most is not None and len(self.others) > most):
+        if not least <= len(self.others) <= most:
             raise reject("length", f"{self.kind} with {len(self.others)} others")
         return self
 

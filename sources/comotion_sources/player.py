@@ -5,9 +5,9 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
-from comotion_schemas import Message, ObservationBatch, encode
+from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import Kind, StreamKind
 
@@ -16,6 +16,8 @@ from .streams import StreamLog, StreamMessage
 
 if TYPE_CHECKING:
     from comotion_schemas.message_log import Logged, MessageLog
+
+    from .runtime import Source
 
 LATE_S = 0.2
 """A live entry that is later than this, s, is left out: it would arrive after the allowed lateness."""
@@ -27,16 +29,6 @@ Progress = Callable[[int, float], None]
 """Called with the number of the pass and the time within it at every entry."""
 Log: TypeAlias = "MessageLog | StreamLog"
 Entry: TypeAlias = "Logged | StreamMessage"
-
-
-class Output(Protocol):
-    """Where the messages of a source go: a :class:`~comotion_sources.runtime.Source`."""
-
-    def send(self, kind: StreamKind, payload: bytes, message: Message | None) -> None:
-        """Publish a payload; `message` is what it holds, None if it is invalid."""
-
-    def overrun(self) -> None:
-        """Count a message that is left out: late, or invalid and so without a stamp to move."""
 
 
 class Clock:
@@ -82,7 +74,7 @@ class Player:
     def __init__(
         self,
         log: Log,
-        outputs: Mapping[str, Output],
+        outputs: Mapping[str, "Source"],
         schedule: Schedule,
         stop: threading.Event,
         *,

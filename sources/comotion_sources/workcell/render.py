@@ -5,8 +5,8 @@ transformed to the frame of their geom, so that textures are fixed to the bodies
 texture atlas at the mipmap level for their distance.
 """
 
-from dataclasses import dataclass, fields
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +19,8 @@ from .scene import MOVING, STILL, Scene, Vector
 from .shapes import Points, surface
 
 Rows = NDArray[np.intp]
+_Layer = dict[str, NDArray[Any]]
+"""Properties of each pixel [N] before shadows are applied: geoms, depth, points, light, texels."""
 
 _AMBIENT, _DIFFUSE = 0.5, 0.62  # brightness in full light: up to 1.12 of the texture
 _FAR = 50.0  # length of a ray, in multiples of its vector
@@ -86,7 +88,7 @@ class Renderer:
         self.extrinsics = extrinsics
         self._rays = self._optical @ extrinsics.rotation.T
         self._still = self._render_still()
-        self._still_lit = self._reached_by_light(self._still.points[self._sparse], STILL)
+        self._still_lit = self._reached_by_light(self._still["points"][self._sparse], STILL)
 
     def render(self, configuration: Vector, t: float = 0.0) -> Rendering:
         """Render the scene.
@@ -100,24 +102,25 @@ class Renderer:
         """
         self.scene.place(self._data, configuration)
         rows, geoms, depth = self._cast_moving()
-        layer = self._still.copy()
-        layer.points[rows] = self._points(rows, depth)
-        layer.depth[rows], layer.geoms[rows] = depth, geoms
+        layer = {name: values.copy() for name, values in self._still.items()}
+        layer["points"][rows] = self._points(rows, depth)
+        layer["depth"][rows], layer["geoms"][rows] = depth, geoms
         self._shade(layer, rows)
-        light = _AMBIENT + layer.light.reshape(self._shape) * self._illumination(layer)
-        light = (light * self._shadow_gain(layer.points, t)).astype(np.float32)
-        texels = layer.texels.reshape(*self._shape, 3)
+        light = _AMBIENT + layer["light"].reshape(self._shape) * self._illumination(layer)
+        light = (light * self._shadow_gain(layer["points"], t)).astype(np.float32)
+        texels = layer["texels"].reshape(*self._shape, 3)
         image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
         return Rendering(
-            np.asarray(image, np.uint8), layer.depth.reshape(self._shape), layer.geoms.reshape(self._shape)
+            np.asarray(image, np.uint8),
+            layer["depth"].reshape(self._shape),
+            layer["geoms"].reshape(self._shape),
         )
 
-    def _render_still(self) -> "_Layer":
+    def _render_still(self) -> _Layer:
         geoms, depth = _cast(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
-        everywhere = np.arange(len(geoms))
-        layer = _Layer.empty(len(geoms))
-        layer.points[:] = self._points(everywhere, depth)
-        layer.depth[:], layer.geoms[:] = depth, geoms
+        everywhere, count = np.arange(len(geoms)), len(geoms)
+        layer: _Layer = {"geoms": geoms, "depth": depth, "points": self._points(everywhere, depth)}
+        layer |= {"light": np.zeros(count, np.float32), "texels": np.zeros((count, 3), np.uint8)}
         self._shade(layer, everywhere)
         return layer
 
@@ -131,7 +134,7 @@ class Renderer:
         geoms, depth = _cast(
             self.scene.model, self._data, self.extrinsics.translation, self._rays[near], MOVING
         )
-        behind = self._still.depth[near]
+        behind = self._still["depth"][near]
         visible = (geoms >= 0) & ((depth < behind) | (behind == 0))
         return near[visible], geoms[visible], depth[visible]
 
@@ -155,19 +158,19 @@ class Renderer:
             mask[low[1] : high[1], low[0] : high[0]] = True
         return mask.ravel()
 
-    def _shade(self, layer: "_Layer", rows: Rows) -> None:
+    def _shade(self, layer: _Layer, rows: Rows) -> None:
         """Compute texels and direct light of the given pixels, geom by geom."""
         map_x, map_y = np.zeros((2, len(rows)), np.float32)
-        geoms = layer.geoms[rows]
+        geoms = layer["geoms"][rows]
         order = np.argsort(geoms.astype(np.int16), kind="stable")
         starts = np.searchsorted(geoms[order], np.arange(self.scene.model.ngeom + 1))
         for geom in np.unique(geoms[geoms >= 0]).tolist():
             part = order[starts[geom] : starts[geom + 1]]
-            points, depth = layer.points[rows[part]], layer.depth[rows[part]]
-            map_x[part], map_y[part], layer.light[rows[part]] = self._shade_geom(geom, points, depth)
+            points, depth = layer["points"][rows[part]], layer["depth"][rows[part]]
+            map_x[part], map_y[part], layer["light"][rows[part]] = self._shade_geom(geom, points, depth)
         texels = _fetch(self._atlas.image, map_x, map_y)
         texels[geoms < 0] = 0
-        layer.texels[rows] = texels
+        layer["texels"][rows] = texels
 
     def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[Points, Points, Points]:
         rotation = self._data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
@@ -194,11 +197,11 @@ class Renderer:
         shrink = np.float32(0.5) ** level.astype(np.float32)
         return (x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5 + self._atlas.level_tops[level]
 
-    def _illumination(self, layer: "_Layer") -> Points:
+    def _illumination(self, layer: _Layer) -> Points:
         """Share of the light that reaches each pixel, float32 [H, W], with soft shadow borders."""
-        points = layer.points[self._sparse]
+        points = layer["points"][self._sparse]
         lit = self._still_lit.copy()
-        on_moving = self.scene.model.geom_group[np.maximum(layer.geoms[self._sparse], 0)] == MOVING
+        on_moving = self.scene.model.geom_group[np.maximum(layer["geoms"][self._sparse], 0)] == MOVING
         lit[on_moving] = self._reached_by_light(points[on_moving], STILL)
         lit = np.minimum(lit, self._reached_by_light(points, MOVING)).reshape(self._sparse_shape)
         soft = cv2.GaussianBlur(lit, (0, 0), _PENUMBRA * self._sparse_shape[1])
@@ -221,30 +224,6 @@ class Renderer:
         y = points[:, 1] - np.float32(shadow.amplitude * 0.5 * np.cos(phase))
         r2 = (x * x + y * y) / np.float32(2 * shadow.radius**2)
         return (1.0 - np.float32(shadow.depth) * np.exp(-r2)).astype(np.float32).reshape(self._shape)
-
-
-@dataclass(frozen=True, eq=False)
-class _Layer:
-    """Properties of each pixel [N] before shadows are applied."""
-
-    geoms: NDArray[np.int32]
-    depth: Points
-    points: Points
-    light: Points
-    texels: NDArray[np.uint8]
-
-    @classmethod
-    def empty(cls, count: int) -> Self:
-        return cls(
-            geoms=np.full(count, -1, np.int32),
-            depth=np.zeros(count, np.float32),
-            points=np.zeros((count, 3), np.float32),
-            light=np.zeros(count, np.float32),
-            texels=np.zeros((count, 3), np.uint8),
-        )
-
-    def copy(self) -> "_Layer":
-        return _Layer(*(getattr(self, field.name).copy() for field in fields(self)))
 
 
 def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np.uint8]:
