@@ -1,5 +1,6 @@
 """Simulates what each source observes of a scene, frame by frame."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -14,7 +15,7 @@ from ..parts import WHOLE, Part, rate_of
 from ..streams import Published, Stream, merged, numbered
 from .actors import NOISE, Actors, draw_actors, stream
 from .motion import Array, Poses, seen_from
-from .spec import SceneSpec, frame_count
+from .spec import SceneSpec
 
 Split = Literal["features", "objects"]
 DEFAULT_NAME = "simulator"
@@ -81,7 +82,8 @@ class Simulation:
         return dict(self._actors.names)
 
     def __len__(self) -> int:
-        return frame_count(self.duration, self.rate, self._phase)
+        # The instants (k + phase) / rate, k = 0, 1, ..., within the duration.
+        return math.floor(self.duration * self.rate - self._phase + 1e-9) + 1
 
     def __iter__(self) -> Iterator[Frame]:
         alive_before = np.zeros(len(self._mine), bool)

@@ -4,9 +4,7 @@ Lengths are in the unit of the scene, angles in rad, times in seconds. The packa
 ``comotion_sources/scenes``.
 """
 
-import math
 from importlib import resources
-from importlib.resources.abc import Traversable
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -209,10 +207,13 @@ def _check_motion(what: str, motion: Rest | KeyStates | Sines, dim: int) -> None
         raise KnownError(f"{what}: at needs {dim} numbers")
 
 
+_SHIPPED = resources.files("comotion_sources") / "scenes"
+
+
 def scene_names() -> list[str]:
     """List the names of the scenes in the package, sorted."""
     return sorted(
-        entry.name.removesuffix(".toml") for entry in _shipped().iterdir() if entry.name.endswith(".toml")
+        file.name.removesuffix(".toml") for file in _SHIPPED.iterdir() if file.name.endswith(".toml")
     )
 
 
@@ -224,30 +225,18 @@ def load_scene(scene: str | Path) -> SceneSpec:
     InputError
         If the scene does not exist or is malformed; the message is one line.
     """
-    text = _read(scene)
+    try:
+        if str(scene) in scene_names():
+            text = (_SHIPPED / f"{scene}.toml").read_text(encoding="utf-8")
+        elif Path(scene).is_file():
+            text = read_text(Path(scene), _MAX_BYTES)
+        else:
+            raise InputError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
+    except OSError as error:
+        raise InputError(f"{scene}: {error.strerror}") from None
     try:
         return SceneSpec.model_validate(parse_toml(text))
     except ValidationError as error:
         raise InputError(f"scene {scene}: {describe(error)}") from None
     except ValueError as error:
         raise InputError(f"scene {scene}: not valid TOML: {' '.join(str(error).split())}") from None
-
-
-def _read(scene: str | Path) -> str:
-    try:
-        if str(scene) in scene_names():
-            return (_shipped() / f"{scene}.toml").read_text(encoding="utf-8")
-        if not Path(scene).is_file():
-            raise InputError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
-        return read_text(Path(scene), _MAX_BYTES)
-    except OSError as error:
-        raise InputError(f"{scene}: {error.strerror}") from None
-
-
-def _shipped() -> Traversable:
-    return resources.files("comotion_sources") / "scenes"
-
-
-def frame_count(duration: float, rate: float, phase: float) -> int:
-    """Count the instants (k + phase)/rate, k = 0, 1, ..., within a duration (s); rate in Hz."""
-    return math.floor(duration * rate - phase + 1e-9) + 1

@@ -41,14 +41,12 @@ _WARP_S = 0.35  # largest shift of the motion in time that a seed draws
 _MOTION = "motion:"
 
 
-def scene_folder() -> Path:
-    """Return the folder of the MJCF files in the package."""
-    return Path(str(resources.files(__package__) / "scenes"))
+_FOLDER = Path(str(resources.files(__package__) / "scenes"))
 
 
 def scene_names() -> list[str]:
     """List the names of the scenes in the package, sorted."""
-    return sorted(p.stem for p in scene_folder().glob("*.xml") if p.stem not in _FRAGMENTS)
+    return sorted(p.stem for p in _FOLDER.glob("*.xml") if p.stem not in _FRAGMENTS)
 
 
 @dataclass(frozen=True)
@@ -169,7 +167,7 @@ class Scene:
             raise InputError(f"{self.name} has no body {body!r}") from None
 
     def _load(self, name: str) -> Any:
-        path = scene_folder() / f"{name}.xml" if name in scene_names() else Path(name)
+        path = _FOLDER / f"{name}.xml" if name in scene_names() else Path(name)
         if not path.is_file():
             raise InputError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
         try:
