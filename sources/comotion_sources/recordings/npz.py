@@ -14,17 +14,15 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
-from comotion_schemas.time_units import seconds
-
 from ..errors import RecordingError
-from .recording import Recording, clean, clean_labels
+from .recording import Recording, clean_labels
 from .tracks import NAMES, tracks_recording
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -99,30 +97,17 @@ def _refused(what: str) -> Iterator[None]:
 
 
 def _recording(name: str, archive: Any, fps: float | None) -> Recording:
-    if "positions" not in archive:
-        arrays = {key: _array(archive, key) for key in NAMES if key in archive}
-        return tracks_recording(name, arrays, fps)
-    positions = _array(archive, "positions")
-    if positions.ndim != 3 or positions.dtype.kind not in "iuf":
-        raise RecordingError("its array 'positions' is not a 3-dimensional array of numbers")
-    if fps is not None and "times" not in archive:
-        times = np.arange(len(positions)) / fps
-    else:
-        times = _array(archive, "times")
-    frames, markers, dim = positions.shape
-    if dim not in {2, 3}:
-        raise RecordingError(f"its positions have {dim} coordinates, not 2 or 3")
-    if times.shape != (frames,):
-        raise RecordingError(f"it has {' x '.join(map(str, times.shape))} times for {frames} frames")
-    try:
-        times = seconds(times)
-    except KnownError as error:
-        raise RecordingError(str(error)) from None
-    labels = _labels(archive, markers)
-    return Recording(
-        name=name,
-        times=times - times[0] if frames else times,
-        positions=clean(positions.astype(np.float64) * (_scale(archive) if dim == 3 else 1.0)),
+    own = "positions" in archive
+    arrays = {
+        key: _array(archive, key) for key in (("positions", "times") if own else NAMES) if key in archive
+    }
+    recording = tracks_recording(name, arrays, fps)
+    if not own:
+        return recording
+    labels = _labels(archive, recording.positions.shape[1])
+    return replace(
+        recording,
+        positions=recording.positions * (_scale(archive) if recording.dim == 3 else 1.0),
         labels=labels,
         label_names={} if labels is None else _label_names(archive),
     )

@@ -45,7 +45,7 @@ def read_csv(path: Path, fps: float | None = None) -> Recording:
     if len(np.unique(cells)) < len(cells):
         raise RecordingError("a frame has a track twice")
     place = np.stack([columns[name] for name in "xyz" if name in columns], axis=1)
-    arrays = {"positions": _grid(cells, place, len(stamps), len(ids))}
+    arrays = {"pred_tracks": _grid(cells, place, len(stamps), len(ids))}
     for name in (*SEEN, *HIDDEN, *CONFIDENCE, *UNCERTAIN, *SIGMA):
         if name in columns:
             arrays[name] = _grid(cells, columns[name], len(stamps), len(ids))

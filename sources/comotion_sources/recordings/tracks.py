@@ -26,7 +26,7 @@ CONFIDENCE, UNCERTAIN = ("confidence", "confidences", "pred_confidence"), ("expe
 SIGMA, TIMES, RATE = ("sigma",), ("times", "timestamps"), ("fps",)
 # Names by which the first axis is known: TAPIR and TAP-Vid have points first, CoTracker and ours frames.
 _POINTS_FIRST = ("points", "visibles", *HIDDEN, *UNCERTAIN, "query_points")
-_FRAMES_FIRST = ("pred_tracks", "pred_visibility", "positions")
+_FRAMES_FIRST = ("pred_tracks", "pred_visibility")
 NAMES = {*POSITIONS, *SEEN, *HIDDEN, *CONFIDENCE, *UNCERTAIN, *SIGMA, *TIMES, *RATE, "query_points"}
 """All arrays that are read."""
 
@@ -65,7 +65,7 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     place = _points(_first(arrays, POSITIONS))
     if place is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
-    if place.shape[2] == 2 and _within_one(place):
+    if place.shape[2] == 2 and "positions" not in arrays and _within_one(place):
         raise RecordingError("its positions lie within 0 to 1: multiply them by width and height in px")
     probability = _per_point(arrays, SEEN, place) * (1 - _per_point(arrays, HIDDEN, place, missing=0.0))
     confidence = _per_point(arrays, CONFIDENCE, place) * (
@@ -133,6 +133,8 @@ def _per_point(
 
 def _points_first(arrays: Arrays, place: NDArray[np.float64], seen: NDArray[np.bool_]) -> bool:
     """Whether the first axis is that of points: by the number of times, by names, else by the steps."""
+    if "positions" in arrays:
+        return False
     times = next((len(arrays[name]) for name in TIMES if name in arrays and arrays[name].ndim == 1), None)
     if times is not None and place.shape[0] != place.shape[1]:
         return times != len(place)
