@@ -27,11 +27,6 @@ MESSAGE_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 _NAME = r"[a-z0-9_-]{1,64}"
 
 
-def _plain(value: Any) -> Any:
-    """Convert NumPy scalars to plain numbers."""
-    return value.item() if isinstance(value, np.generic) else value
-
-
 def _printable(name: str) -> str:
     """Refuse a name that cannot be shown: changed, it would be that of something else."""
     if not name.isprintable():
@@ -39,7 +34,8 @@ def _printable(name: str) -> str:
     return name
 
 
-_PLAIN = BeforeValidator(_plain)
+# NumPy scalars are plain numbers.
+_PLAIN = BeforeValidator(lambda value: value.item() if isinstance(value, np.generic) else value)
 Int64 = Annotated[int, Field(strict=True, ge=-(2**63), le=2**63 - 1), _PLAIN]
 UInt64 = Annotated[int, Field(strict=True, ge=0, le=2**64 - 1), _PLAIN]
 UInt32 = Annotated[int, Field(strict=True, ge=0, le=2**32 - 1), _PLAIN]

@@ -63,18 +63,14 @@ def read_calibration(path: Path) -> Calibration:
     InputError
         If the file cannot be read or has another format.
     """
-    text = _text(path)
+    try:
+        text = read_text(path, _MAX_BYTES)
+    except InputError as error:
+        raise InputError(f"{error}, so not a calibration") from None
     try:
         return _from_toml(text) if path.suffix.lower() == ".toml" else _from_yaml(text)
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
         raise InputError(f"{path}: {_one_line(error)}") from None
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_text(path, _MAX_BYTES)
-    except InputError as error:
-        raise InputError(f"{error}, so not a calibration") from None
 
 
 def _one_line(error: Exception) -> str:

@@ -45,7 +45,8 @@ def new_corners(grey: Image, present: Pixels, config: TrackerConfig, usable: Usa
     if usable is not None and len(candidates):
         candidates = candidates[usable(candidates)]
     chosen = candidates[_balanced_order(candidates, present, grey.shape, config)[:free]]
-    return _apart(_refined(grey, chosen, config), present, config.min_distance)
+    corners = _refined(grey, chosen, config)
+    return corners[~crowded(np.concatenate([present, corners]), config.min_distance)[len(present) :]]
 
 
 def _corners(grey: Image, config: TrackerConfig) -> Pixels:
@@ -94,11 +95,6 @@ def _refined(grey: Image, corners: Pixels, config: TrackerConfig) -> Pixels:
     diverged = ~np.isfinite(fine).all(axis=1) | (np.abs(fine - corners).max(axis=1) > _SUBPIX_HALF)
     kept = ~diverged & inside(fine, grey.shape, config.window // 2)
     return np.where(kept[:, None], fine, corners).astype(np.float32)
-
-
-def _apart(corners: Pixels, present: Pixels, distance: float) -> Pixels:
-    keep = crowded(np.concatenate([present, corners]), distance)[len(present) :]
-    return corners[~keep]
 
 
 def crowded(pixels: Pixels, distance: float) -> NDArray[np.bool_]:

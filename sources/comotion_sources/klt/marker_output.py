@@ -11,6 +11,7 @@ from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
 from ..markers.detector import MarkerDetector, MarkerOptions
 from ..runtime import SourcePublisher
+from .tracker import Tracks
 
 
 class MarkerOutput:
@@ -46,7 +47,7 @@ class MarkerOutput:
             **where,
         )
 
-    def publish(self, frame: Frame) -> None:
+    def publish(self, frame: Frame, _tracks: Tracks) -> None:
         """Publish the poses of the markers in a frame; an empty batch if there are none.
 
         The empty batch keeps the watermark of the scene moving.

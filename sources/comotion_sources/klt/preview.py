@@ -10,7 +10,7 @@ import numpy as np
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview, encode
 from comotion_schemas.transport import stream_publisher
 
-from ..cameras.types import Image
+from ..cameras.types import Frame, Image
 from ..received import Inbox
 from ..runtime import Source
 from .drawing import Annotator
@@ -41,10 +41,10 @@ class DelayedPreview:
         self._poll()
         return bool(self._held) and self._newest is not None and not self._is_due(self._held[-1][1])
 
-    def add(self, image: Image, tracks: Tracks) -> None:
+    def add(self, frame: Frame, tracks: Tracks) -> None:
         """Add a frame and write the frames that are due."""
         self._poll()
-        self._held.append((image, tracks))
+        self._held.append((frame.image, tracks))
         latest_ns = tracks.stamp_ns - _LONGEST_DELAY_NS
         while self._held and (self._is_due(self._held[0][1]) or self._held[0][1].stamp_ns < latest_ns):
             self._write()
@@ -98,13 +98,13 @@ class PreviewStream:
         self._period, self._due = 1.0 / rate, 0.0
         self.close = self._publisher.undeclare
 
-    def offer(self, image: Image, tracks: Tracks) -> None:
+    def offer(self, frame: Frame, tracks: Tracks) -> None:
         """Publish a frame if one is due and there is a subscriber."""
         now = time.monotonic()
         if now < self._due or not self._publisher.matching_status.matching:
             return
         self._due = now + self._period
-        image, pixels = reduced(image, tracks.pixels)
+        image, pixels = reduced(frame.image, tracks.pixels)
         written, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         if not written:
             return

@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Unpack
 
@@ -24,7 +25,7 @@ from .options import CameraOptions
 from .pacing import Pacer
 from .picture_file import NO_ENCODER, PictureFile
 from .preview import DelayedPreview, PreviewStream
-from .tracker import Tracker
+from .tracker import Tracker, Tracks
 
 _RETRY_S = 1.0  # between two attempts to reopen a lost device
 _FLUSH_S = 2.0  # longest wait for the hypotheses of the last frames of a preview
@@ -77,9 +78,9 @@ class CameraProcess:
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
         self._size: tuple[int, ...] | None = None
         self._stamp_ns: int | None = None
-        self._markers: MarkerOutput | None = None
         self._preview: DelayedPreview | None = None
-        self._stream: PreviewStream | None = None
+        # What else takes each frame with its features.
+        self._outputs: list[Callable[[Frame, Tracks], None]] = []
 
     def run(self) -> None:
         """Publish until the camera ends or the process is stopped."""
@@ -115,7 +116,7 @@ class CameraProcess:
         options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
             frame = self._extrinsics or Extrinsics(frame=f"{options.name}/optical")
-            self._markers = MarkerOutput(
+            markers = MarkerOutput(
                 f"{options.name}-markers",
                 options.markers,
                 self._intrinsics,
@@ -123,7 +124,8 @@ class CameraProcess:
                 rate=rate,
                 **(self._where | {"ready_file": None}),
             )
-            stack.enter_context(self._markers.source)
+            stack.enter_context(markers.source)
+            self._outputs.append(markers.publish)
         # Signals reach the component that was entered last.
         self._publisher = stack.enter_context(
             SourcePublisher(
@@ -143,14 +145,16 @@ class CameraProcess:
             self._carrier = Carrier(self._publisher.component, options.carrier, self._poses)
             stack.callback(self._carrier.close)
         if options.share_preview > 0:
-            self._stream = PreviewStream(self._publisher, options.share_preview)
-            stack.callback(self._stream.close)
+            stream = PreviewStream(self._publisher, options.share_preview)
+            stack.callback(stream.close)
+            self._outputs.append(stream.offer)
         if options.preview is not None:
             file = PictureFile(options.preview, rate)
             if file.codec == "mpeg4":
                 _log.warning("%s: %s", options.preview, NO_ENCODER)
             self._preview = DelayedPreview(file, Annotator(self._space), self._publisher)
             stack.callback(self._preview.close)
+            self._outputs.append(self._preview.add)
         self._attach()
         # Closing the camera ends its wait for a frame.
         threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
@@ -210,12 +214,8 @@ class CameraProcess:
             self._carrier.wait_for(stamp, self._wait)
         for message in self._observer.messages(tracks, seen):
             self._publisher.put(message)
-        if self._markers is not None:
-            self._markers.publish(seen)
-        if self._stream is not None:
-            self._stream.offer(frame.image, tracks)
-        if self._preview is not None:
-            self._preview.add(frame.image, tracks)
+        for output in self._outputs:
+            output(seen, tracks)
 
     def _check_size(self, frame: Frame) -> None:
         size = frame.image.shape[:2]
@@ -226,7 +226,7 @@ class CameraProcess:
             self._events["resets"] += 1
             self._end_features()
         self._size = size
-        needed = self._space.intrinsics or (self._intrinsics if self._markers else None)
+        needed = self._space.intrinsics or (self._intrinsics if self._options.markers else None)
         if needed is not None and (needed.height, needed.width) != size:
             raise CalibrationError(
                 f"{self._what}: images of {size[1]} x {size[0]}, "

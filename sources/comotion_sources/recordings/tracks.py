@@ -65,7 +65,13 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     place = _points(_first(arrays, POSITIONS))
     if place is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
-    if place.shape[2] == 2 and "positions" not in arrays and _within_one(place):
+    known = place[np.isfinite(place)]
+    if (
+        place.shape[2] == 2
+        and "positions" not in arrays
+        and known.size
+        and 0 <= known.min() <= known.max() <= 1
+    ):
         raise RecordingError("its positions lie within 0 to 1: multiply them by width and height in px")
     probability = _per_point(arrays, SEEN, place) * (1 - _per_point(arrays, HIDDEN, place, missing=0.0))
     confidence = _per_point(arrays, CONFIDENCE, place) * (
@@ -106,11 +112,6 @@ def _points(array: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
     if not array.size:
         raise RecordingError("it holds no observation")
     return array
-
-
-def _within_one(place: NDArray[np.float64]) -> bool:
-    known = place[np.isfinite(place)]
-    return bool(known.size) and 0 <= known.min() <= known.max() <= 1
 
 
 def _per_point(

@@ -128,21 +128,16 @@ def _body_actors(
 
     births = np.zeros(body.features)
     drawn = []
-    for at in _respawn_times(spec.respawn, spec.duration):
-        replaced = rng.choice(body.features, round(spec.respawn.share * body.features), replace=False)  # type: ignore[union-attr]
+    respawn = spec.respawn or Respawn(every=spec.duration, share=0)
+    # At the multiples of the interval, without the last instant.
+    for k in range(int(np.ceil(spec.duration / respawn.every - 1e-9)) - 1):
+        at = respawn.every * (k + 1)
+        replaced = rng.choice(body.features, round(respawn.share * body.features), replace=False)
         drawn += [actor(place, births[place], at) for place in replaced.tolist()]
         births[replaced] = at
     drawn += [actor(place, birth, np.inf) for place, birth in enumerate(births.tolist())]
     drawn += [actor(body.features + k, 0.0, np.inf, body.pose_sigma) for k in range(body.poses)]
     return drawn
-
-
-def _respawn_times(respawn: Respawn | None, duration: float) -> list[float]:
-    """Return the multiples of the interval (s), without the last instant."""
-    if respawn is None:
-        return []
-    count = int(np.ceil(duration / respawn.every - 1e-9)) - 1
-    return [respawn.every * (k + 1) for k in range(count)]
 
 
 def _add_outliers(

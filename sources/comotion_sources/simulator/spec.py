@@ -170,7 +170,11 @@ class SceneSpec(_Part):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         for body in self.bodies:
-            _check_body(body, self.dim)
+            if isinstance(body.size, list) and len(body.size) != self.dim:
+                raise KnownError(f"body {body.name!r}: size needs {self.dim} numbers")
+            if body.poses and self.dim != 3:
+                raise KnownError(f"body {body.name!r}: poses need dim 3")
+            _check_motion(f"body {body.name!r}", body.motion, self.dim)
         if self.camera is not None:
             _check_motion("camera", self.camera, self.dim)
         if self.outliers is not None:
@@ -188,14 +192,6 @@ class SceneSpec(_Part):
     def object_names(self) -> list[str]:
         """Names of the true objects of the bodies; an object's number is its index."""
         return list(dict.fromkeys(body.object or body.name for body in self.bodies))
-
-
-def _check_body(body: Body, dim: int) -> None:
-    if isinstance(body.size, list) and len(body.size) != dim:
-        raise KnownError(f"body {body.name!r}: size needs {dim} numbers")
-    if body.poses and dim != 3:
-        raise KnownError(f"body {body.name!r}: poses need dim 3")
-    _check_motion(f"body {body.name!r}", body.motion, dim)
 
 
 def _check_motion(what: str, motion: Rest | KeyStates | Sines, dim: int) -> None:
