@@ -11,14 +11,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import zenoh
 import zenoh.ext
 
 from .errors import KnownError
 from .keys import Keys, Kind, StreamKind
-from .qos import HEARTBEAT_S, QOS
+from .qos import HEARTBEAT_S, QOS, PriorityName
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -35,15 +35,6 @@ one or two of 700 were, over TLS, beside a source that sends 8 MB/s."""
 QUEUE_SIZE = 16
 """Packets of each priority that wait for a link, the most that Zenoh takes; an express message is one. With
 the 2 of Zenoh a source of 100 Hz lost one in a hundred where processes wait for 10 ms now and then."""
-_PRIORITIES = (
-    "real_time",
-    "interactive_high",
-    "interactive_low",
-    "data_high",
-    "data",
-    "data_low",
-    "background",
-)
 _CONNECT_TRY_MS = 500  # a signal is handled between two tries
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
 _log = logging.getLogger(__name__)
@@ -126,7 +117,7 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
                 "tx": {
                     "lease": LEASE_MS,
                     "queue": {
-                        "size": dict.fromkeys(_PRIORITIES, QUEUE_SIZE),
+                        "size": {name.lower(): QUEUE_SIZE for name in get_args(PriorityName)},
                         "congestion_control": {"drop": {"wait_before_drop": WAIT_BEFORE_DROP_US}},
                     },
                 },

@@ -42,7 +42,9 @@ def read_csv(path: Path) -> Iterator[JointSample]:
             for row in rows:
                 if row:
                     sample = _csv_sample(path, rows.line_num, header, row)
-                    first = _judged(path, first, sample)
+                    if len(first) < _JUDGED:
+                        first.append(sample.stamp_ns)
+                        _judge(path, first)
                     yield sample
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
@@ -50,17 +52,13 @@ def read_csv(path: Path) -> Iterator[JointSample]:
         raise InputError(f"{path}: not a CSV file: {error}") from None
 
 
-def _judged(path: Path, first: list[int], sample: JointSample) -> list[int]:
-    """The first stamps of a log, by which its unit is judged as soon as there are enough."""
-    if len(first) >= _JUDGED:
-        return first
-    stamps = [*first, sample.stamp_ns]
-    if len(stamps) == _JUDGED and stamps == sorted(set(stamps)):
+def _judge(path: Path, first: list[int]) -> None:
+    """Judge the unit of the first stamps of a log, as soon as there are enough."""
+    if len(first) == _JUDGED and first == sorted(set(first)):
         try:
-            seconds([stamp / 1e9 for stamp in stamps])
+            seconds([stamp / 1e9 for stamp in first])
         except KnownError as error:
             raise InputError(f"{path}: {error}") from None
-    return stamps
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping
+from itertools import chain
 from typing import Unpack
 
 import numpy as np
@@ -73,14 +74,10 @@ def run(
             )
         source.ready()
         packer = Packer(kinematics, rate=rate, span=span)
-        for sample in reader(source):
-            _publish(packer.flush() if sample is None else _packed(sample, packer, source), source)
-        _publish(packer.flush(), source)
-
-
-def _publish(columns: Columns | None, source: SourcePublisher) -> None:
-    if columns is not None:
-        source.observe(**columns)
+        for sample in chain(reader(source), [None]):
+            columns = packer.flush() if sample is None else _packed(sample, packer, source)
+            if columns is not None:
+                source.observe(**columns)
 
 
 def _packed(sample: JointSample, packer: Packer, source: SourcePublisher) -> Columns | None:

@@ -7,11 +7,10 @@ from .extra import require_mujoco
 from .scene import Vector
 
 Points = NDArray[np.float32]
+Surface = tuple[NDArray[np.intp], Points, Points, Points]
 
 
-def surface(
-    kind: int, size: Vector, local: Points, to_light: Points
-) -> tuple[NDArray[np.intp], Points, Points, Points]:
+def surface(kind: int, size: Vector, local: Points, to_light: Points) -> Surface:
     """Locate points on the surface of a geom.
 
     Parameters
@@ -36,7 +35,7 @@ def surface(
     return _sphere(size, local, to_light)
 
 
-def _box(size: Vector, local: Points, to_light: Points) -> tuple[NDArray[np.intp], Points, Points, Points]:
+def _box(size: Vector, local: Points, to_light: Points) -> Surface:
     axis = np.argmax(np.abs(local) / size.astype(np.float32), axis=1)
     outward = np.where(local[np.arange(len(local)), axis] > 0, 1, 0)
     sign = np.where(outward, 1, -1).astype(np.float32)
@@ -46,9 +45,7 @@ def _box(size: Vector, local: Points, to_light: Points) -> tuple[NDArray[np.intp
     return 2 * axis + outward, u, v, sign * to_light[axis]
 
 
-def _cylinder(
-    size: Vector, local: Points, to_light: Points
-) -> tuple[NDArray[np.intp], Points, Points, Points]:
+def _cylinder(size: Vector, local: Points, to_light: Points) -> Surface:
     radius, half = np.float32(size[0]), np.float32(size[1])
     x, y, z = local.T
     cap = np.abs(z) / half > np.hypot(x, y) / radius
@@ -58,7 +55,7 @@ def _cylinder(
     return face, u, np.where(cap, -y, -z), np.where(cap, np.sign(z) * to_light[2], side)
 
 
-def _sphere(size: Vector, local: Points, to_light: Points) -> tuple[NDArray[np.intp], Points, Points, Points]:
+def _sphere(size: Vector, local: Points, to_light: Points) -> Surface:
     radius = np.float32(size[0])
     x, y, z = local.T
     u = radius * np.arctan2(y, x)
