@@ -15,6 +15,7 @@ from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, CameraError, Frame
+from ..markers.detector import MarkerOptions
 from ..poses import PoseBuffer, read_trajectory
 from ..runtime import SourcePublisher
 from .carrier import Carrier
@@ -115,17 +116,7 @@ class CameraProcess:
     def _connect(self, stack: ExitStack) -> None:
         options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
-            frame = self._extrinsics or Extrinsics(frame=f"{options.name}/optical")
-            markers = MarkerOutput(
-                f"{options.name}-markers",
-                options.markers,
-                self._intrinsics,
-                frame,
-                rate=rate,
-                **(self._where | {"ready_file": None}),
-            )
-            stack.enter_context(markers.source)
-            self._outputs.append(markers.publish)
+            self._connect_markers(stack, options.markers, rate)
         # Signals reach the component that was entered last.
         self._publisher = stack.enter_context(
             SourcePublisher(
@@ -158,6 +149,19 @@ class CameraProcess:
         self._attach()
         # Closing the camera ends its wait for a frame.
         threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
+
+    def _connect_markers(self, stack: ExitStack, options: MarkerOptions, rate: float) -> None:
+        name, frame = self._options.name, self._extrinsics
+        output = MarkerOutput(
+            f"{name}-markers",
+            options,
+            self._intrinsics,
+            frame or Extrinsics(frame=f"{name}/optical"),
+            rate=rate,
+            **(self._where | {"ready_file": None}),
+        )
+        stack.enter_context(output.source)
+        self._outputs.append(output.publish)
 
     def _attach(self) -> None:
         self._camera.attach(self._publisher.component)
