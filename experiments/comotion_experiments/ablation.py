@@ -1,19 +1,18 @@
 """Ablation: each rule of the default method in metric spaces left out alone, and what that costs."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from comotion import FusionConfig
 from comotion.rigid.kernels.resampling import resample
 
-from .accuracy.cases import PERIOD, recorded_cases
-from .offline import run_offline
+from .accuracy.cases import recorded_cases, run_case
 from .processes import Progress, quiet, run_all
 from .stress import run_family
 from .tables import Table, document, mean, number
@@ -27,41 +26,20 @@ _SHOWN = 2
 
 @dataclass(frozen=True)
 class Rule:
-    """A rule, term or group of constants.
-
-    Attributes
-    ----------
-    what
-        What is left out, in a line.
-    changes
-        By "module.attribute", within ``comotion.rigid``: what stands there instead. No constants of kernels,
-        which are compiled in.
-    parameters
-        Parameters of the group `rigid` that switch it off.
-    """
+    """A rule, term or group of constants, in words, and what stands in its place."""
 
     what: str
+    # By "module.attribute", within ``comotion.rigid``. No constants of kernels, which are compiled in.
     changes: Mapping[str, Any] = field(default_factory=dict)
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-
-    def config(self) -> FusionConfig:
-        """The parameters without the rule."""
-        return FusionConfig.model_validate({"rigid": dict(self.parameters)})
+    parameters: Mapping[str, Any] = field(default_factory=dict)  # of the group `rigid`
 
     @contextmanager
-    def left_out(self) -> Iterator[None]:
-        """Leave the rule out in this process for as long as the context lasts."""
-        places = []
-        for path, value in self.changes.items():
-            name, attribute = path.rsplit(".", 1)
-            module = import_module(f"comotion.rigid.{name}")
-            places.append((module, attribute, getattr(module, attribute)))
-            setattr(module, attribute, value)
-        try:
-            yield
-        finally:
-            for module, attribute, value in places:
-                setattr(module, attribute, value)
+    def left_out(self) -> Iterator[FusionConfig]:
+        """Leave the rule out in this process for as long as the context lasts; yields the parameters."""
+        with ExitStack() as stack:
+            for path, value in self.changes.items():
+                stack.enter_context(patch(f"comotion.rigid.{path}", value))
+            yield FusionConfig.model_validate({"rigid": dict(self.parameters)})
 
 
 def _only_white(_tracks: Any, _y: Any, _w: Any, owner: Any, tolerance: Any, *_: Any) -> Any:
@@ -122,22 +100,6 @@ class Run:
     nmi: float
 
 
-@dataclass
-class Results:
-    """All runs, and the seeds of families."""
-
-    seeds: Sequence[int]
-    runs: list[Run] = field(default_factory=list)
-
-    def means(self, rule: str, *, recorded: bool) -> dict[str, float]:
-        """Mean NMI of each scene, or of each recording, without a rule."""
-        scores: dict[str, list[float]] = {}
-        for run in self.runs:
-            if (run.rule, run.recorded) == (rule, recorded):
-                scores.setdefault(run.scene, []).append(run.nmi)
-        return {scene: float(np.mean(values)) for scene, values in sorted(scores.items())}
-
-
 def run_experiment(
     rules: Sequence[str],
     families: Sequence[str],
@@ -146,7 +108,7 @@ def run_experiment(
     *,
     jobs: int = 2,
     progress: Progress = quiet,
-) -> Results:
+) -> list[Run]:
     """Run families and recordings with all rules, and without each of `rules`.
 
     Parameters
@@ -165,7 +127,7 @@ def run_experiment(
         *((rule, None, name, seed) for rule in [WHOLE, *rules] for name in families for seed in seeds),
         *((rule, folder, name, 0) for rule in [WHOLE, *rules] for folder, name in paths),
     ]
-    return Results(seeds, list(run_all(_run, work, jobs, _said, progress)))
+    return list(run_all(_run, work, jobs, _said, progress))
 
 
 def _said(run: Run) -> str:
@@ -173,15 +135,11 @@ def _said(run: Run) -> str:
 
 
 def _run(name: str, folder: Path | None, scene: str, seed: int) -> Run:
-    rule = RULES.get(name, Rule("nothing"))
-    with rule.left_out():
+    with RULES.get(name, Rule("nothing")).left_out() as config:
         if folder is None:
-            nmi = run_family(scene, seed, rule.config())["nmi_apart"]
-        else:
-            case = next(recorded for recorded in recorded_cases(folder) if recorded.name == scene)
-            run = run_offline(case.open(0), rule.config(), period=PERIOD, duration=case.duration)
-            nmi = float(np.nanmean(run.nmi))
-    return Run(name, scene, seed, folder is not None, nmi)
+            return Run(name, scene, seed, False, run_family(scene, seed, config)["nmi_apart"])
+        case = next(recorded for recorded in recorded_cases(folder) if recorded.name == scene)
+        return Run(name, scene, seed, True, run_case(case, config, 0)["nmi"])
 
 
 _HEAD = """# Ablation
@@ -191,20 +149,34 @@ over all updates. Stress families with seeds {seeds}, and recordings.
 The last column names the two scenes that change most, by more than {scatter:.3f}."""
 
 
-def markdown(results: Results) -> str:
+def as_json(runs: Sequence[Run]) -> dict[str, Any]:
+    """Values for JSON: all runs, and the seeds of families."""
+    return {"seeds": _seeds(runs), "runs": runs}
+
+
+def _seeds(runs: Sequence[Run]) -> list[int]:
+    return sorted({run.seed for run in runs if not run.recorded})
+
+
+def markdown(runs: Sequence[Run]) -> str:
     """A table with a line for each rule."""
     drawn = Table(("left out", "families", "recordings", "changes"))
-    drawn.add(*_cells(results, WHOLE, "nothing"))
-    for name in dict.fromkeys(run.rule for run in results.runs if run.rule != WHOLE):
-        drawn.add(*_cells(results, name, f"`{name}`: {RULES[name].what}"))
-    seeds = ", ".join(map(str, results.seeds))
-    return document([_HEAD.format(seeds=seeds, scatter=SCATTER), drawn])
+    whole = _means(runs, WHOLE)
+    for name in dict.fromkeys([WHOLE, *(run.rule for run in runs)]):
+        found = _means(runs, name)
+        changes = {key: nmi - whole[key] for key, nmi in found.items()}
+        largest = sorted(changes.items(), key=lambda item: -abs(item[1]))[:_SHOWN]
+        changed = ", ".join(f"{key[1]} {change:+.3f}" for key, change in largest if abs(change) > SCATTER)
+        of_kinds = (mean(nmi for key, nmi in found.items() if key[0] == kind) for kind in (False, True))
+        title = "nothing" if name == WHOLE else f"`{name}`: {RULES[name].what}"
+        drawn.add(title, *(number(nmi, 4) for nmi in of_kinds), changed or "-")
+    return document([_HEAD.format(seeds=", ".join(map(str, _seeds(runs))), scatter=SCATTER), drawn])
 
 
-def _cells(results: Results, rule: str, title: str) -> tuple[str, ...]:
-    families, recordings = (results.means(rule, recorded=recorded) for recorded in (False, True))
-    whole = results.means(WHOLE, recorded=False) | results.means(WHOLE, recorded=True)
-    changes = {name: nmi - whole[name] for name, nmi in (families | recordings).items()}
-    largest = sorted(changes.items(), key=lambda item: -abs(item[1]))[:_SHOWN]
-    changed = ", ".join(f"{name} {change:+.3f}" for name, change in largest if abs(change) > SCATTER)
-    return title, number(mean(families.values()), 4), number(mean(recordings.values()), 4), changed or "-"
+def _means(runs: Sequence[Run], rule: str) -> dict[tuple[bool, str], float]:
+    """Mean NMI without a rule, by whether it is a recording, and the name of the scene."""
+    scores: dict[tuple[bool, str], list[float]] = {}
+    for run in runs:
+        if run.rule == rule:
+            scores.setdefault((run.recorded, run.scene), []).append(run.nmi)
+    return {key: mean(values) for key, values in sorted(scores.items())}

@@ -36,8 +36,9 @@ class Run:
         Summary of the scores.
     scores
         One per update, in order.
-    update_ms
-        float64 [updates]: time in the core per update, ingest of its batches included.
+    update_ms, ingest_ms, cpu_ms
+        float64 [updates]: time in the core per update, ingest of its batches included; that of the ingest
+        alone; and processor time of all threads.
     start_ns
         Event time of the first observation.
     truth
@@ -51,6 +52,8 @@ class Run:
     summary: Summary
     scores: list[Score]
     update_ms: NDArray[np.float64]
+    ingest_ms: NDArray[np.float64]
+    cpu_ms: NDArray[np.float64]
     start_ns: int
     truth: Truth
     spaces: dict[str, SpaceRef]
@@ -81,10 +84,12 @@ class _Offline:
     on_update: OnUpdate
     start_ns: int
     period: float
+    spread: bool
     count: int = 1
     observed: Observed = field(default_factory=Observed)
-    times: list[float] = field(default_factory=list)
-    busy: float = 0.0
+    # Of each update: s that the ingest of its batches took, it and the update, and of processors.
+    times: list[NDArray[np.float64]] = field(default_factory=list)
+    busy: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     last: HypothesisUpdate = field(init=False)
 
     @property
@@ -97,24 +102,31 @@ class _Offline:
         self.count = max(self.count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
 
     def ingest(self, batch: ObservationBatch) -> None:
-        begun = time.perf_counter()
+        begun, cpu = time.perf_counter(), time.process_time()
         self.fusion.ingest(batch)
-        self.busy += time.perf_counter() - begun
+        if self.spread:
+            self.fusion.advance(batch.stamp_ns)
+        took = time.perf_counter() - begun
+        self.busy += [took, took, time.process_time() - cpu]
         self.observed.add(batch)
 
     def update(self) -> None:
-        begun = time.perf_counter()
+        begun, cpu = time.perf_counter(), time.process_time()
         self.last = update = self.fusion.update(self.due_ns)
-        self.times.append((self.busy + time.perf_counter() - begun) * 1e3)
-        self.busy = 0.0
+        took, cpu = time.perf_counter() - begun, time.process_time() - cpu
+        self.times.append(self.busy + np.array([0.0, took, cpu]))
+        self.busy = np.zeros(3)
         self.count += 1
         self.on_update(update, self.tally.add(update, self.observed))
 
     def run(self, truth: Truth) -> Run:
+        ingest_ms, update_ms, cpu_ms = 1e3 * np.array(self.times).T
         return Run(
             summary=self.tally.summary(),
             scores=self.tally.scores,
-            update_ms=np.array(self.times),
+            update_ms=update_ms,
+            ingest_ms=ingest_ms,
+            cpu_ms=cpu_ms,
             start_ns=self.start_ns,
             truth=truth,
             spaces=dict(self.observed.spaces),
@@ -130,6 +142,7 @@ def run_offline(
     period: float | None = None,
     duration: float | None = None,
     fusion: Fusion | None = None,
+    spread: bool = False,
     on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
 ) -> Run:
     """Run messages through the core and score every update.
@@ -151,6 +164,8 @@ def run_offline(
         Seconds of event time to run; all by default.
     fusion
         The core, for callers that look into it at every update; a new one of `config` by default.
+    spread
+        Fuse what has come after every batch, as a service does; by default at every update.
     on_update
         Called with every update and its score.
 
@@ -171,7 +186,7 @@ def run_offline(
     compile_ahead(config.method, first.batch.unit, first.batch.dim, sources=2)
     start_ns = _start(first.batch)
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
-    offline = _Offline(fusion or Fusion(config), Tally(truth), on_update, start_ns, period)
+    offline = _Offline(fusion or Fusion(config), Tally(truth), on_update, start_ns, period, spread)
     for arrived in chain([first], batches):
         offline.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
         while offline.due_ns < arrived.now_ns and offline.due_ns <= end_ns:

@@ -64,16 +64,17 @@ def document(parts: Iterable[str | Table]) -> str:
 
 
 class Column(NamedTuple):
-    """A column of numbers: which value of a row it shows, its title, digits, and what it is multiplied by."""
+    """A column of numbers: which value of a row it shows, its title, digits, factor, and what follows it."""
 
     key: str
     title: str
     digits: int
     times: float = 1.0
+    unit: str = ""
 
     def of(self, row: Mapping[str, float]) -> str:
         """The cell of a row."""
-        return number(self.times * row[self.key], self.digits)
+        return number(self.times * row[self.key], self.digits) + self.unit
 
 
 def number(value: float, digits: int) -> str:

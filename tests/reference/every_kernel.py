@@ -8,9 +8,10 @@ import sys
 
 from comotion import Fusion, FusionConfig
 from comotion.precompiling import kernels
+from comotion_experiments.inputs import Arrived
 from comotion_schemas import encode
 
-from ..comotion_tools.bench.scene import Scene, SceneSpec
+from ..comotion_tools.bench.scene import SceneSpec, messages
 
 # Of so many features in metres the default method searches a subset.
 SCENES = {
@@ -24,7 +25,8 @@ UPDATE_EVERY = 10
 
 def digest(method, spec):
     fusion, found = Fusion(FusionConfig(method=method)), hashlib.sha256()
-    for k, batch in enumerate(Scene(spec).merged(SECONDS)):
+    given = (one for one in messages(spec, SECONDS) if isinstance(one, Arrived))
+    for k, batch in enumerate(arrived.batch for arrived in given):
         fusion.ingest(batch)
         if k % UPDATE_EVERY == UPDATE_EVERY - 1:
             found.update(encode(fusion.update(batch.stamp_ns)))

@@ -9,8 +9,9 @@ from comotion_experiments.stress import FAMILIES
 
 def test_the_command_writes_a_page_and_a_picture(tmp_path, capsys, monkeypatch) -> None:
     out = tmp_path / "out"
-    short = replace(FAMILIES["late_movers"], parameters={"first": 1.0, "every": 1.0, "duration": 4.0})
-    monkeypatch.setitem(FAMILIES, "late_movers", short)
+    family = FAMILIES["late_movers"]
+    short = {**family.parameters, "first": 1.0, "every": 1.0, "duration": 4.0}
+    monkeypatch.setitem(FAMILIES, "late_movers", replace(family, parameters=short))
     options = ["--family", "late_movers", "--family", "image_planar", "--seeds", "2", "--jobs", "1", "--json"]
     assert run(["dev", "reproduce", "stress", *options, "--out", str(out)]) == 0
     shown = json.loads(capsys.readouterr().out)

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comotion import FusionConfig
@@ -33,33 +33,20 @@ _SWITCH = {"fig4_1": 0.02}
 _SWITCH_ELSE = 0.01
 PERIOD = 1 / 3
 """s between updates."""
-Array = NDArray[np.float64]
+BINS = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9])
+"""Bounds of confidence."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One line of the report.
-
-    Attributes
-    ----------
-    name, group
-        Name of the case, and of its table.
-    open
-        Maps a seed to messages.
-    seeded
-        Whether the messages depend on the seed.
-    duration
-        Seconds to run; None: all.
-    sigma_switch
-        m; for the thesis method.
-    """
+    """One line of the report."""
 
     name: str
-    group: str
-    open: Callable[[int], Iterable[Message]]
-    seeded: bool = True
-    duration: float | None = None
-    sigma_switch: float = _SWITCH_ELSE
+    group: str  # its table
+    open: Callable[[int], Iterable[Message]]  # maps a seed to messages
+    seeded: bool = True  # whether the messages depend on the seed
+    duration: float | None = None  # s to run; None: all
+    sigma_switch: float = _SWITCH_ELSE  # m; for the thesis method
 
 
 def scene_cases() -> list[Case]:
@@ -136,37 +123,24 @@ def _recorded(path: Path) -> Case:
     )
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Results of a run.
+def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> dict[str, Any]:
+    """Run a case through the core.
 
-    `seconds`, `nmi` float64 [updates]; `confidence` float64 [n] and `right` bool [n] of
-    every assignment of a track with known object.
+    Returns
+    -------
+    `nmi`: mean over all updates, `late`: from 1 s on, `whole`: at whole seconds; `switches` per 100 tracks;
+    `bins` float64 [bins, 3]: for the assignments of tracks with known object, by their confidence in
+    :data:`BINS`, its sum, how many are right, and how many there are.
     """
-
-    seconds: Array
-    nmi: Array
-    switches: float
-    confidence: Array
-    right: NDArray[np.bool_]
-
-    @property
-    def mean(self) -> float:
-        """Mean NMI over all updates."""
-        return float(np.nanmean(self.nmi))
-
-
-def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> Outcome:
-    """Run a case through the core."""
-    truth = Truth()
-    confidence, right = [np.zeros(0)], [np.zeros(0, np.bool_)]
+    truth, bins = Truth(), np.zeros((len(BINS) - 1, 3))
 
     def on_update(update: HypothesisUpdate, _: Score) -> None:
         objects, labels = objects_of(update, truth), update.track_hypothesis
         known = (objects >= 0) & (labels != UNDETERMINED)
-        if known.any():
-            confidence.append(update.track_confidence[known].astype(np.float64))
-            right.append(rightly_assigned(labels[known], objects[known]))
+        confidence = update.track_confidence[known].astype(np.float64)
+        right = rightly_assigned(labels[known], objects[known])
+        counted = np.column_stack([confidence, right, np.ones(len(right))])
+        np.add.at(bins, np.digitize(confidence, BINS) - 1, counted)
 
     run = run_offline(
         case.open(seed),
@@ -176,5 +150,7 @@ def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None
         duration=case.duration if duration is None else duration,
         on_update=on_update,
     )
-    switches = run.summary.switches_per_100
-    return Outcome(run.seconds, run.nmi, switches, np.concatenate(confidence), np.concatenate(right))
+    t, off = run.seconds, np.abs(run.seconds - np.round(run.seconds))
+    parts = {"nmi": t > 0, "late": t >= 0.99, "whole": (off < PERIOD / 2) & (t > PERIOD)}
+    means = {name: float(np.nanmean(run.nmi[part])) for name, part in parts.items() if part.any()}
+    return means | {"switches": run.summary.switches_per_100, "bins": bins}

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from comotion import FusionConfig
 from comotion.config import RigidConfig
 
 from ..brox_malik import CLUSTERINGS, compare
 from ..offline import thesis
 from ..processes import Progress, quiet
-from .cases import Case, Outcome, run_case
-from .motion import MotionErrors, motion_errors
+from .cases import Case, run_case
+from .motion import motion_errors
 
 DEFAULT, THESIS = "comotion", "thesis"
 # Scenes of the robustness table: they cover all parameters and are short enough to run for each.
@@ -23,43 +21,27 @@ PARTS = ("scores", "comparator", "motion", "robustness")
 """Parts of the report: the methods on every case, the affinity of Brox and Malik, poses, and parameters."""
 
 
-@dataclass(frozen=True)
-class Variation:
-    """Mean NMI of each case, by name, with one parameter scaled by `factor`; 1: all defaults."""
-
-    parameter: str
-    factor: float
-    scores: dict[str, float]
-
-    @property
-    def mean(self) -> float:
-        """Mean over the cases."""
-        return float(np.mean(list(self.scores.values())))
-
-
 @dataclass
 class Results:
-    """What was run, and what came of it.
-
-    Attributes
-    ----------
-    cases, seeds, parts
-        What was run, `parts` of :data:`PARTS`.
-    outcomes
-        By case name and method, in the order of seeds.
-    compared
-        Mean NMI of the comparator by case and clustering, in the order of seeds.
-    motion, variations
-        The other parts.
-    """
+    """What was run, and what came of it."""
 
     cases: Sequence[Case]
     seeds: Sequence[int]
     parts: Sequence[str]
-    outcomes: dict[tuple[str, str], list[Outcome]] = field(default_factory=dict)
+    rows: list[dict[str, Any]] = field(default_factory=list)  # `case`, `method`, and what run_case returns
+    # By case and clustering of the comparator: mean NMI at whole seconds, in the order of seeds.
     compared: dict[str, dict[str, list[float]]] = field(default_factory=dict)
-    motion: MotionErrors = field(default_factory=MotionErrors)
-    variations: list[Variation] = field(default_factory=list)
+    motion: dict[str, float] = field(default_factory=dict)  # medians of errors
+    # `scores`: NMI by case, with one parameter scaled by `factor`; first with all as they are.
+    variations: list[dict[str, Any]] = field(default_factory=list)
+
+    def of(self, case: str, method: str, figure: str) -> list[Any]:
+        """A figure of a case under a method, in the order of seeds."""
+        return [row[figure] for row in self.rows if (row["case"], row["method"]) == (case, method)]
+
+    def names(self, group: str) -> list[str]:
+        """Cases of a group, in order."""
+        return [case.name for case in self.cases if case.group == group]
 
 
 def run_experiment(
@@ -74,7 +56,8 @@ def run_experiment(
         if "scores" in parts or compared:
             progress(case.name)
             for method, config in ((DEFAULT, FusionConfig()), (THESIS, thesis(case.sigma_switch))):
-                results.outcomes[case.name, method] = [run_case(case, config, seed) for seed in own]
+                which = {"case": case.name, "method": method}
+                results.rows += [which | run_case(case, config, seed) for seed in own]
         if compared:
             rows = [compare(case.open(seed), case.duration) for seed in own]
             results.compared[case.name] = {name: [row[name] for row in rows] for name in CLUSTERINGS}
@@ -87,25 +70,22 @@ def run_experiment(
     return results
 
 
-def _variations(cases: Sequence[Case], progress: Progress) -> list[Variation]:
+def _variations(cases: Sequence[Case], progress: Progress) -> list[dict[str, Any]]:
     """Compute scores with the defaults, and with each parameter halved and doubled."""
-    progress("robustness")
-    variations = [Variation("", 1.0, _scores_of(cases, RigidConfig()))]
+    tried: list[tuple[str, float, dict[str, Any]]] = [("", 1.0, {})]
     for name, value in RigidConfig().model_dump().items():
-        progress(f"robustness: {name}")
-        for factor in (0.5, 2.0):
-            scaled = RigidConfig(**_scaled(name, value, factor))
-            variations.append(Variation(name, factor, _scores_of(cases, scaled)))
+        tried += [(name, factor, {name: _scaled(name, value, factor)}) for factor in (0.5, 2.0)]
+    variations = []
+    for name, factor, scaled in tried:
+        progress(f"robustness: {name} x {factor:g}" if name else "robustness")
+        config = FusionConfig(rigid=RigidConfig(**scaled))
+        scores = {case.name: run_case(case, config, 0, _ROBUST_SECONDS)["nmi"] for case in cases}
+        variations.append({"parameter": name, "factor": factor, "scores": scores})
     return variations
 
 
-def _scaled(name: str, value: float, factor: float) -> dict[str, Any]:
+def _scaled(name: str, value: float, factor: float) -> float:
     scaled = value * factor
     if isinstance(value, int):
         scaled = max(round(scaled), 2)
-    return {name: min(scaled, 1.0) if name == "outlier_share" else scaled}
-
-
-def _scores_of(cases: Sequence[Case], motion: RigidConfig) -> dict[str, float]:
-    config = FusionConfig(rigid=motion)
-    return {case.name: run_case(case, config, 0, _ROBUST_SECONDS).mean for case in cases}
+    return min(scaled, 1.0) if name == "outlier_share" else scaled

@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Table, document, spread
-from .cases import PERIOD, Outcome
+from ..tables import Table, document, mean, spread
 from .experiment import DEFAULT, ROBUST_SCENES, THESIS, Results
 
-_BINS = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9])
 # Scenes in which the truth separates bodies that have not moved yet, so no method can.
 _UNKNOWABLE = ("fig4_3", "fig3_3", "3d_late", "3d_static")
 _GROUPS = ("thesis scenes", "3-D set", "two sources", "recordings")
@@ -46,39 +44,28 @@ The methods are described [here](../method.md). The recordings are those on whic
 def as_json(results: Results) -> Any:
     """Values for JSON: mean NMI of each case by method and seed, and the other parts that were run."""
     scores: dict[str, dict[str, list[float]]] = {}
-    for (name, method), outcomes in results.outcomes.items():
-        scores.setdefault(name, {})[method] = [o.mean for o in outcomes]
-    moved = "motion" in results.parts
+    for row in results.rows:
+        scores.setdefault(row["case"], {}).setdefault(row["method"], []).append(row["nmi"])
     return {
         "seeds": results.seeds,
         "nmi": scores,
         "comparator": results.compared,
-        "motion": results.motion.medians() if moved else None,
+        "motion": results.motion or None,
         "parameters": results.variations,
     }
 
 
 def _table(results: Results, group: str) -> Table:
     table = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
-    names = [case.name for case in results.cases if case.group == group]
+    names = results.names(group)
     for name in names:
-        table.add(*_row(results, name))
+        ours = (spread(results.of(name, DEFAULT, figure)) for figure in ("nmi", "late"))
+        switches = (f"{np.mean(results.of(name, method, 'switches')):.2f}" for method in (DEFAULT, THESIS))
+        table.add(name, *ours, next(switches), spread(results.of(name, THESIS, "nmi")), next(switches))
     if group == "recordings":
-        ours, thesis = (np.mean([results.outcomes[n, m][0].mean for n in names]) for m in (DEFAULT, THESIS))
-        table.add("**mean**", f"**{ours:.3f}**", "", "", f"{thesis:.3f}", "")
+        ours, theirs = (np.mean([results.of(n, m, "nmi") for n in names]) for m in (DEFAULT, THESIS))
+        table.add("**mean**", f"**{ours:.3f}**", "", "", f"{theirs:.3f}", "")
     return table
-
-
-def _row(results: Results, name: str) -> list[str]:
-    ours, thesis = (results.outcomes[name, m] for m in (DEFAULT, THESIS))
-    return [
-        name,
-        spread([o.mean for o in ours]),
-        spread([np.nanmean(o.nmi[o.seconds >= 0.99]) for o in ours]),
-        f"{np.mean([o.switches for o in ours]):.2f}",
-        spread([o.mean for o in thesis]),
-        f"{np.mean([o.switches for o in thesis]):.2f}",
-    ]
 
 
 _COMPARED = """## The affinity of Brox and Malik
@@ -98,7 +85,10 @@ def _compared(results: Results) -> list[str | Table]:
     if not results.compared:
         return []
     groups = {case.name: case.group for case in results.cases}
-    rows = {name: _compared_means(results, name) for name in results.compared}
+    rows = {}
+    for name, compared in results.compared.items():
+        ours = [results.of(name, method, "whole") for method in (DEFAULT, THESIS)]
+        rows[name] = [float(np.mean(cell)) for cell in (*ours, *compared.values())]
     table = Table(("", "default", "thesis", *next(iter(results.compared.values()))))
     for group in dict.fromkeys(groups[name] for name in rows):
         some = [row for name, row in rows.items() if groups[name] == group]
@@ -112,18 +102,6 @@ def _compared(results: Results) -> list[str | Table]:
     return [_COMPARED, table, f"Better than the default: {better or 'nowhere'}."]
 
 
-def _compared_means(results: Results, name: str) -> list[float]:
-    """Mean over seeds of the default, the thesis method and each clustering."""
-    ours = [np.mean([_whole(o) for o in results.outcomes[name, method]]) for method in (DEFAULT, THESIS)]
-    return [*map(float, ours), *(float(np.mean(cell)) for cell in results.compared[name].values())]
-
-
-def _whole(outcome: Outcome) -> float:
-    """Mean NMI over the updates at whole seconds."""
-    off = np.abs(outcome.seconds - np.round(outcome.seconds))
-    return float(np.nanmean(outcome.nmi[(off < PERIOD / 2) & (outcome.seconds > PERIOD)]))
-
-
 _POSES = """## Pose since birth and twist
 
 Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bodies and seeds."""
@@ -132,8 +110,7 @@ Bodies of 10 features at 5 mm in a box of 0.3 m, 15 Hz; medians over updates, bo
 def _motion(results: Results) -> list[str | Table]:
     if "motion" not in results.parts:
         return []
-    medians = results.motion.medians().items()
-    return [_POSES, Table(("error", "median"), rows=[(name, f"{value:.2f}") for name, value in medians])]
+    return [_POSES, Table(("error", "median"), rows=[(k, f"{v:.2f}") for k, v in results.motion.items()])]
 
 
 def bins(results: Results) -> list[tuple[float, float, int]]:
@@ -141,17 +118,9 @@ def bins(results: Results) -> list[tuple[float, float, int]]:
 
     Of all simulated assignments with known truth.
     """
-    chosen = [
-        outcome
-        for case in results.cases
-        if case.group in _GROUPS[:2] and case.name not in _UNKNOWABLE
-        for outcome in results.outcomes[case.name, DEFAULT]
-    ]
-    confidence = np.concatenate([np.zeros(0), *(o.confidence for o in chosen)])
-    right = np.concatenate([np.zeros(0), *(o.right for o in chosen)])
-    place = np.digitize(confidence, _BINS) - 1
-    masks = [place == k for k in range(len(_BINS) - 1)]
-    return [(float(confidence[m].mean()), float(right[m].mean()), int(m.sum())) for m in masks if m.any()]
+    names = [name for group in _GROUPS[:2] for name in results.names(group) if name not in _UNKNOWABLE]
+    sums = sum(bins for name in names for bins in results.of(name, DEFAULT, "bins"))
+    return [(sure / n, right / n, int(n)) for sure, right, n in np.reshape(sums, (-1, 3)).tolist() if n]
 
 
 _CONFIDENCE = """## Confidence
@@ -177,12 +146,11 @@ def _robustness(results: Results) -> list[str | Table]:
     if not results.variations:
         return []
     base, *scaled = results.variations
-    halved = {v.parameter: v.mean for v in scaled if v.factor < 1}
-    doubled = {v.parameter: v.mean for v in scaled if v.factor > 1}
     table = Table(("parameter", "halved", "doubled"))
-    for name, value in halved.items():
-        table.add(name, f"{value:.3f}", f"{doubled[name]:.3f}")
-    text = _ROBUSTNESS.format(scenes=", ".join(ROBUST_SCENES), as_it_is=base.mean)
+    for halved, doubled in zip(scaled[::2], scaled[1::2], strict=True):
+        table.add(halved["parameter"], *(f"{mean(v['scores'].values()):.3f}" for v in (halved, doubled)))
+    as_it_is = mean(base["scores"].values())
+    text = _ROBUSTNESS.format(scenes=", ".join(ROBUST_SCENES), as_it_is=as_it_is)
     return [text, table, _leave_one_out(results)]
 
 
@@ -192,10 +160,10 @@ recording, it scores {there:.3f} there on average, as it is {as_it_is:.3f}."""
 
 def _leave_one_out(results: Results) -> str:
     """Cross-validation: choose the setting on the other recordings, score it on the one left out."""
-    names = [c.name for c in results.cases if c.group == "recordings"]
+    names = results.names("recordings")
     if len(names) < 2:
         return ""
-    scores = np.array([[v.scores[name] for name in names] for v in results.variations])
+    scores = np.array([[v["scores"][name] for name in names] for v in results.variations])
     chosen = [int(np.delete(scores, k, axis=1).mean(axis=1).argmax()) for k in range(len(names))]
     there = scores[chosen, np.arange(len(names))].mean()
     return _LEFT_OUT.format(there=there, as_it_is=scores[0].mean())

@@ -1,4 +1,4 @@
-"""Labelled sequences of image trajectories, and parts of them."""
+"""Labelled sequences of image trajectories, parts of them, and their scores."""
 
 import re
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_clients.metrics import isolate, misclassification, nmi
 from comotion_schemas.errors import KnownError
 from comotion_sources.recordings.npz import read_npz
 
@@ -20,24 +21,12 @@ DATA_SETS = {
 
 @dataclass(frozen=True)
 class Sequence:
-    """Trajectories of one recording.
+    """Trajectories of one recording."""
 
-    Attributes
-    ----------
-    name
-        File name less the suffix.
-    positions
-        float64 [F, N, 2], px; NaN where unobserved.
-    times
-        float64 [F], s.
-    truth
-        int64 [N]; object from 1 on, less than 1 where not scored.
-    """
-
-    name: str
-    positions: NDArray[np.float64]
-    times: NDArray[np.float64]
-    truth: NDArray[np.int64]
+    name: str  # of the file, less the suffix
+    positions: NDArray[np.float64]  # [F, N, 2], px; NaN where unobserved
+    times: NDArray[np.float64]  # [F], s
+    truth: NDArray[np.int64]  # [N]; object from 1 on, less than 1 where not scored
 
     @property
     def scene(self) -> str:
@@ -62,6 +51,19 @@ class Sequence:
     def objects(self) -> int:
         """Number of true objects."""
         return len(np.unique(self.truth[self.truth > 0]))
+
+
+def score(sequence: Sequence, labels: NDArray[np.int64]) -> dict[str, float]:
+    """Score labels [N], -1 undetermined, of the trajectories with a true object.
+
+    Returns
+    -------
+    `error`: misclassified ones in per cent; `nmi`; `exact`: 1 where the number of objects is right, else 0.
+    """
+    known = sequence.truth > 0
+    mine, truth = isolate(labels[known], -1), sequence.truth[known]
+    exact = len(np.unique(labels[known & (labels >= 0)])) == len(np.unique(truth))
+    return {"error": 100 * misclassification(mine, truth), "nmi": nmi(mine, truth), "exact": float(exact)}
 
 
 def find_data_sets(folder: Path) -> dict[str, list[Sequence]]:

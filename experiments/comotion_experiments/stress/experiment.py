@@ -1,19 +1,18 @@
 """Runs of families: every scene or image sequence through the core, and its metrics."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from comotion import FusionConfig
-from comotion.config import PixelsConfig
 from comotion_clients.metrics import Truth
 
 from ..offline import run_offline, thesis
-from ..pixels.benchmark import score
 from ..pixels.methods import engine, one_object, spectral_interaction
 from ..pixels.sequences import Sequence as ImageSequence
+from ..pixels.sequences import score
 from ..processes import Progress, quiet, run_all
 from ..tables import mean, means
 from . import metrics
@@ -32,55 +31,20 @@ REPORTED_SEEDS = (1, 3, 5, 7, 9)
 
 @dataclass(frozen=True)
 class Outcome:
-    """One seed of a family under one method.
-
-    Attributes
-    ----------
-    family, method, seed
-        What was run.
-    figures
-        Means over its scenes, or over its image sequences, by the names of :mod:`.columns`.
-    traces
-        Of each scene, float64 [updates, 4]: s, NMI, NMI (apart), hypotheses.
-    errors
-        Of each image sequence, per cent.
-    """
+    """One seed of a family under one method."""
 
     family: str
     method: str
     seed: int
-    figures: dict[str, float]
-    traces: Sequence[Array] = ()
-    errors: Sequence[float] = ()
-
-
-@dataclass
-class Results:
-    """All outcomes, and the seeds they are of."""
-
-    seeds: Sequence[int]
-    outcomes: list[Outcome] = field(default_factory=list)
-
-    def of(self, family: str, method: str) -> list[Outcome]:
-        """Outcomes of a family under a method, in the order of seeds."""
-        return [o for o in self.outcomes if (o.family, o.method) == (family, method)]
-
-    @property
-    def families(self) -> list[Family]:
-        """Those that were run, in the order of the catalogue."""
-        ran = {o.family for o in self.outcomes}
-        return [family for name, family in FAMILIES.items() if name in ran]
-
-    @property
-    def methods(self) -> list[str]:
-        """The methods that were run on scenes, in order."""
-        return [m for m in METHODS if any(o.method == m and o.traces for o in self.outcomes)]
+    figures: dict[str, float]  # means over its scenes, or over its image sequences, named in the report
+    traces: Sequence[Array] = ()  # of each scene, float64 [updates, 4]: s, NMI, NMI (apart), hypotheses
+    errors: Sequence[float] = ()  # of each image sequence, per cent
 
 
 def run_family(
     name: str, seed: int, config: FusionConfig | None = None, **overrides: Any
 ) -> dict[str, float]:
-    """Run a family of :data:`FAMILIES` and give its metrics by name, see :mod:`.columns`.
+    """Run a family of :data:`FAMILIES` and give its metrics by name, see :mod:`.report`.
 
     Parameters
     ----------
@@ -97,32 +61,35 @@ def run_family(
 def run_outcome(
     name: str, seed: int, method: str = DEFAULT, *, config: FusionConfig | None = None, **overrides: Any
 ) -> Outcome:
-    """Run a seed of a family under a method, or with other parameters of the core."""
+    """Run a seed of a family under a method, or with other parameters of the core.
+
+    The thesis method has equal weights and a switch that suits the noise.
+    """
     family = FAMILIES[name]
     scenes = family.scenes(seed, **overrides)
     if family.of_images:
-        rows = [_score_images(sequence, (config or FusionConfig()).pixels) for sequence in scenes]
+        rows = [_score_images(sequence, config or FusionConfig()) for sequence in scenes]
         figures = means(rows) | {"ms": float(np.median([row["ms"] for row in rows]))}
         return Outcome(name, method, seed, figures, errors=[row["error"] for row in rows])
-    runs = [run_scene(scene, config or _config(method, scene)) for scene in scenes]
+    runs = []
+    for scene in scenes:
+        usual = FusionConfig() if method == DEFAULT else thesis(scene.sigma_switch)
+        runs.append(run_scene(scene, config or usual))
     return Outcome(name, method, seed, means([row for row, _ in runs]), [trace for _, trace in runs])
 
 
-def _score_images(sequence: ImageSequence, parameters: PixelsConfig) -> dict[str, float]:
+def _score_images(sequence: ImageSequence, config: FusionConfig) -> dict[str, float]:
     """Group a sequence with one update at its end, K unknown; metrics by name."""
-    labels, seconds = engine(sequence, parameters)
+    labels, seconds = engine(sequence, config.pixels)
     true, count = sequence.objects(), len(np.unique(labels[labels >= 0]))
-    ours = score(sequence, labels, seconds)
-    return {
-        "error": ours.error,
-        "nmi": ours.nmi,
+    return score(sequence, labels) | {
         "exact": float(count == true),
         "over": float(count > true),
         "under": float(count < true),
         "found": float(count),
         "true": float(true),
-        "given": score(sequence, spectral_interaction(sequence)).error,
-        "one": score(sequence, one_object(sequence)).error,
+        "given": score(sequence, spectral_interaction(sequence))["error"],
+        "one": score(sequence, one_object(sequence))["error"],
         "ms": 1e3 * seconds,
     }
 
@@ -134,8 +101,8 @@ def run_experiment(
     methods: Sequence[str] = METHODS,
     jobs: int = 2,
     progress: Progress = quiet,
-) -> Results:
-    """Run families with every seed and method.
+) -> list[Outcome]:
+    """Run families with every seed and method; in the order of seeds.
 
     Parameters
     ----------
@@ -156,7 +123,7 @@ def run_experiment(
         if method == DEFAULT or not family.of_images
     ]
     outcomes = run_all(run_outcome, work, jobs, _said, progress)
-    return Results(seeds, sorted(outcomes, key=lambda outcome: list(seeds).index(outcome.seed)))
+    return sorted(outcomes, key=lambda outcome: list(seeds).index(outcome.seed))
 
 
 def _said(outcome: Outcome) -> str:
@@ -206,11 +173,6 @@ def run_scene(scene: Scene, config: FusionConfig) -> tuple[dict[str, float], Arr
     }
     trace = np.array([(m.t, m.nmi, m.nmi_apart, len(m.confirmed)) for m in moments])
     return figures, trace
-
-
-def _config(method: str, scene: Scene) -> FusionConfig:
-    """Parameters of a method; the thesis method has equal weights and a switch that suits the noise."""
-    return FusionConfig() if method == DEFAULT else thesis(scene.sigma_switch)
 
 
 def _until(happenings: Sequence[Happening], last: float) -> Iterator[tuple[Happening, float]]:

@@ -1,6 +1,7 @@
 """Messages of a scene: what its sources publish, with the truth of every feature. Pure, deterministic."""
 
-from collections.abc import Iterator
+import heapq
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 
@@ -11,7 +12,7 @@ from comotion_schemas import ObservationBatch, TruthBatch
 
 from ..inputs import Arrived
 from .motion import Array
-from .scene import OUTLIER_FACTOR, Scene, Source, rng_of, slot_bodies
+from .scene import OUTLIER_FACTOR, Scene, rng_of
 
 EPOCH_NS = 1_000_000_000_000
 """Acquisition time of a scene's second 0; stamps stay positive where a clock is behind."""
@@ -22,23 +23,22 @@ _REACH_M = 0.3
 
 @dataclass(frozen=True)
 class Messages:
-    """What a scene publishes: batches in the order of arrival, and the truth of all their features."""
+    """What a scene publishes: batches in the order of arrival, once, and the truth of all their features."""
 
-    batches: list[Arrived]
+    batches: Iterable[Arrived]
     truth: list[TruthBatch]
 
 
-def messages_of(scene: Scene) -> Messages:
-    """Let every source observe the scene.
+def messages_of(scene: Scene, sources: Iterable[int] | None = None) -> Messages:
+    """Let every source observe the scene, or some of them by their numbers.
 
     Returns
     -------
     Batches that arrive from the scene's start on, and one truth batch for each session of a source.
     """
-    views = [_View(scene, number) for number in range(len(scene.sources))]
-    batches = [arrived for view in views for arrived in view.batches()]
+    views = [_View(scene, number) for number in sources or range(len(scene.sources))]
     return Messages(
-        batches=sorted(batches, key=attrgetter("now_ns")),
+        batches=heapq.merge(*(view.batches() for view in views), key=attrgetter("now_ns")),
         truth=[truth for view in views for truth in view.truth()],
     )
 
@@ -52,9 +52,7 @@ class _View:
     """One source's view of a scene."""
 
     def __init__(self, scene: Scene, number: int) -> None:
-        self._scene = scene
-        self._source: Source = scene.sources[number]
-        lives = scene.lives
+        self._scene, self._source, lives = scene, scene.sources[number], scene.lives
         self._rows = np.flatnonzero(lives.slot % len(scene.sources) == number)
         self._begins = np.array([-np.inf, *self._source.sessions])
         # A feature belongs to the session in which it is born; ids count from 0 in each.
@@ -62,6 +60,7 @@ class _View:
         first = np.searchsorted(self._session, np.arange(len(self._begins)))
         self._id = (np.arange(len(self._rows)) - first[self._session]).astype(np.uint64)
         self._rng = rng_of(scene.seed, "noise", self._source.name)
+        self._sigma = np.array([body.sigma for body in scene.bodies])[lives.body[self._rows]]
         shape = (len(self._rows), scene.dim)
         self._walked, self._correlated = np.zeros(shape), np.zeros(shape)
 
@@ -71,12 +70,9 @@ class _View:
         objects = self._scene.lives.body[self._rows].astype(np.int32)
         for number in range(len(self._begins)):
             mine = self._session == number
+            ids, session = self._id[mine], _session_name(number)
             yield TruthBatch(
-                source=self._source.name,
-                session=_session_name(number),
-                ids=self._id[mine],
-                objects=objects[mine],
-                names=names,
+                source=self._source.name, session=session, ids=ids, objects=objects[mine], names=names
             )
 
     def batches(self) -> Iterator[Arrived]:
@@ -87,32 +83,39 @@ class _View:
         poses = [body.motion(times) for body in scene.bodies]
         rotations = np.stack([p.rotations for p in poses], axis=1)
         translations = np.stack([p.translations for p in poses], axis=1)
-        hidden = np.zeros((len(times), len(slot_bodies(scene.bodies))), np.bool_)
-        for slot, begin, end in scene.hidden:
-            hidden[(begin <= times) & (times < end), slot] = True
         last_alive: NDArray[np.intp] = np.empty(0, np.intp)
         for number, t in enumerate(times.tolist()):
             session = int(np.searchsorted(self._begins, t, side="right")) - 1
-            alive = self._alive(t, session)
-            seen = alive[~hidden[number, scene.lives.slot[self._rows[alive]]]]
+            alive = np.flatnonzero(scene.lives.alive(self._rows, t) & (self._session == session))
+            hidden = [slot for slot, begin, end in scene.hidden if begin <= t < end]
+            seen = alive[~np.isin(scene.lives.slot[self._rows[alive]], hidden)] if hidden else alive
             positions = self._positions(seen, rotations[number], translations[number], t)
             if t >= scene.start and not any(begin <= t < end for begin, end in source.off):
                 lost = np.setdiff1d(last_alive, alive)
                 ended = self._id[lost[self._session[lost] == session]]
-                yield Arrived(self._batch(number, session, t, seen, positions, ended), in_ns(t))
+                error = [by for begin, by in source.clock if begin <= t]
+                batch = ObservationBatch(
+                    source=source.name,
+                    session=_session_name(session),
+                    seq=number,
+                    space=scene.space,
+                    unit=scene.unit,
+                    dim=scene.dim,
+                    stamp_ns=in_ns(t + (error[-1] if error else 0.0)),
+                    ids=self._id[seen],
+                    covariance=self._covariance(seen, positions),
+                    positions=positions.astype(np.float32),
+                    ended=ended if len(ended) else None,
+                )
+                yield Arrived(batch, in_ns(t))
                 last_alive = alive
-
-    def _alive(self, t: float, session: int) -> NDArray[np.intp]:
-        """Indices into this view's rows."""
-        return np.flatnonzero(self._scene.lives.alive(self._rows, t) & (self._session == session))
 
     def _positions(self, seen: NDArray[np.intp], rotations: Array, translations: Array, t: float) -> Array:
         scene, rows = self._scene, self._rows[seen]
         body = scene.lives.body[rows]
         local = scene.lives.local[rows] + self._slipped(rows, t) + self._drifted(seen)
         exact: Array = np.einsum("nij,nj->ni", rotations[body], local) + translations[body]
-        sigma = np.array([b.sigma for b in scene.bodies])[body]
-        noisy: Array = exact + self._noise(seen, sigma[:, None]) + self._noise_along_ray(exact, sigma)
+        noisy: Array = exact + self._noise(seen) + self._noise_along_ray(exact, self._sigma[seen])
         if self._source.rotation is not None:
             noisy = np.asarray(noisy @ self._source.rotation.T, np.float64)
         return noisy if self._source.translation is None else noisy + self._source.translation
@@ -132,8 +135,9 @@ class _View:
             self._walked[seen] += step * self._rng.normal(size=(len(seen), self._scene.dim))
         return self._walked[seen]
 
-    def _noise(self, seen: NDArray[np.intp], sigma: Array) -> Array:
-        noise, white = self._scene.noise, self._rng.normal(size=(len(seen), self._scene.dim))
+    def _noise(self, seen: NDArray[np.intp]) -> Array:
+        noise, sigma = self._scene.noise, self._sigma[seen, None]
+        white = self._rng.normal(size=(len(seen), self._scene.dim))
         if noise.outliers:
             wild = self._rng.uniform(size=(len(seen), 1)) < noise.outliers
             white = white * np.where(wild, OUTLIER_FACTOR, 1.0)
@@ -160,38 +164,14 @@ class _View:
 
     def _covariance(self, seen: NDArray[np.intp], positions: Array) -> NDArray[np.float32] | None:
         """What the source says of its noise, float32 [N, 6]: along the rays to the features and across."""
-        noise, body = self._scene.noise, self._scene.lives.body[self._rows[seen]]
+        noise = self._scene.noise
         if not noise.published:
             return None
         ray = positions - _CAMERA
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        across = np.array([b.sigma for b in self._scene.bodies])[body, None, None] ** 2
+        across = self._sigma[seen, None, None] ** 2
         covariance = across * (np.eye(3) + (noise.ray**2 - 1.0) * ray[:, :, None] * ray[:, None])
         return np.asarray(covariance[:, *np.triu_indices(3)], np.float32)
-
-    def _batch(
-        self,
-        number: int,
-        session: int,
-        t: float,
-        seen: NDArray[np.intp],
-        positions: Array,
-        ended: NDArray[np.uint64],
-    ) -> ObservationBatch:
-        error = [by for begin, by in self._source.clock if begin <= t]
-        return ObservationBatch(
-            source=self._source.name,
-            session=_session_name(session),
-            seq=number,
-            space=self._scene.space,
-            unit=self._scene.unit,
-            dim=self._scene.dim,
-            stamp_ns=in_ns(t + (error[-1] if error else 0.0)),
-            ids=self._id[seen],
-            covariance=self._covariance(seen, positions),
-            positions=positions.astype(np.float32),
-            ended=ended if len(ended) else None,
-        )
 
 
 def _session_name(number: int) -> str:

@@ -15,6 +15,8 @@ from comotion_sources.simulator.actors import Features
 from .motion import Array, PoseAt
 
 OUTLIER_FACTOR = 10.0
+SIGMA_M = 0.003
+"""White noise of an observation, one sigma per axis, unless a family says otherwise."""
 
 
 def rng_of(seed: int, *names: str) -> np.random.Generator:
@@ -24,91 +26,43 @@ def rng_of(seed: int, *names: str) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body: `features` trackable points uniform in a box of `size` [dim] about its origin.
+    """A rigid body: trackable points uniform in a box about its origin."""
 
-    Attributes
-    ----------
-    name
-        Unique in the scene.
-    motion
-        Its poses.
-    features
-        Features observed at once; a place of a feature (slot) is filled anew when its feature ends.
-    size
-        float64 [dim].
-    sigma
-        White noise of an observation, one sigma per axis.
-    """
-
-    name: str
+    name: str  # unique in the scene
     motion: PoseAt
-    features: int
-    size: Array
-    sigma: float = 0.003
+    features: int  # observed at once; a place of a feature (slot) is filled anew when its feature ends
+    size: Array  # of the box, float64 [dim]
+    sigma: float = SIGMA_M
 
 
 @dataclass(frozen=True)
 class Source:
-    """Who observes: every source sees the slots whose number is its own modulo the number of sources.
+    """Who observes: every source sees the slots whose number is its own modulo the number of sources."""
 
-    Attributes
-    ----------
-    name
-        Unique in the scene.
-    rate
-        Hz.
-    phase
-        Fraction of a period that it is behind.
-    rotation, translation
-        float64 [dim, dim] and [dim]: error of its extrinsics; it publishes rotation · x + translation.
-    clock
-        (from, error): from each time on its stamps are wrong by this many seconds.
-    sessions
-        Times at which a new session begins, besides the start.
-    off
-        (begin, end) of the times at which it publishes nothing.
-    """
-
-    name: str
-    rate: float = 15.0
-    phase: float = 0.0
+    name: str  # unique in the scene
+    rate: float = 15.0  # Hz
+    phase: float = 0.0  # fraction of a period that it is behind
+    # Error of its extrinsics, float64 [dim, dim] and [dim]: it publishes rotation · x + translation.
     rotation: Array | None = None
     translation: Array | None = None
-    clock: tuple[tuple[float, float], ...] = ()
-    sessions: tuple[float, ...] = ()
-    off: tuple[tuple[float, float], ...] = ()
+    clock: tuple[tuple[float, float], ...] = ()  # (from, error): from each time on its stamps are wrong by it
+    sessions: tuple[float, ...] = ()  # when a new session begins, besides the start
+    off: tuple[tuple[float, float], ...] = ()  # (begin, end) of the times at which it publishes nothing
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What the noise of positions is beside the white noise of each body.
+    """What the noise of positions is beside the white noise of each body."""
 
-    Attributes
-    ----------
-    correlation
-        s; time constant of first-order autoregressive noise that replaces the white one. 0: white.
-    outliers
-        Share of observations whose noise is :data:`OUTLIER_FACTOR` times as large.
-    walk
-        m/√s; random walk of a feature on its body.
-    depth
-        1/m; noise along the viewing ray is depth · z² beside the white noise, z from the start of the rays
-        2 m before the origin. 0: none.
-    ray
-        White noise along the viewing ray, as a multiple of that across it. 1: as much.
-    flying
-        Share of the observations that are somewhere between a feature and 0.3 m behind it, along the ray.
-    published
-        Whether sources publish the covariance of the white noise.
-    """
-
-    correlation: float = 0.0
-    outliers: float = 0.0
-    walk: float = 0.0
+    correlation: float = 0.0  # s; of first-order autoregressive noise that replaces the white one; 0: white
+    outliers: float = 0.0  # share of observations whose noise is OUTLIER_FACTOR times as large
+    walk: float = 0.0  # m/√s; random walk of a feature on its body
+    # 1/m; noise along the viewing ray is depth · z² beside the white noise, z from the start of the rays 2 m
+    # before the origin.
     depth: float = 0.0
-    ray: float = 1.0
-    flying: float = 0.0
-    published: bool = False
+    ray: float = 1.0  # white noise along the viewing ray, as a multiple of that across it
+    flying: float = 0.0  # share that is somewhere between a feature and 0.3 m behind it, along the ray
+    published: bool = False  # whether sources publish the covariance of the white noise
 
 
 @dataclass(frozen=True)
@@ -123,68 +77,42 @@ class Slip:
     phase: Array
     drift: Array
 
+    @classmethod
+    def none(cls, slots: int) -> "Slip":
+        """None yet, in arrays of its own."""
+        return cls(np.zeros((slots, 3)), np.zeros(slots), np.zeros(slots), np.zeros((slots, 3)))
+
 
 @dataclass(frozen=True)
 class Happening:
-    """Something that a service has to get over.
+    """Something that a service has to get over."""
 
-    Attributes
-    ----------
-    begin, end
-        From its first effect until what was lost is back, s.
-    bodies
-        Indices of the bodies concerned.
-    lost
-        Whether all features of these were lost.
-    """
-
-    begin: float
-    end: float
-    bodies: tuple[int, ...]
-    lost: bool = False
+    begin: float  # its first effect
+    end: float  # what was lost is back
+    bodies: tuple[int, ...]  # indices of those concerned
+    lost: bool = False  # whether all features of these were lost
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One run of a family.
-
-    Attributes
-    ----------
-    bodies, lives, sources, noise, slip
-        What is observed, and how.
-    seed
-        Of the noise.
-    duration
-        s of the scene.
-    start
-        s; the service joins then and sees nothing of what was before.
-    hidden
-        (slot, begin, end): a slot's feature is unobserved for a time and keeps its id.
-    happenings
-        What the service has to get over, in order of time.
-    dim, unit, space
-        Coordinate space.
-    period
-        s between updates.
-    sigma_switch
-        m; parameter of the thesis method that suits the scene's noise.
-    """
+    """One run of a family."""
 
     bodies: list[Body]
     lives: Features
     sources: list[Source] = field(default_factory=lambda: [Source("simulator")])
     noise: Noise = field(default_factory=Noise)
     slip: Slip | None = None
-    seed: int
+    seed: int  # of the noise
     duration: float
-    start: float = 0.0
+    start: float = 0.0  # the service joins then and sees nothing of what was before
+    # (slot, begin, end): a slot's feature is unobserved for a time and keeps its id.
     hidden: list[tuple[int, float, float]] = field(default_factory=list)
-    happenings: list[Happening] = field(default_factory=list)
+    happenings: list[Happening] = field(default_factory=list)  # in order of time
     dim: int = 3
     unit: Unit = "m"
     space: str = "world"
-    period: float = 0.2
-    sigma_switch: float = 0.01
+    period: float = 0.2  # s between updates
+    sigma_switch: float = 0.01  # m; parameter of the thesis method that suits the scene's noise
 
 
 def slot_bodies(bodies: list[Body]) -> NDArray[np.intp]:

@@ -1,22 +1,27 @@
 """Runs the benchmark: every method at every number of features, each in a separate process."""
 
+import gc
+import math
 import os
 import platform
+import resource
+import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from comotion import FusionConfig
-from comotion_experiments.inputs import find_inputs
+from comotion_experiments.inputs import Incoming, find_inputs
+from comotion_experiments.offline import run_offline
 from comotion_experiments.processes import Progress, alone, quiet
 from comotion_schemas.plain import plain
 
-from .scene import SceneSpec
-from .timing import Row, time_input, time_scene
+from .scene import SceneSpec, messages
 
 _MIN_FITTED = 500
 _PACKAGES = ("comotion", "numpy", "numba", "scikit-learn", "scipy")
@@ -26,55 +31,26 @@ _LONG_PERIOD = 0.25
 
 
 @dataclass(frozen=True)
-class Machine:
-    """Hardware, load and versions."""
-
-    processor: str
-    cores: int
-    load: float
-    versions: dict[str, str]
-
-
-def describe_machine() -> Machine:
-    """Describe this machine."""
-    return Machine(
-        processor=_processor(),
-        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
-        load=os.getloadavg()[0],
-        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
-    )
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
-@dataclass(frozen=True)
 class Costs:
-    """Results of a run."""
+    """Results of a run: the machine, and rows of :func:`time_scene` and :func:`time_input`."""
 
-    machine: Machine
-    rows: list[Row]
+    machine: dict[str, Any]
+    rows: list[dict[str, Any]]
 
     def exponents(self) -> dict[str, float]:
         """Exponent of the cost in the number of features, by method, from scenes with at least 500."""
         found = {}
-        for method in dict.fromkeys(row.method for row in self.rows):
-            rows = [r for r in self.scenes(method) if r.features >= _MIN_FITTED]
-            if len({row.features for row in rows}) > 1:
-                sizes = np.log([row.features for row in rows])
-                found[method] = float(np.polyfit(sizes, np.log([row.median_ms for row in rows]), 1)[0])
+        for method in dict.fromkeys(row["method"] for row in self.rows):
+            rows = [r for r in self.scenes(method) if r["features"] >= _MIN_FITTED]
+            if len({row["features"] for row in rows}) > 1:
+                sizes, costs = ([row[name] for row in rows] for name in ("features", "median_ms"))
+                found[method] = float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
         return found
 
-    def scenes(self, method: str) -> list[Row]:
+    def scenes(self, method: str) -> list[dict[str, Any]]:
         """Rows of generated scenes at the lowest rate."""
-        rows = [row for row in self.rows if row.method == method and row.scene == "made up"]
-        return [row for row in rows if row.rate == min(r.rate for r in rows)]
+        rows = [row for row in self.rows if row["method"] == method and row["scene"] == "made up"]
+        return [row for row in rows if row["rate"] == min(r["rate"] for r in rows)]
 
     def as_json(self) -> Any:
         """Plain values."""
@@ -98,12 +74,25 @@ def run_bench(
     for config in configs:
         for spec in scenes:
             progress(f"{config.method}, {spec.features} features at {spec.rate:g} Hz")
-            sized = _sized(config, spec)
-            rows.append(alone(time_scene, spec, sized, updates))
+            rows.append(alone(time_scene, spec, _sized(config, spec), updates))
         for item in inputs:
             progress(f"{config.method}, {item.name}")
             rows.append(alone(time_input, item.name, config))
-    return Costs(describe_machine(), rows)
+    return Costs(_machine(), rows)
+
+
+def _machine() -> dict[str, Any]:
+    """This machine: hardware, load and versions."""
+    processor, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
+    if info.exists():
+        named = [line for line in info.read_text(encoding="utf-8").splitlines() if "model name" in line]
+        processor = named[0].partition(":")[2].strip() if named else processor
+    return {
+        "processor": processor,
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        "load": os.getloadavg()[0],
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    }
 
 
 def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
@@ -114,7 +103,50 @@ def _sized(config: FusionConfig, spec: SceneSpec) -> FusionConfig:
     return config.model_copy(update=changes)
 
 
-def scaled(spec: SceneSpec, sizes: Iterable[int], rates: Iterable[float]) -> list[SceneSpec]:
-    """Vary the number of features and the rate (Hz) of a scene."""
-    rates = list(rates)
-    return [replace(spec, features=n, rate=rate) for n in sizes for rate in rates]
+def time_scene(spec: SceneSpec, config: FusionConfig, updates: int) -> dict[str, Any]:
+    """Time the core on a scene after the window is full, as :func:`_timed` returns it.
+
+    Updates run in every period while the window fills, since methods have memory.
+    """
+    fill = round(config.window / config.period) + 5
+    given = messages(spec, (fill + updates + 1) * config.period)
+    return _timed("made up", given, config, fill) | {"features": spec.features, "rate": spec.rate}
+
+
+def time_input(name: str, config: FusionConfig) -> dict[str, Any]:
+    """Time the core on a recording after the window is full, or in the second half of a short one."""
+    (item,) = find_inputs([name])
+    return _timed(Path(name).name, item.open(), config, round(config.window / config.period))
+
+
+def _timed(scene: str, given: Iterable[Incoming], config: FusionConfig, fill: int) -> dict[str, Any]:
+    """Figures after `fill` updates; times in ms per update, with the ingest of its batches.
+
+    `features` is the median number, `cpu_ms` is of all threads, user and system; `nmi` is NaN without truth.
+    """
+    sizes: list[int] = []
+    # As in the service: garbage collection is not part of an update.
+    gc.disable()
+    with threadpool_limits(limits=1, user_api="blas"):
+        run = run_offline(
+            given, config, spread=True, on_update=lambda update, _: sizes.append(len(update.track_id))
+        )
+    first = min(fill, len(sizes) // 2)
+    ms, ingest_ms, cpu_ms, nmi = (
+        column[first:] for column in (run.update_ms, run.ingest_ms, run.cpu_ms, run.nmi)
+    )
+    unit = 1 if sys.platform == "darwin" else 1024
+    return {
+        "scene": scene,
+        "method": config.method,
+        "features": int(np.median(sizes[first:])),
+        "rate": math.nan,
+        "period": config.period,
+        "median_ms": float(np.median(ms)),
+        "p99_ms": float(np.percentile(ms, 99)),
+        "ingest_ms": float(np.median(ingest_ms)),
+        "cpu_ms": float(np.median(cpu_ms)),
+        "cpu_share": float(cpu_ms.sum()) / (1e3 * config.period * len(ms)),
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6,
+        "nmi": float(np.nanmean(nmi)) if np.isfinite(nmi).any() else math.nan,
+    }

@@ -2,7 +2,7 @@
 
 :func:`run_live` runs router, service, and sources as processes::
 
-    python -m comotion_tools.bench.live ENDPOINT FEATURES START INDEX
+    python -m comotion_tools.bench.live ENDPOINT FEATURES START SECONDS INDEX
 """
 
 import sys
@@ -16,13 +16,15 @@ import numpy as np
 
 from comotion_deploy.demo import free_endpoint
 from comotion_deploy.processes import PYTHON
+from comotion_experiments.inputs import Arrived
+from comotion_experiments.stress.observe import EPOCH_NS
 from comotion_schemas import HypothesisUpdate, Status
 from comotion_schemas.transport import SessionSettings
 from comotion_sources.runtime import SourcePublisher
 
 from ..processes import COMOTION, Managed
-from ..system import System
-from .scene import Scene, SceneSpec
+from ..system import UP_S, System
+from .scene import SceneSpec, messages
 
 SCENE = "bench"
 SOURCES = 3
@@ -42,7 +44,8 @@ def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float
     with TemporaryDirectory(prefix="comotion-bench-") as name:
         folder = Path(name)
         at = ("--connect", endpoint, "--scene", SCENE)
-        source = (*PYTHON, __name__, endpoint, str(features), f"{start:.3f}")
+        longest = UP_S + settle + seconds
+        source = (*PYTHON, __name__, endpoint, str(features), f"{start:.3f}", f"{longest:g}")
         commands = {
             "router": (*COMOTION, "router", "--listen", endpoint),
             "service": (*COMOTION, "serve", "--no-state", *fusion, *at),
@@ -92,21 +95,23 @@ def live_lines(found: dict[str, Any]) -> list[str]:
     ]
 
 
-def run_source(endpoint: str, features: int, start: float, index: int) -> None:
+def run_source(endpoint: str, features: int, start: float, seconds: float, index: int) -> None:
     """Publish one source of the scene in real time until stopped.
 
     The acquisition time is the time at which a batch is due, also if its put is delayed.
     """
-    scene = Scene(SceneSpec(features=features, sources=SOURCES, rate=RATE), round(start * 1e9))
+    spec, start_ns = SceneSpec(features=features, sources=SOURCES, rate=RATE), round(start * 1e9)
+    given = messages(spec, seconds, [index])
     publisher = SourcePublisher(
         f"s{index}", space="world", unit="m", dim=3, scene=SCENE, connect=endpoint, rate=RATE
     )
     with publisher as live:
         live.ready()
-        for batch in scene.frames(index):
-            if live.stop.wait(max(0.0, batch.stamp_ns * 1e-9 - time.time())):
+        for arrived in (one for one in given if isinstance(one, Arrived)):
+            batch, now_ns = arrived.batch, arrived.now_ns - EPOCH_NS + start_ns
+            if live.stop.wait(max(0.0, now_ns * 1e-9 - time.time())):
                 break
-            live.observe(ids=batch.ids, positions=batch.positions, stamp_ns=batch.stamp_ns, ended=batch.ended)
+            live.observe(ids=batch.ids, positions=batch.positions, stamp_ns=now_ns, ended=batch.ended)
 
 
 def _counters(statuses: list[tuple[float, Status]]) -> dict[str, int]:
@@ -118,5 +123,5 @@ def _grown(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
 
 
 if __name__ == "__main__":
-    endpoint, features, start, index = sys.argv[1:]
-    run_source(endpoint, int(features), float(start), int(index))
+    endpoint, features, start, seconds, index = sys.argv[1:]
+    run_source(endpoint, int(features), float(start), float(seconds), int(index))

@@ -1,54 +1,45 @@
 """The benchmark as a table, as Markdown and as a picture."""
 
-import math
 import sys
 from pathlib import Path
 
 from comotion_experiments.plot import new_figure
-from comotion_experiments.tables import Table
+from comotion_experiments.tables import Column, Table
 from comotion_schemas.errors import KnownError
 
 from .experiment import Costs
 
-TITLES = ("scene", "method", "N", "Hz", "period", "ms", "p99", "ingest", "CPU ms", "CPU", "MB", "NMI")
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
+_COLUMNS = (
+    Column("features", "N", 0),
+    Column("rate", "Hz", 0),
+    Column("period", "period", 0, 1e3),
+    Column("median_ms", "ms", 1),
+    Column("p99_ms", "p99", 1),
+    Column("ingest_ms", "ingest", 1),
+    Column("cpu_ms", "CPU ms", 1),
+    Column("cpu_share", "CPU", 0, 100.0, " %"),
+    Column("memory_mb", "MB", 0),
+    Column("nmi", "NMI", 3),
+)
 
 
 def table(costs: Costs) -> Table:
     """Build a line for each scene and method."""
-    found = Table(TITLES, words=2)
+    found = Table(("scene", "method", *(column.title for column in _COLUMNS)), words=2)
     for row in costs.rows:
-        found.add(
-            row.scene,
-            row.method,
-            f"{row.features}",
-            "-" if math.isnan(row.rate) else f"{row.rate:g}",
-            f"{1e3 * row.period:.0f}",
-            f"{row.median_ms:.1f}",
-            f"{row.p99_ms:.1f}",
-            f"{row.ingest_ms:.1f}" if row.ingest_ms else "-",
-            f"{row.cpu_ms:.1f}",
-            f"{100 * row.cpu_share:.0f} %",
-            f"{row.memory_mb:.0f}",
-            f"{row.nmi:.3f}",
-        )
+        found.add(row["scene"], row["method"], *(column.of(row) for column in _COLUMNS))
     return found
 
 
 def lines(costs: Costs) -> list[str]:
     """Format the results that are not in the table."""
     machine = costs.machine
-    versions = ", ".join(f"{name} {number}" for name, number in machine.versions.items())
-    head = f"{machine.processor}, {machine.cores} cores, load {machine.load:.1f}; {versions}"
+    versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
     return [
-        head,
+        f"{machine['processor']}, {machine['cores']} cores, load {machine['load']:.1f}; {versions}",
         *(f"{method}: cost grows as N to the {power:.2f}" for method, power in costs.exponents().items()),
     ]
-
-
-def parts(costs: Costs) -> list[object]:
-    """What a terminal shows."""
-    return [table(costs), *lines(costs)]
 
 
 def save(folder: Path, costs: Costs) -> Path:
@@ -81,16 +72,16 @@ def save_picture(path: Path, costs: Costs) -> None:
     figure = new_figure(6, 4.5)
     axes = figure.subplots()
     powers = costs.exponents()
-    for colour, method in zip(_COLOURS, dict.fromkeys(row.method for row in costs.rows), strict=False):
+    for colour, method in zip(_COLOURS, dict.fromkeys(row["method"] for row in costs.rows), strict=False):
         rows = costs.scenes(method)
         label = method + (f", N^{powers[method]:.2f}" if method in powers else "")
-        size, middle = [row.features for row in rows], [row.median_ms for row in rows]
+        size, middle = [row["features"] for row in rows], [row["median_ms"] for row in rows]
         axes.plot(size, middle, marker="o", color=colour, label=label)
-        axes.fill_between(size, middle, [row.p99_ms for row in rows], color=colour, alpha=0.2)
+        axes.fill_between(size, middle, [row["p99_ms"] for row in rows], color=colour, alpha=0.2)
     axes.set(
         xscale="log", yscale="log", xlabel="features N", ylabel="ms per update (line: median, band: to p99)"
     )
-    sizes = sorted({row.features for row in costs.rows if row.scene == "made up"})
+    sizes = sorted({row["features"] for row in costs.rows if row["scene"] == "made up"})
     axes.set_xticks(sizes, [str(n) for n in sizes])
     axes.minorticks_off()
     axes.grid(visible=True, alpha=0.3)

@@ -46,8 +46,8 @@ Examples:
 
     def run(self) -> None:
         """Measure the core, or processes over a router, and print or write the result."""
-        from comotion_tools.bench.experiment import run_bench, scaled
-        from comotion_tools.bench.report import parts, save
+        from comotion_tools.bench.experiment import run_bench
+        from comotion_tools.bench.report import lines, save, table
         from comotion_tools.bench.scene import SceneSpec
 
         # Threads of parallel kernels spin for some tens of microseconds before they sleep.
@@ -57,25 +57,20 @@ Examples:
             return
         if self.out is not None:
             check(self.out)
-        spec = SceneSpec(
-            bodies=self.bodies,
-            sources=self.sources,
-            churn=self.churn,
-            seed=self.seed,
-            pixels=self.pixels,
-        )
+        like = {name: getattr(self, name) for name in ("bodies", "sources", "churn", "seed", "pixels")}
         features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
         sizes = numbers("--features", features, 2, 50_000)
+        rates = numbers("--rate", self.rate, 1, 1000)
         with progress() as note:
             costs = run_bench(
-                scaled(spec, sizes, numbers("--rate", self.rate, 1, 1000)),
+                [SceneSpec(features=size, rate=rate, **like) for size in sizes for rate in rates],
                 [self.fusion_config(name) for name in self.method or ("comotion", "thesis")],
                 self.updates or (20 if self.quick else 100),
                 recordings=self.recording or (),
                 progress=note,
             )
         written = [f"written: {save(self.out, costs)}"] if self.out is not None else []
-        self.show(costs.as_json(), *parts(costs), *written)
+        self.show(costs.as_json(), table(costs), *lines(costs), *written)
 
     def _run_live(self) -> None:
         from comotion_tools.bench.live import live_lines, run_live

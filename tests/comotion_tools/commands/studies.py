@@ -89,7 +89,7 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.ablation import RULES, markdown, run_experiment
+        from comotion_experiments.ablation import RULES, as_json, markdown, run_experiment
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import find_families
 
@@ -101,7 +101,7 @@ Examples:
             results = run_experiment(
                 rules, families, parse_seeds(self.seeds), self.data or (), jobs=self.jobs, progress=note
             )
-        self.report("ablation", markdown(results), results)
+        self.report("ablation", markdown(results), as_json(results))
 
 
 @dataclass(kw_only=True)
