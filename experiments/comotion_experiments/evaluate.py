@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion import FusionConfig
 from comotion_clients.joints import known_values
@@ -22,14 +23,14 @@ from comotion_schemas.text import counted
 
 from .brox_malik import compare
 from .inputs import Input
-from .offline import OnUpdate, Run, run_offline
+from .offline import OnUpdate, run_offline
 from .plot import Trace, save_plot
 from .tables import Column, Table, means
 
 
 @dataclass(frozen=True)
 class Evaluated:
-    """Summary of the run of one input; `digest`: SHA-256 of all encoded updates; joints of the last.
+    """The run of one input; `digest`: SHA-256 of all encoded updates.
 
     `compared`: mean NMI of the comparator by clustering, if it was requested.
     """
@@ -37,16 +38,16 @@ class Evaluated:
     name: str
     seed: int | None
     summary: Summary
-    ms_per_update: float
-    ms_p99: float
     seconds: float
+    update_ms: NDArray[np.float64]
+    joints: list[Joint]  # of the last update
     digest: str
-    joints: list[Joint]
     compared: dict[str, float]
 
     def values(self) -> dict[str, Any]:
         """Convert to plain numbers."""
-        return {**asdict(self.summary), "ms_per_update": self.ms_per_update, "ms_p99": self.ms_p99}
+        ms, p99 = float(self.update_ms.mean()), float(np.percentile(self.update_ms, 99))
+        return {**asdict(self.summary), "ms_per_update": ms, "ms_p99": p99}
 
 
 def evaluate_inputs(
@@ -93,7 +94,9 @@ def evaluate_inputs(
         except ValueError as error:
             raise KnownError(f"{given.name}: {error}") from None
         compared = compare(given.open(), duration) if comparator else {}
-        results.append(_evaluated(given, run, digest.hexdigest(), compared))
+        last = float(run.seconds[-1])
+        found = (run.summary, last, run.update_ms, run.last.joints, digest.hexdigest(), compared)
+        results.append(Evaluated(given.name, given.seed, *found))
         if paths is not None:
             save_paths(plot_path(paths / "paths", given, several=True) if several else paths, trace.updates)
         if plot is not None:
@@ -108,20 +111,6 @@ def _tee(trace: Trace, digest: "hashlib._Hash", report: Report, name: str) -> On
         digest.update(encode(update))
 
     return on_update
-
-
-def _evaluated(given: Input, run: Run, digest: str, compared: dict[str, float]) -> Evaluated:
-    return Evaluated(
-        name=given.name,
-        seed=given.seed,
-        summary=run.summary,
-        ms_per_update=float(run.update_ms.mean()),
-        ms_p99=float(np.percentile(run.update_ms, 99)),
-        seconds=float(run.seconds[-1]),
-        digest=digest,
-        joints=run.last.joints,
-        compared=compared,
-    )
 
 
 def _title(given: Input, config: FusionConfig) -> str:
@@ -141,10 +130,8 @@ def plot_path(path: Path, given: Input, *, several: bool) -> Path:
 
 def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
     """Group results by the name of the input, in order."""
-    groups: dict[str, list[Evaluated]] = {}
-    for result in results:
-        groups.setdefault(result.name, []).append(result)
-    return groups
+    names = dict.fromkeys(result.name for result in results)
+    return {name: [result for result in results if result.name == name] for name in names}
 
 
 def averages(results: Sequence[Evaluated]) -> dict[str, float]:
@@ -159,22 +146,16 @@ def overall(results: Sequence[Evaluated]) -> dict[str, float]:
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
     """Values for JSON: parameters, one entry per run, and the mean over files."""
+    runs = []
+    for r in results:
+        row = {"file": r.name, "seed": r.seed, "seconds": r.seconds, **r.values()}
+        row |= {"updates_sha256": r.digest, "joints": [known_values(joint) for joint in r.joints]}
+        runs.append(row | ({"brox_malik": r.compared} if r.compared else {}))
     values: dict[str, Any] = plain(
         {
             "config": config.model_dump(mode="json"),
             "period": config.period if period is None else period,
-            "runs": [
-                {
-                    "file": r.name,
-                    "seed": r.seed,
-                    "seconds": r.seconds,
-                    **r.values(),
-                    "updates_sha256": r.digest,
-                    "joints": [known_values(joint) for joint in r.joints],
-                    **({"brox_malik": r.compared} if r.compared else {}),
-                }
-                for r in results
-            ],
+            "runs": runs,
             "overall": overall(results),
         }
     )
@@ -189,11 +170,9 @@ def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
     groups = group(results)
     comparators = list(results[0].compared) if results else []
     seeded = any(len(members) > 1 for members in groups.values())
-    shown = [
-        column
-        for column in _COLUMNS
-        if (everything or column.key in _MAIN) and (seeded or column.key != _SPREAD)
-    ]
+    keys = {column.key for column in _COLUMNS} - (set() if everything else _SELDOM)
+    keys -= set() if seeded else {_SPREAD}
+    shown = [column for column in _COLUMNS if column.key in keys]
     shown += [Column(name, f"Brox-Malik, {name}", 3) for name in comparators]
     drawn = Table(["file", *(column.title for column in shown)])
     rows = {name: _row(members) for name, members in groups.items()}
@@ -220,15 +199,7 @@ _COLUMNS = (
     Column("id_switches", "ID switches", 1),
     Column("ms_per_update", "ms/update", 1),
 )
-_MAIN = {
-    "mean_nmi",
-    _SPREAD,
-    "mean_misclassification",
-    "mean_hypotheses",
-    "mean_objects",
-    "hota",
-    "ms_per_update",
-}
+_SELDOM = {"final_nmi", "switches_per_100", "idf1", "id_switches"}
 
 
 def _row(members: Sequence[Evaluated]) -> dict[str, float]:

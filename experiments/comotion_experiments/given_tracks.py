@@ -16,14 +16,7 @@ _LARGEST_PX = 4096
 
 
 class GivenTracks:
-    """The tracks of a recording as those of the frames of a video.
-
-    Parameters
-    ----------
-    recording
-        In pixels; its instants are the frames of the video.
-    camera
-        The video.
+    """The tracks of a recording, whose instants are the frames of a video, as those of its frames.
 
     Raises
     ------

@@ -26,44 +26,21 @@ _SOURCE = "video"
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentOptions:
-    """What is written, and how the video is tracked.
+    """What is written (None: not), and how the video is tracked."""
 
-    Attributes
-    ----------
-    out
-        Video (``.mp4``, ``.mkv``, ``.mov``, ``.avi``) or folder of PNG files; None: none.
-    csv
-        Table with a row per feature and frame; None: none.
-    sheet
-        JPEG file with frames of the whole video (:mod:`.contact_sheet`); None: none.
-    masks, masks_every
-        Folder of images with the hypothesis of every pixel; None: none. Seconds between two of them.
-    rate
-        Frames per second of a folder of images.
-    tracker
-        Of which `moving` says that the camera is carried.
-    calibration
-        Intrinsics and extrinsics of a camera with depth, if its recording has none.
-    use_depth
-        Group in metres where there is depth; else in pixels.
-    given
-        Tracks in pixels of the frames of the video, which are grouped in place of those of the tracker.
-    names
-        Names of hypotheses by id, drawn in place of the ids.
-    """
-
-    out: Path | None = None
-    csv: Path | None = None
-    sheet: Path | None = None
-    masks: Path | None = None
-    masks_every: float = 0.5
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    out: Path | None = None  # video (``.mp4``, ``.mkv``, ``.mov``, ``.avi``) or folder of PNG files
+    csv: Path | None = None  # table with a row per feature and frame
+    sheet: Path | None = None  # JPEG file with frames of the whole video (:mod:`.contact_sheet`)
+    masks: Path | None = None  # folder of images with the hypothesis of every pixel
+    masks_every: float = 0.5  # s between two of them
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)  # `moving`: the camera is carried
     fusion: FusionConfig = field(default_factory=FusionConfig)
-    rate: float | None = None
+    rate: float | None = None  # frames per second of a folder of images
+    # Intrinsics and extrinsics of a camera with depth, if its recording has none.
     calibration: Calibration = field(default_factory=Calibration)
-    use_depth: bool = True
-    given: Recording | None = None
-    names: Names = field(default_factory=dict)
+    use_depth: bool = True  # group in metres where there is depth; else in pixels
+    given: Recording | None = None  # tracks in pixels of the frames, grouped in place of those of the tracker
+    names: Names = field(default_factory=dict)  # of hypotheses by id, drawn in place of the ids
 
 
 class Labelled(NamedTuple):
@@ -138,20 +115,15 @@ class LabelledFrames:
     def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
         self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
-        labels = dict(
-            zip(
-                update.track_id.tolist(),
-                zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True),
-                strict=True,
-            )
-        )
+        rows = zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True)
+        labels = dict(zip(update.track_id.tolist(), rows, strict=True))
         # A feature that was lost since the last update keeps what was known of it.
         known = self._labels | labels
         self._labels = labels
         while self._held:
             number, frame, tracks = self._held.popleft()
-            rows = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
-            table = np.array(rows, np.float64).reshape(-1, 2)
+            mine = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
+            table = np.array(mine, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
             hypotheses[hypotheses == UNDETERMINED] = -1
             yield Labelled(number, frame, tracks, hypotheses, table[:, 1], update.hypotheses)

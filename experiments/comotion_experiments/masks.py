@@ -14,19 +14,9 @@ _MOST = np.iinfo(np.uint16).max
 
 
 class MaskFolder:
-    """Writes ``NUMBER.png``: 16 bits, the hypothesis of each pixel, 0 for none.
+    """Writes ``NUMBER.png`` every so many seconds: 16 bits, the hypothesis of each pixel, 0 for none.
 
-    Parameters
-    ----------
-    folder
-        Created if it does not exist.
-    every
-        s between two frames that are written.
-
-    Attributes
-    ----------
-    written
-        Number of images.
+    The folder is created if it does not exist.
 
     Raises
     ------
@@ -37,7 +27,6 @@ class MaskFolder:
     def __init__(self, folder: Path, every: float) -> None:
         self._folder, self._every_ns = folder, round(every * 1e9)
         self._due_ns: int | None = None
-        self.written = 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -60,4 +49,3 @@ class MaskFolder:
         image = np.where((hypotheses >= 0) & (hypotheses <= _MOST), hypotheses, 0).astype(np.uint16)
         if not cv2.imwrite(str(path), image):
             raise CameraError(f"{path}: cannot be written")
-        self.written += 1

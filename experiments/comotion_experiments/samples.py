@@ -1,7 +1,7 @@
 """Samples to look at before there is data of one's own: ``python -m comotion_experiments.samples FOLDER``.
 
-A simulated scene goes through the core; what a recording of it would hold is written for Foxglove, with a
-layout, and for Rerun. Needs the extras `foxglove` and `view`.
+A simulated scene goes through the core; what a recording of it would hold is written for Foxglove and for
+Rerun. Needs the extras `foxglove` and `view`.
 """
 
 import argparse
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import foxglove
-from foxglove import layouts
 
 from comotion import FusionConfig
 from comotion_clients.following import play
@@ -29,14 +28,13 @@ SECONDS = 6.0
 NOON_NS = 1_767_268_800_000_000_000
 """Noon of a day: a viewer writes the date instead of the time where a scene begins at midnight."""
 Stamped = TypeVar("Stamped", ObservationBatch, Preview, Status)
-_SPACE = "world"
 
 
 def make(folder: Path) -> list[Path]:
     """Write the samples; returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     name = SCENE.partition(":")[2]
-    files = [folder / f"{name}.mcap", folder / "foxglove-layout.json", folder / f"{name}.rrd"]
+    files = [folder / f"{name}.mcap", folder / f"{name}.rrd"]
     for file in files:
         file.unlink(missing_ok=True)
     messages = played(SCENE, SECONDS)
@@ -45,8 +43,7 @@ def make(folder: Path) -> list[Path]:
         scene = FoxgloveScene(context)
         for log_ns, message in messages:
             scene.add(log_ns, message)
-    files[1].write_text(layout().to_json() + "\n")
-    with RerunSink(file=files[2]) as sink:
+    with RerunSink(file=files[1]) as sink:
         play(Drawn(sink, ScenePicture(name)), messages)
     return files
 
@@ -73,9 +70,7 @@ def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Messa
 def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> Iterator[Incoming]:
     newest_ns = NOON_NS
     for message in given:
-        if isinstance(message, Arrived):
-            newest_ns = max(newest_ns, message.now_ns)
-        elif isinstance(message, ObservationBatch):
+        if isinstance(message, ObservationBatch):
             newest_ns = max(newest_ns, message.stamp_ns)
         messages.append((newest_ns, message.batch if isinstance(message, Arrived) else message))
         yield message
@@ -87,40 +82,6 @@ def at_noon(message: Stamped) -> Stamped:
     if isinstance(message, ObservationBatch) and message.stamps_ns is not None:
         moved["stamps_ns"] = message.stamps_ns + NOON_NS
     return replace(message, **moved)
-
-
-def layout() -> layouts.Layout:
-    """Space beside curves and events."""
-    side = [
-        layouts.PlotPanel(title=title, config=layouts.PlotConfig(paths=[_series(value) for value in values]))
-        for title, values in (
-            ("Hypotheses", ("hypotheses", "moving")),
-            ("Agreement with the truth", ("nmi",)),
-            ("Lag, s", ("lag_s",)),
-        )
-    ]
-    side.append(layouts.LogPanel(config=layouts.LogConfig(topic_to_render="/events")))
-    column = layouts.SplitContainer(direction="column", items=[_item(panel, 1) for panel in side])
-    return layouts.Layout(
-        content=layouts.SplitContainer(direction="row", items=[_item(_scene(), 2), _item(column, 1)])
-    )
-
-
-def _scene() -> layouts.ThreeDeePanel:
-    cloud = layouts.BaseRendererPointCloudTopicSettings(
-        visible=True, color_mode="rgba-fields", point_size=6.0
-    )
-    drawn = layouts.BaseRendererSceneUpdateTopicSettings(visible=True)
-    topics = {f"/features/{_SPACE}": cloud, f"/labels/{_SPACE}": drawn, f"/joints/{_SPACE}": drawn}
-    return layouts.ThreeDeePanel(config=layouts.ThreeDeeConfig(follow_tf=_SPACE, topics=topics))
-
-
-def _series(value: str) -> layouts.PlotSeries:
-    return layouts.PlotSeries(value=f"/numbers.{value}", label=value)
-
-
-def _item(panel: object, proportion: float) -> layouts.SplitItem:
-    return layouts.SplitItem(proportion=proportion, content=panel)
 
 
 if __name__ == "__main__":

@@ -39,43 +39,22 @@ Progress = Callable[[int, int | None], None]
 
 @dataclass
 class Segmented:
-    """Summary of a run.
-
-    Attributes
-    ----------
-    frames, seconds
-        Number of frames, and wall time that they took.
-    duration
-        s, from the first to the last frame.
-    size
-        Width and height, px.
-    codec
-        Of the written video; None without one.
-    digest
-        SHA-256 of all labels: two runs with the same digest have the same labels.
-    hypotheses
-        Frames in which each hypothesis has a feature, by id.
-    last
-        The hypotheses of the last update.
-    path
-        Stamp and pose of a carried camera in the world, where it is known: once per update.
-    joints
-        Those of the last update, in words.
-    """
+    """Summary of a run."""
 
     frames: int = 0
-    seconds: float = 0.0
-    duration: float = 0.0
-    size: tuple[int, int] = (0, 0)
-    codec: str | None = None
-    digest: str = ""
-    hypotheses: Counter[int] = field(default_factory=Counter)
-    last: Sequence[Hypothesis] = ()
-    path: Sequence[tuple[int, Pose]] = ()
-    joints: Sequence[str] = ()
+    seconds: float = 0.0  # wall time that they took
+    duration: float = 0.0  # s, from the first to the last frame
+    size: tuple[int, int] = (0, 0)  # width and height, px
+    codec: str | None = None  # of the written video; None without one
+    digest: str = ""  # SHA-256 of all labels: two runs with the same digest have the same labels
+    hypotheses: Counter[int] = field(default_factory=Counter)  # frames in which each has a feature, by id
+    last: Sequence[Hypothesis] = ()  # of the last update
+    path: Sequence[tuple[int, Pose]] = ()  # of a carried camera in the world, where known: once per update
+    joints: Sequence[str] = ()  # of the last update, in words
 
     def as_json(self) -> dict[str, Any]:
         """As plain values."""
+        states = {h.id: h.state for h in self.last}
         return {
             "frames": self.frames,
             "duration_s": round(self.duration, 6),
@@ -84,9 +63,8 @@ class Segmented:
             "codec": self.codec,
             "labels_sha256": self.digest,
             "hypotheses": [
-                {"id": number, "frames": count, "state": state}
+                {"id": number, "frames": count, "state": states.get(number)}
                 for number, count in sorted(self.hypotheses.items())
-                for state in [next((h.state for h in self.last if h.id == number), None)]
             ],
         }
 
@@ -103,7 +81,6 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
     """
     result, digest = Segmented(), hashlib.sha256()
     camera = _camera(what, options)
-    total = camera.frames
     with ExitStack() as stack:
         stack.callback(camera.close)
         # The arrays of one update are too small to be worth waking other cores for.
@@ -111,23 +88,26 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
         run = LabelledFrames(camera, options)
         compile_ahead(options.fusion.method, run.space.unit, run.space.dim)
         begun = time.perf_counter()
-        outputs = _Outputs(options, camera.rate or options.rate or _DEFAULT_RATE, run.space)
-        stack.callback(outputs.close)
+        outputs = _Outputs(options, camera.rate or options.rate or _DEFAULT_RATE, run.space, stack)
         first_ns: int | None = None
         for labelled in run.labelled():
-            outputs.write(labelled)
-            _add(digest, labelled)
             first_ns = labelled.frame.stamp_ns if first_ns is None else first_ns
-            result.frames += 1
             result.duration = (labelled.frame.stamp_ns - first_ns) / 1e9
+            outputs.write(labelled, result.duration)
+            labels = labelled.hypotheses
+            for part in (np.int64(labelled.number), labelled.tracks.ids, labels):
+                digest.update(part.tobytes())
+            result.frames += 1
             result.size = (labelled.frame.image.shape[1], labelled.frame.image.shape[0])
-            result.hypotheses.update(np.unique(labelled.hypotheses[labelled.hypotheses >= 0]).tolist())
+            result.hypotheses.update(np.unique(labels[labels >= 0]).tolist())
             result.last = labelled.listed
-            progress(result.frames, total)
+            progress(result.frames, camera.frames)
     if not result.frames:
         raise CameraError(f"{what}: no frame")
-    outputs.finish()
-    result.digest, result.codec, result.path = digest.hexdigest(), outputs.codec, run.path
+    if options.sheet is not None:
+        outputs.sheet.write(options.sheet)
+    result.digest, result.path = digest.hexdigest(), run.path
+    result.codec = None if outputs.picture is None else outputs.picture.codec
     result.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
     result.seconds = time.perf_counter() - begun
     return result
@@ -142,76 +122,48 @@ def _camera(what: str | None, options: SegmentOptions) -> Camera:
 
 
 class _Outputs:
-    """The files of one run; the last is the sheet, which :meth:`finish` writes."""
+    """The files of one run, which the stack closes; the sheet is written when all has been seen."""
 
-    def __init__(self, options: SegmentOptions, rate: float, space: CameraSpace) -> None:
+    def __init__(self, options: SegmentOptions, rate: float, space: CameraSpace, stack: ExitStack) -> None:
+        self._options = options
         self._annotator = Annotator(space, options.names)
-        self._picture = None if options.out is None else PictureFile(options.out, rate)
-        self.codec = None if self._picture is None else self._picture.codec
-        self._sheet = None if options.sheet is None else ContactSheet()
-        self._sheet_path = options.sheet
-        self._first_ns: int | None = None
-        self._table: Any = None
-        self._file = None
+        self.sheet = ContactSheet()
         self._masks = None if options.masks is None else MaskFolder(options.masks, options.masks_every)
+        self._table: Any = None
         if options.csv is not None:
             try:
                 options.csv.parent.mkdir(parents=True, exist_ok=True)
-                self._file = options.csv.open("w", newline="", encoding="utf-8")
+                file = stack.enter_context(options.csv.open("w", newline="", encoding="utf-8"))
             except OSError as error:
                 raise CameraError(f"{options.csv}: {error.strerror}") from None
-            self._table = csv.writer(self._file)
+            self._table = csv.writer(file)
             self._table.writerow(COLUMNS)
+        self.picture = None if options.out is None else PictureFile(options.out, rate)
+        if self.picture is not None:
+            stack.callback(self.picture.close)
 
-    def write(self, labelled: Labelled) -> None:
-        """Write one frame."""
-        if self._first_ns is None:
-            self._first_ns = labelled.frame.stamp_ns
-        seconds = (labelled.frame.stamp_ns - self._first_ns) / 1e9
+    def write(self, labelled: Labelled, seconds: float) -> None:
+        """Write one frame, so many seconds after the first."""
         if self._table is not None:
             self._table.writerows(_rows(labelled, seconds))
         if self._masks is not None:
             self._masks.write(labelled)
-        if self._picture is not None or self._sheet is not None:
-            labels = dict(zip(labelled.tracks.ids.tolist(), labelled.hypotheses.tolist(), strict=True))
-            image = self._annotator.draw(
-                labelled.frame.image,
-                labelled.tracks,
-                lambda feature: labels[feature] if labels[feature] >= 0 else UNDETERMINED,
-                labelled.listed,
-            )
-            if self._picture is not None:
-                self._picture.write(image)
-            if self._sheet is not None:
-                self._sheet.add(image, seconds)
-
-    def finish(self) -> None:
-        """Write the sheet of what was seen."""
-        if self._sheet is not None and self._sheet_path is not None:
-            self._sheet.write(self._sheet_path)
-
-    def close(self) -> None:
-        """Complete the files."""
-        if self._file is not None:
-            self._file.close()
-        if self._picture is not None:
-            self._picture.close()
+        if self.picture is None and self._options.sheet is None:
+            return
+        labels = np.where(labelled.hypotheses >= 0, labelled.hypotheses, UNDETERMINED).tolist()
+        label_of = dict(zip(labelled.tracks.ids.tolist(), labels, strict=True))
+        image = self._annotator.draw(
+            labelled.frame.image, labelled.tracks, label_of.__getitem__, labelled.listed
+        )
+        if self.picture is not None:
+            self.picture.write(image)
+        if self._options.sheet is not None:
+            self.sheet.add(image, seconds)
 
 
 def _rows(labelled: Labelled, seconds: float) -> Iterator[tuple[Any, ...]]:
-    columns = zip(
-        labelled.tracks.ids.tolist(),
-        labelled.tracks.pixels.tolist(),
-        labelled.hypotheses.tolist(),
-        labelled.confidence.tolist(),
-        strict=True,
-    )
-    frame = (labelled.number, f"{seconds:.6f}")
-    for feature, (x, y), hypothesis, confidence in columns:
-        yield *frame, feature, f"{x:.3f}", f"{y:.3f}", hypothesis, f"{confidence:.3f}"
-
-
-def _add(digest: Any, labelled: Labelled) -> None:
-    digest.update(np.int64(labelled.number).tobytes())
-    digest.update(labelled.tracks.ids.tobytes())
-    digest.update(labelled.hypotheses.tobytes())
+    tracks = labelled.tracks
+    columns = (tracks.ids, tracks.pixels, labelled.hypotheses, labelled.confidence)
+    for feature, (x, y), hypothesis, confidence in zip(*(c.tolist() for c in columns), strict=True):
+        frame = (labelled.number, f"{seconds:.6f}", feature)
+        yield *frame, f"{x:.3f}", f"{y:.3f}", hypothesis, f"{confidence:.3f}"

@@ -54,16 +54,12 @@ def reproduce(
     workcell: bool = True,
     note: Progress = quiet,
 ) -> Results:
-    """Run and draw figures.
+    """Run and draw figures in order, their pictures in a folder that is made if it does not exist.
 
     Parameters
     ----------
-    figures
-        The figures, in order.
-    options
-        Seeds, size and parameters.
-    out
-        Folder of the pictures; made if it does not exist.
+    figures, options, out
+        The figures; seeds, size and parameters; the folder.
     workcell
         Whether MuJoCo is installed; otherwise figures of the workcell are left out.
     note

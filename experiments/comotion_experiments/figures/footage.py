@@ -29,25 +29,13 @@ _PRODUCERS = (klt, workcell)
 
 @dataclass(frozen=True)
 class Shot:
-    """One scene of the thesis.
-
-    Attributes
-    ----------
-    scene
-        Its name here.
-    respawn_every
-        Frames between two looks for new features.
-    times
-        Moments to show, seconds.
-    apart, said
-        Two objects, and what the thesis says about telling them apart.
-    """
+    """One scene of the thesis, by its name here."""
 
     scene: str
-    respawn_every: int
-    times: tuple[float, ...]
-    apart: tuple[str, str]
-    said: str
+    respawn_every: int  # frames between two looks for new features
+    times: tuple[float, ...]  # moments to show, s
+    apart: tuple[str, str]  # two objects
+    said: str  # about telling them apart, by the thesis
 
 
 def film_setup(study: Study, shot: Shot, seed: int = 0) -> tuple[CameraSpec, TrackerConfig]:
@@ -87,13 +75,7 @@ def _fingerprint(*how: object) -> str:
 
 
 class Stills:
-    """Renders still images of a scene, and projects points into them.
-
-    Parameters
-    ----------
-    scene, seed
-        Scene and seed of the workcell.
-    """
+    """Renders still images of a scene and seed of the workcell, and projects points into them."""
 
     def __init__(self, scene: str, seed: int) -> None:
         self._scene = Scene.named(scene, seed)

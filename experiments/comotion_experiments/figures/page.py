@@ -5,14 +5,14 @@ import json
 import platform
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib import metadata
+from importlib import metadata, resources
 from pathlib import Path
 
 from .experiment import Results
 from .numbers import summary
 from .study import Drawn, Figure
 
-_PACKAGES = (
+_PACKAGES = [
     "comotion",
     "numpy",
     "scipy",
@@ -21,7 +21,7 @@ _PACKAGES = (
     "opencv-python-headless",
     "mujoco",
     "matplotlib",
-)
+]
 _LEAD = """Inferring object hypotheses from how features move: the method of the thesis beside the default
 method of comotion, on the same data."""
 _MEANS = """Mean over updates and, after ±, the standard deviation over seeds. The thesis method's parameters
@@ -31,44 +31,11 @@ _KEY = """Trajectories are coloured by hypothesis. A circle in the colour of an 
 that matches this object best over the run; any other marker is a surplus hypothesis, a cross is
 undetermined. NMI is the normalized mutual information (4.1) of hypotheses and true objects: 1 is the same
 partition, 0 no relation."""
-_STYLE = """
-:root { --ink: #1c2430; --soft: #5b6675; --line: #d9dee6; --wash: #f5f7fa; --mark: #0072b2; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1240px; padding: 28px 24px 80px; color: var(--ink); background: white;
-       font: 16px/1.55 system-ui, "Segoe UI", "Helvetica Neue", "DejaVu Sans", sans-serif; }
-h1 { font-size: 30px; line-height: 1.2; margin: 0 0 8px; }
-h2 { font-size: 21px; margin: 52px 0 6px; padding-top: 18px; border-top: 1px solid var(--line); }
-h2 .no { color: var(--mark); margin-right: 10px; }
-p { max-width: 860px; margin: 8px 0 14px; }
-.lead { color: var(--soft); font-size: 17px; }
-img { display: block; max-width: 100%; margin: 14px auto; }
-table { border-collapse: collapse; font-size: 14px; margin: 10px 0 16px; }
-th, td { text-align: left; vertical-align: top; padding: 5px 18px 5px 0; }
-tr { border-bottom: 1px solid var(--line); }
-th { font-weight: 600; color: var(--soft); }
-td.number { font-variant-numeric: tabular-nums; }
-.with { font-size: 14px; color: var(--soft); max-width: none; }
-code, pre { font: 13px/1.5 ui-monospace, "DejaVu Sans Mono", monospace; background: var(--wash); }
-code { padding: 2px 6px; }
-pre { padding: 12px 16px; overflow-x: auto; }
-details { font-size: 14px; margin: 6px 0; }
-summary { cursor: pointer; color: var(--soft); }
-.notice { background: #fff4d6; border-left: 4px solid #e69f00; padding: 10px 16px; max-width: 860px; }
-a { color: var(--mark); }
-@media print { h2 { break-before: page; } details { display: none; } }
-"""
+_STYLE = (resources.files(__package__) / "page.css").read_text(encoding="utf-8")
 
 
 def page(results: Results, command: str) -> str:
-    """Compose the page.
-
-    Parameters
-    ----------
-    results
-        What has been made; its pictures are read and embedded.
-    command
-        The command line that makes it again.
-    """
+    """Compose the page of results, whose pictures are embedded; `command` is what makes it again."""
     missing = left_out(results)
     links = " · ".join(_link(figure) for figure, _ in results.made)
     body = [
@@ -84,7 +51,7 @@ def page(results: Results, command: str) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width">\n'
-        f"<title>comotion: the figures of the thesis</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f"<title>comotion: the figures of the thesis</title>\n<style>\n{_STYLE}</style>\n</head>\n<body>\n"
         + "\n".join(part for part in body if part)
         + "\n</body>\n</html>\n"
     )
@@ -138,7 +105,7 @@ def _table(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
 def _appendix(results: Results) -> str:
     config = json.dumps(results.options.default.model_dump(mode="json"), indent=2)
     versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
-    for name in _PACKAGES:
+    for name in (*_PACKAGES, "mujoco", "matplotlib"):
         try:
             versions.append((name, metadata.version(name)))
         except metadata.PackageNotFoundError:

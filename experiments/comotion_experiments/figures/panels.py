@@ -43,15 +43,10 @@ def object_colours(names: Mapping[int, str]) -> dict[int, RGB]:
 
 
 class Styles:
-    """How the hypotheses of one run are drawn.
+    """How the hypotheses of one run are drawn, by the names of the true objects by number.
 
-    Parameters
-    ----------
-    names
-        Names of the true objects by number.
-    votes
-        (hypothesis, object) -> tracks that they share, over the whole run; hypotheses are assigned to objects
-        one to one by these.
+    `votes` are (hypothesis, object) -> tracks that they share, over the whole run; hypotheses are assigned to
+    objects one to one by these.
     """
 
     def __init__(self, names: Mapping[int, str], votes: Mapping[tuple[int, int], int]) -> None:
@@ -109,14 +104,8 @@ def _scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: i
 
 def row_title(axes: Any, text: str) -> None:
     """Write a title to the left of a row's first panel."""
-    style: dict[str, Any] = {
-        "fontsize": 12,
-        "fontweight": "bold",
-        "rotation": 90,
-        "va": "center",
-        "ha": "right",
-    }
-    axes.text(-0.24, 0.5, text, transform=axes.transAxes, **style)
+    style: dict[str, Any] = {"fontsize": 12, "fontweight": "bold", "va": "center", "ha": "right"}
+    axes.text(-0.24, 0.5, text, transform=axes.transAxes, rotation=90, **style)
 
 
 def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float = 0.3) -> None:
@@ -126,17 +115,10 @@ def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float 
         members = np.flatnonzero(labels == label)
         rgb, shape = styles.of(label)
         axes.plot(*plot.broken(view.trails, members, 2), color=rgb, linewidth=0.9, alpha=0.75)
+        ink, width = (rgb, 0.9) if shape == "x" else ("black", edge)
+        style: dict[str, Any] = {"markeredgecolor": ink, "markeredgewidth": width}
         points = view.moment.positions[members].T
-        width = 0.9 if shape == "x" else edge
-        axes.plot(
-            *points,
-            linestyle="",
-            marker=shape,
-            markersize=size,
-            color=rgb,
-            markeredgecolor=rgb if shape == "x" else "black",
-            markeredgewidth=width,
-        )
+        axes.plot(*points, linestyle="", marker=shape, markersize=size, color=rgb, **style)
 
 
 def _outlines(spec: SceneSpec, seed: int, t: float) -> list[tuple[str, NDArray[np.float64]]]:
@@ -193,38 +175,36 @@ def object_legend(figure: Any, names: Mapping[int, str]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False)
 
 
-def curve(
-    axes: Any,
-    take: SceneRuns,
-    label: str,
-    *,
-    colour: Any,
-    dashes: Any = "-",
-    width: float = 1.8,
-    order: int = 2,
-) -> None:
-    """Draw NMI over time: mean over seeds, and one standard deviation to both sides."""
+def curve(axes: Any, take: SceneRuns, label: str, *, width: float = 1.8, order: int = 2, **how: Any) -> None:
+    """Draw NMI over time: mean over seeds, and one standard deviation to both sides.
+
+    `how` are a `colour` and `dashes`.
+    """
+    colour, dashes = how["colour"], how.get("dashes", "-")
     mean, spread = mean_and_spread(take.nmi)
     axes.plot(take.t, mean, color=colour, linestyle=dashes, linewidth=width, label=label, zorder=order)
     if len(take.seeds) > 1:
-        axes.fill_between(
-            take.t,
-            np.clip(mean - spread, 0, 1),
-            np.clip(mean + spread, 0, 1),
-            color=colour,
-            alpha=0.16,
-            linewidth=0,
-            zorder=order - 1,
-        )
+        low, high = np.clip([mean - spread, mean + spread], 0, 1)
+        axes.fill_between(take.t, low, high, color=colour, alpha=0.16, linewidth=0, zorder=order - 1)
 
 
-def switch_curves(axes: Any, takes: Mapping[str, SceneRuns]) -> None:
-    """Draw NMI over time for several σ of the thesis method, and for the default one, by their labels."""
+def switch_curves(
+    takes: Mapping[str, SceneRuns], seeds: Sequence[int], height: float, *, duration: float, **how: Any
+) -> Any:
+    """A figure of NMI over time for several σ of the thesis method, and for the default one, by their labels.
+
+    `height` is in inches, `duration` in s; `how` are further arguments of :func:`nmi_axes`.
+    """
+    figure = new_figure(9.5, height)
+    axes = figure.subplots()
     for k, (label, take) in enumerate(takes.items()):
         if label == DEFAULT:
             curve(axes, take, label, colour=DEFAULT_COLOUR, width=2.6, order=5)
         else:
             curve(axes, take, f"thesis, {label}", colour=RAMP[k], dashes=DASHES[k])
+    nmi_axes(axes, duration=duration, **how)
+    axes.set_title(spread_note(seeds), fontsize=10)
+    return figure
 
 
 def mean_and_spread(values: NDArray[np.float64]) -> tuple[Any, Any]:

@@ -13,7 +13,7 @@ from comotion_clients.scoring import SpaceRef
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
 
 from ..inputs import Message
-from ..offline import run_offline
+from ..offline import Run, run_offline
 from ..trace import Moment, moment_of, trails_of
 
 Floats = NDArray[np.float64]
@@ -21,55 +21,37 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class View:
-    """The details of one update.
+    """The details of one update."""
 
-    Attributes
-    ----------
-    t
-        Seconds since the first observation.
-    moment
-        Tracks, their positions, hypotheses and objects.
-    trails
-        Positions of each track in the last seconds, float32 [steps, dim].
-    affinity
-        float32 [N, N], rows sorted by object; empty unless requested.
-    affinity_objects
-        Object of each row, int64 [N].
-    """
-
-    t: float
+    t: float  # s since the first observation
     moment: Moment
-    trails: list[NDArray[np.float32]]
-    affinity: NDArray[np.float32]
-    affinity_objects: NDArray[np.int64]
+    trails: list[NDArray[np.float32]]  # positions of each track in the last seconds, [steps, dim]
+    affinity: NDArray[np.float32]  # [N, N], rows sorted by object; empty unless requested
+    affinity_objects: NDArray[np.int64]  # object of each row, [N]
 
 
 @dataclass(frozen=True)
 class SeedRun:
-    """One seed of one scene through the core.
+    """One seed of one scene through the core."""
 
-    Attributes
-    ----------
-    t
-        float64 [U], seconds since the first observation; increasing.
-    nmi
-        float64 [U] over the observed tracks; NaN where there is none with a truth.
-    hypotheses
-        int64 [U], distinct hypotheses among the scored tracks.
-    moments
-        The tracks of every update.
-    views
-        The requested views, in order.
-    names
-        Names of the objects.
-    """
+    run: Run
+    moments: list[Moment]  # the tracks of every update
+    views: list[View]  # those that were requested, in order
 
-    t: Floats
-    nmi: Floats
-    hypotheses: NDArray[np.int64]
-    moments: list[Moment]
-    views: list[View]
-    names: dict[int, str]
+    @property
+    def t(self) -> Floats:
+        """Seconds since the first observation, float64 [U], increasing."""
+        return self.run.seconds
+
+    @property
+    def nmi(self) -> Floats:
+        """Over the observed tracks, float64 [U]; NaN where there is none with a truth."""
+        return self.run.nmi
+
+    @property
+    def names(self) -> dict[int, str]:
+        """Names of the objects by their numbers."""
+        return self.run.truth.names
 
     def votes(self) -> Counter[tuple[int, int]]:
         """(hypothesis, object) -> tracks times updates that they share."""
@@ -107,14 +89,10 @@ class SceneRuns:
         """float64 [seeds, U]."""
         return np.array([seed.nmi[: len(self.t)] for seed in self.seeds])
 
-    @property
-    def hypotheses(self) -> NDArray[np.int64]:
-        """int64 [seeds, U]."""
-        return np.array([seed.hypotheses[: len(self.t)] for seed in self.seeds])
-
     def hypotheses_at(self, t: float) -> NDArray[np.int64]:
-        """Of every seed at the update nearest to a time, int64 [seeds]."""
-        return self.hypotheses[:, np.abs(self.t - t).argmin()]
+        """Distinct hypotheses among the scored tracks of every seed at the update nearest to t, [seeds]."""
+        at = np.abs(self.t - t).argmin()
+        return np.array([seed.run.scores[at].hypotheses for seed in self.seeds])
 
     def mean_nmi(self) -> Floats:
         """Mean over time of every seed, float64 [seeds]."""
@@ -160,8 +138,7 @@ def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, c
             views.append(View(t, now, trails, *_affinity(fusion, truth, space.name, close)))
 
     run = run_offline(messages, config, truth=truth, period=period, fusion=fusion, on_update=on_update)
-    hypotheses = np.array([score.hypotheses for score in run.scores])
-    return SeedRun(run.seconds, run.nmi, hypotheses, moments, views, dict(truth.names))
+    return SeedRun(run, moments, views)
 
 
 def _affinity(

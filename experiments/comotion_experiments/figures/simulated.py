@@ -1,6 +1,7 @@
 """Figures 4.1 to 4.5: simulated scenes, drawn at some moments and over time."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -59,11 +60,7 @@ def draw_switches(study: Study) -> Drawn:
 def draw_switch_curves(study: Study) -> Drawn:
     """Figure 4.2: NMI over time for every σ and the default method."""
     takes = study.simulated(_SWITCHES)
-    figure = panels.new_figure(9.5, 5.0)
-    axes = figure.subplots()
-    panels.switch_curves(axes, takes)
-    panels.nmi_axes(axes, duration=10, legend="center right")
-    axes.set_title(panels.spread_note(study.options.seeds), fontsize=10)
+    figure = panels.switch_curves(takes, study.options.seeds, 5.0, duration=10, legend="center right")
     return Drawn(figure, rows_of_each("mean NMI", takes, _SAID.values()), _switch_parameters(study), takes)
 
 
@@ -78,13 +75,13 @@ def draw_weights(study: Study) -> Drawn:
     whole, close = figure.subplots(1, 2, width_ratios=[3, 2])
     for k, (label, take) in enumerate(takes.items()):
         if label == DEFAULT:
-            style = {"colour": panels.DEFAULT_COLOUR, "width": 2.6, "order": 5}
+            style: dict[str, Any] = {"colour": panels.DEFAULT_COLOUR, "width": 2.6, "order": 5}
         else:
             # The first two coincide: the dashes of the second let the first one through.
             hue = ("#e69f00", "#0072b2", "#d55e00")[k]
             style = {"colour": hue, "dashes": ("-", (0, (4, 3)), "-")[k], "order": 2 + k}
         for axes in (whole, close):
-            panels.curve(axes, take, label, **style)  # type: ignore[arg-type]
+            panels.curve(axes, take, label, **style)
     panels.nmi_axes(whole, duration=_END, legend="upper left")
     panels.nmi_axes(close, duration=_END)
     close.set_xlim(_START - 0.1, _START + 1.3)

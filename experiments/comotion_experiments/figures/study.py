@@ -17,60 +17,29 @@ DEFAULT = "default method"
 
 @dataclass(frozen=True)
 class Options:
-    """Options of all figures.
+    """Options of all figures."""
 
-    Attributes
-    ----------
-    seeds
-        Seeds of the simulated scenes.
-    workcell_seeds
-        Seeds of the workcell.
-    quick
-        Small images and a short run of the workcell.
-    cache
-        Folder that keeps tracked features; None: none.
-    default
-        Parameters of the default method.
-    """
-
-    seeds: Sequence[int] = tuple(range(5))
+    seeds: Sequence[int] = tuple(range(5))  # of the simulated scenes
     workcell_seeds: Sequence[int] = (0, 1)
-    quick: bool = False
-    cache: Path | None = None
-    default: FusionConfig = field(default_factory=FusionConfig)
+    quick: bool = False  # small images and a short run of the workcell
+    cache: Path | None = None  # folder that keeps tracked features; None: none
+    default: FusionConfig = field(default_factory=FusionConfig)  # parameters of the default method
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """A simulated scene of some figures, and how it is run.
+    """A simulated scene of some figures, and how it is run."""
 
-    Attributes
-    ----------
-    scene
-        One that ships with the simulator.
-    configs
-        Parameters of the thesis method, by label.
-    period
-        s between updates.
-    close
-        The requested views.
-    """
-
-    scene: str
-    configs: Mapping[str, FusionConfig]
-    period: float
-    close: ViewRequest = field(default_factory=ViewRequest)
+    scene: str  # one that ships with the simulator
+    configs: Mapping[str, FusionConfig]  # parameters of the thesis method, by label
+    period: float  # s between updates
+    close: ViewRequest = field(default_factory=ViewRequest)  # the requested views
 
 
 class Study:
     """Runs scenes through the core; a run that two figures share is done once.
 
-    Parameters
-    ----------
-    options
-        Options.
-    note
-        Called with the name of the next run.
+    `note` is called with the name of the next run.
     """
 
     def __init__(self, options: Options, note: Progress = quiet) -> None:
@@ -126,49 +95,23 @@ class Row:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn figure.
-
-    Attributes
-    ----------
-    figure
-        The matplotlib figure.
-    rows
-        Numbers beside those of the thesis.
-    parameters
-        What it was made with, by name.
-    curves
-        What is drawn as a curve, by its label.
-    """
+    """A drawn figure of matplotlib."""
 
     figure: Any
-    rows: Sequence[Row]
-    parameters: Mapping[str, str]
-    curves: Mapping[str, SceneRuns] = field(default_factory=dict)
+    rows: Sequence[Row]  # numbers beside those of the thesis
+    parameters: Mapping[str, str]  # what it was made with, by name
+    curves: Mapping[str, SceneRuns] = field(default_factory=dict)  # what is drawn as a curve, by its label
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the thesis.
-
-    Attributes
-    ----------
-    name
-        Its number there, e.g. ``4.4``.
-    title
-        One line.
-    shows
-        What is to be seen, and what the thesis says about it.
-    draw
-        Runs what is needed and draws.
-    workcell
-        Whether it needs the workcell (extra ``sim3d``).
-    """
+    """A figure of the thesis by its number there, e.g. ``4.4``."""
 
     name: str
-    title: str
-    shows: str
-    draw: Callable[[Study], Drawn]
-    workcell: bool = False
+    title: str  # one line
+    shows: str  # what is to be seen, and what the thesis says about it
+    draw: Callable[[Study], Drawn]  # runs what is needed, and draws
+    workcell: bool = False  # whether it needs the workcell (extra ``sim3d``)
 
     @property
     def anchor(self) -> str:

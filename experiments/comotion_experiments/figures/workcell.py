@@ -61,11 +61,8 @@ def curves(shot: Shot) -> Callable[[Study], Drawn]:
 
     def draw(study: Study) -> Drawn:
         takes = _takes(study, shot)
-        figure = panels.new_figure(9.5, 4.8)
-        axes = figure.subplots()
-        panels.switch_curves(axes, takes)
-        panels.nmi_axes(axes, duration=SECONDS, columns=2)
-        axes.set_title(panels.spread_note(study.options.workcell_seeds), fontsize=10)
+        seeds = study.options.workcell_seeds
+        figure = panels.switch_curves(takes, seeds, 4.8, duration=SECONDS, columns=2)
         made_with = _parameters(study, shot, drawn=False)
         return Drawn(figure, rows_of_each("mean NMI", takes, "-" * len(SWITCHES)), made_with, takes)
 
