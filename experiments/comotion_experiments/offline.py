@@ -26,38 +26,46 @@ _LONGEST_GAP_NS = 600_000_000_000
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Run:
     """One recording, or one seed of a scene, through the core.
 
     Attributes
     ----------
-    summary
-        Summary of the scores.
-    scores
-        One per update, in order.
-    update_ms, ingest_ms, cpu_ms
-        float64 [updates]: time in the core per update, ingest of its batches included; that of the ingest
-        alone; and processor time of all threads.
     start_ns
         Event time of the first observation.
     truth
         The true objects.
-    spaces
-        Coordinate space of every source.
     last
         The last update.
     """
 
-    summary: Summary
-    scores: list[Score]
-    update_ms: NDArray[np.float64]
-    ingest_ms: NDArray[np.float64]
-    cpu_ms: NDArray[np.float64]
-    start_ns: int
     truth: Truth
-    spaces: dict[str, SpaceRef]
-    last: HypothesisUpdate
+    start_ns: int
+    period: float
+    last: HypothesisUpdate = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._tally, self._observed = Tally(self.truth), Observed()
+        # Of each update: s that the ingest of its batches took, it and the update, and of processors.
+        self._times: list[NDArray[np.float64]] = []
+        self._busy = np.zeros(3)
+        self._count = 1
+
+    @property
+    def summary(self) -> Summary:
+        """Summary of the scores."""
+        return self._tally.summary()
+
+    @property
+    def scores(self) -> list[Score]:
+        """One per update, in order."""
+        return self._tally.scores
+
+    @property
+    def spaces(self) -> dict[str, SpaceRef]:
+        """Coordinate space of every source."""
+        return self._observed.spaces
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -69,69 +77,49 @@ class Run:
         """NMI of every score; NaN if no track could be scored."""
         return np.array([s.nmi for s in self.scores])
 
+    @property
+    def update_ms(self) -> NDArray[np.float64]:
+        """Time in the core per update, ingest of its batches included, float64 [updates]."""
+        return np.asarray(self.costs_ms[1], np.float64)
+
+    @property
+    def costs_ms(self) -> NDArray[np.float64]:
+        """Time for ingest, for ingest and update, and of all processors, float64 [3, updates]."""
+        return np.asarray(1e3 * np.array(self._times).T, np.float64)
+
+    @property
+    def due_ns(self) -> int:
+        """When the next update is due: every period after the start."""
+        return self.start_ns + round(self._count * self.period * 1e9)
+
+    def skip_to(self, ns: int) -> None:
+        """Leave out what is due before a time."""
+        self._count = max(self._count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
+
+    def ingest(self, fusion: Fusion, batch: ObservationBatch, *, spread: bool) -> None:
+        """Let the core take in a batch, and fuse what has come if `spread`."""
+        begun, cpu = time.perf_counter(), time.process_time()
+        fusion.ingest(batch)
+        if spread:
+            fusion.advance(batch.stamp_ns)
+        took = time.perf_counter() - begun
+        self._busy += [took, took, time.process_time() - cpu]
+        self._observed.add(batch)
+
+    def update(self, fusion: Fusion) -> tuple[HypothesisUpdate, Score]:
+        """Make the update that is due, and score it."""
+        begun, cpu = time.perf_counter(), time.process_time()
+        self.last = fusion.update(self.due_ns)
+        took, cpu = time.perf_counter() - begun, time.process_time() - cpu
+        self._times.append(self._busy + np.array([0.0, took, cpu]))
+        self._busy = np.zeros(3)
+        self._count += 1
+        return self.last, self._tally.add(self.last, self._observed)
+
 
 def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
     """Parameters of the thesis method; equal weights unless `v_move` says otherwise."""
     return FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=sigma_switch, v_move=v_move))
-
-
-@dataclass
-class _Offline:
-    """A run so far; updates are due every period after the start."""
-
-    fusion: Fusion
-    tally: Tally
-    on_update: OnUpdate
-    start_ns: int
-    period: float
-    spread: bool
-    count: int = 1
-    observed: Observed = field(default_factory=Observed)
-    # Of each update: s that the ingest of its batches took, it and the update, and of processors.
-    times: list[NDArray[np.float64]] = field(default_factory=list)
-    busy: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    last: HypothesisUpdate = field(init=False)
-
-    @property
-    def due_ns(self) -> int:
-        """When the next update is due."""
-        return self.start_ns + round(self.count * self.period * 1e9)
-
-    def skip_to(self, ns: int) -> None:
-        """Leave out what is due before a time."""
-        self.count = max(self.count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
-
-    def ingest(self, batch: ObservationBatch) -> None:
-        begun, cpu = time.perf_counter(), time.process_time()
-        self.fusion.ingest(batch)
-        if self.spread:
-            self.fusion.advance(batch.stamp_ns)
-        took = time.perf_counter() - begun
-        self.busy += [took, took, time.process_time() - cpu]
-        self.observed.add(batch)
-
-    def update(self) -> None:
-        begun, cpu = time.perf_counter(), time.process_time()
-        self.last = update = self.fusion.update(self.due_ns)
-        took, cpu = time.perf_counter() - begun, time.process_time() - cpu
-        self.times.append(self.busy + np.array([0.0, took, cpu]))
-        self.busy = np.zeros(3)
-        self.count += 1
-        self.on_update(update, self.tally.add(update, self.observed))
-
-    def run(self, truth: Truth) -> Run:
-        ingest_ms, update_ms, cpu_ms = 1e3 * np.array(self.times).T
-        return Run(
-            summary=self.tally.summary(),
-            scores=self.tally.scores,
-            update_ms=update_ms,
-            ingest_ms=ingest_ms,
-            cpu_ms=cpu_ms,
-            start_ns=self.start_ns,
-            truth=truth,
-            spaces=dict(self.observed.spaces),
-            last=self.last,
-        )
 
 
 def run_offline(
@@ -186,20 +174,20 @@ def run_offline(
     compile_ahead(config.method, first.batch.unit, first.batch.dim, sources=2)
     start_ns = _start(first.batch)
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
-    offline = _Offline(fusion or Fusion(config), Tally(truth), on_update, start_ns, period, spread)
+    run, core = Run(truth, start_ns, period), fusion or Fusion(config)
     for arrived in chain([first], batches):
-        offline.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
-        while offline.due_ns < arrived.now_ns and offline.due_ns <= end_ns:
-            offline.update()
+        run.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
+        while run.due_ns < arrived.now_ns and run.due_ns <= end_ns:
+            on_update(*run.update(core))
         if arrived.now_ns > end_ns:
             break
-        offline.ingest(arrived.batch)
-    if offline.due_ns <= end_ns:
-        offline.update()
-    warn_of(offline.fusion.faults.take(), stacklevel=2)
-    if not offline.times:
+        run.ingest(core, arrived.batch, spread=spread)
+    if run.due_ns <= end_ns:
+        on_update(*run.update(core))
+    warn_of(core.faults.take(), stacklevel=2)
+    if not run.scores:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
-    return offline.run(truth)
+    return run
 
 
 def _start(batch: ObservationBatch) -> int:

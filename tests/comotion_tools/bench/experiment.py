@@ -132,9 +132,7 @@ def _timed(scene: str, given: Iterable[Incoming], config: FusionConfig, fill: in
             given, config, spread=True, on_update=lambda update, _: sizes.append(len(update.track_id))
         )
     first = min(fill, len(sizes) // 2)
-    ms, ingest_ms, cpu_ms, nmi = (
-        column[first:] for column in (run.update_ms, run.ingest_ms, run.cpu_ms, run.nmi)
-    )
+    (ingest_ms, ms, cpu_ms), nmi = run.costs_ms[:, first:], run.nmi[first:]
     unit = 1 if sys.platform == "darwin" else 1024
     return {
         "scene": scene,

@@ -15,9 +15,8 @@ import numpy as np
 import zenoh
 
 from comotion import Fusion
-from comotion_schemas import Keys, Message, ObservationBatch, Status, encode
+from comotion_schemas import Keys, ObservationBatch, Status, encode
 from comotion_schemas.component import new_session_id
-from comotion_schemas.keys import StreamKind
 
 from .load import BODIES, ID_STEP, Kind, places, positions
 
@@ -58,15 +57,14 @@ class Attacker:
         }
         return ObservationBatch(**(fields | changes))
 
-    def put(self, batch: ObservationBatch) -> None:
-        """Publish it under its own name."""
-        self.session.put(self.keys.stream("obs", batch.source), encode(batch))
-        self.seq += 1
-
-    def send(self, kind: StreamKind, message: Message, forged: dict[str, Any]) -> None:
-        """Publish a message with fields that no message of ours can have."""
-        content = msgpack.unpackb(encode(message)) | forged
-        self.session.put(self.keys.stream(kind, NAME), msgpack.packb(content))
+    def send(self, message: ObservationBatch | Status, **forged: Any) -> None:
+        """Publish a message, with fields that no message of ours can have."""
+        if isinstance(message, Status):
+            key = self.keys.stream("status", NAME)
+        else:
+            key = self.keys.stream("obs", message.source)
+        content = encode(message)
+        self.session.put(key, msgpack.packb(msgpack.unpackb(content) | forged) if forged else content)
         self.seq += 1
 
     def status(self, **changes: Any) -> Status:
@@ -75,11 +73,6 @@ class Attacker:
         fields |= {"component": NAME, "role": "source", "session": self.run}
         fields |= {"stamp_ns": time.time_ns(), "state": "ok", "message": ""}
         return Status(**(fields | changes))
-
-    def say(self, status: Status) -> None:
-        """Publish a Status on its own key."""
-        self.session.put(self.keys.stream("status", NAME), encode(status))
-        self.seq += 1
 
 
 def rest(_: Attacker) -> None:
@@ -90,9 +83,8 @@ def instants(attacker: Attacker) -> None:
     """1000 instants in a batch of 30 kB."""
     now, rows = time.time_ns(), 1000
     stamps = now - np.arange(rows)[::-1] * 30_000
-    attacker.put(
-        attacker.batch(rows, stamp_ns=now, stamps_ns=stamps, ids=np.arange(rows, dtype=np.uint64) % 10)
-    )
+    ids = np.arange(rows, dtype=np.uint64) % 10
+    attacker.send(attacker.batch(rows, stamp_ns=now, stamps_ns=stamps, ids=ids))
 
 
 def spaces(attacker: Attacker) -> None:
@@ -100,47 +92,47 @@ def spaces(attacker: Attacker) -> None:
     space = attacker.seq % 100
     ids = np.arange(20 * space, 20 * space + 20, dtype=np.uint64)
     rows = np.random.default_rng(attacker.seq).normal(0, 1, (20, 3)).astype(np.float32)
-    attacker.put(attacker.batch(20, space=f"space-{space}", ids=ids, positions=rows))
+    attacker.send(attacker.batch(20, space=f"space-{space}", ids=ids, positions=rows))
 
 
 def new_spaces(attacker: Attacker) -> None:
     """Another space in every batch."""
-    attacker.put(attacker.batch(5, space=f"space-{attacker.seq}"))
+    attacker.send(attacker.batch(5, space=f"space-{attacker.seq}"))
 
 
 def names(attacker: Attacker) -> None:
     """Another name in every batch."""
-    attacker.put(attacker.batch(5, source=f"{NAME}-{attacker.seq}", seq=0))
+    attacker.send(attacker.batch(5, source=f"{NAME}-{attacker.seq}", seq=0))
 
 
 def claim(attacker: Attacker) -> None:
     """An empty batch that says that the space of the others is one of pixels."""
     nothing: dict[str, Any] = {"ids": np.zeros(0, np.uint64), "positions": np.zeros((0, 2), np.float32)}
-    attacker.put(attacker.batch(0, unit="px", dim=2, **nothing))
+    attacker.send(attacker.batch(0, unit="px", dim=2, **nothing))
 
 
 def carry(attacker: Attacker) -> None:
     """Features that say that the frame of the space of the others is carried."""
     rows = np.random.default_rng(1).normal(0, 1, (100, 3)).astype(np.float32)
-    attacker.put(attacker.batch(100, moving=True, positions=rows))
+    attacker.send(attacker.batch(100, moving=True, positions=rows))
 
 
 def lie(attacker: Attacker) -> None:
     """A Status on its own key that says how much another source has sent."""
     counters = {"sent": 2**31 - 1, "batches": 2**31 - 1}
-    attacker.say(attacker.status(component=VICTIM, session=new_session_id(), counters=counters))
+    attacker.send(attacker.status(component=VICTIM, session=new_session_id(), counters=counters))
 
 
 def markup(attacker: Attacker) -> None:
     """Texts that a terminal or a table would obey."""
     texts = {"message": MARKUP, "host": MARKUP, "version": MARKUP, "rates": {MARKUP: 1.0}}
-    attacker.send("status", attacker.status(), texts)
-    attacker.send("obs", attacker.batch(5), {"space": MARKUP if attacker.seq % 4 == 1 else "[/nope]"})
+    attacker.send(attacker.status(), **texts)
+    attacker.send(attacker.batch(5), space=MARKUP if attacker.seq % 4 == 1 else "[/nope]")
 
 
 def statuses(attacker: Attacker) -> None:
     """A Status of 2 kB."""
-    attacker.say(attacker.status(message=2000 * "x", counters={"sent": attacker.seq}))
+    attacker.send(attacker.status(message=2000 * "x", counters={"sent": attacker.seq}))
 
 
 def drift(attacker: Attacker) -> None:
@@ -151,13 +143,13 @@ def drift(attacker: Attacker) -> None:
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(_DRIFTER.features)
     rows = (found.reshape(-1, 3) @ turn.T).astype(np.float32)
-    attacker.put(attacker.batch(len(rows), ids=ids.reshape(-1).astype(np.uint64), positions=rows))
+    attacker.send(attacker.batch(len(rows), ids=ids.reshape(-1).astype(np.uint64), positions=rows))
 
 
 def large(attacker: Attacker) -> None:
     """A valid batch of 3.9 MB."""
     rows = 195_000
-    attacker.put(attacker.batch(rows, positions=np.zeros((rows, 3), np.float32)))
+    attacker.send(attacker.batch(rows, positions=np.zeros((rows, 3), np.float32)))
 
 
 def tokens(attacker: Attacker) -> None:
@@ -195,43 +187,41 @@ def outrank(attacker: Attacker) -> None:
     attacker.seq += 1
 
 
-@dataclass(frozen=True)
-class Attack:
-    """What is done, and how often a second."""
-
-    step: Callable[[Attacker], None]
-    rate: float
-
-
-ATTACKS: dict[str, Attack] = {
-    "none": Attack(rest, 1),
-    "instants": Attack(instants, 30),
-    "many-instants": Attack(instants, 120),
-    "spaces": Attack(spaces, 240),
-    "new-spaces": Attack(new_spaces, 400),
-    "names": Attack(names, 1500),
-    "claim": Attack(claim, 0.5),
-    "carry": Attack(carry, 30),
-    "lie": Attack(lie, 1),
-    "markup": Attack(markup, 2),
-    "statuses": Attack(statuses, 3000),
-    "large": Attack(large, 10),
-    "drift": Attack(drift, _DRIFTER.rate),
-    "tokens": Attack(tokens, 400),
-    "many-tokens": Attack(many_tokens, 200),
-    "seize": Attack(seize, 1),
-    "outrank": Attack(outrank, 1),
+ATTACKS: dict[str, tuple[Callable[[Attacker], None], float]] = {
+    "none": (rest, 1),
+    "instants": (instants, 30),
+    "many-instants": (instants, 120),
+    "spaces": (spaces, 240),
+    "new-spaces": (new_spaces, 400),
+    "names": (names, 1500),
+    "claim": (claim, 0.5),
+    "carry": (carry, 30),
+    "lie": (lie, 1),
+    "markup": (markup, 2),
+    "statuses": (statuses, 3000),
+    "large": (large, 10),
+    "drift": (drift, _DRIFTER.rate),
+    "tokens": (tokens, 400),
+    "many-tokens": (many_tokens, 200),
+    "seize": (seize, 1),
+    "outrank": (outrank, 1),
 }
+"""What each does, and how often a second."""
 # What needs no more than an ordinary certificate, each kind once: access control denies the others.
 WITHIN_LIMITS = tuple(name for name in ATTACKS if name not in ("none", "many-instants", "seize", "outrank"))
 
 
 def attack(name: str, attacker: Attacker, seconds: float) -> int:
     """Run an attack for some seconds; returns how much it has done."""
-    chosen, began, done = ATTACKS[name], time.monotonic(), 0
-    while (elapsed := time.monotonic() - began) < seconds:
-        while done <= elapsed * chosen.rate and time.monotonic() - began < seconds:
-            chosen.step(attacker)
-            done += 1
-        time.sleep(min(1 / chosen.rate, 0.002))
+    repeat(*ATTACKS[name], attacker, seconds)
     return attacker.seq
+
+
+def repeat(step: Callable[[Attacker], None], rate: float, attacker: Attacker, seconds: float) -> None:
+    """Do something so often a second, for some seconds."""
+    began, done = time.monotonic(), 0
+    while (elapsed := time.monotonic() - began) < seconds:
+        while done <= elapsed * rate and time.monotonic() - began < seconds:
+            step(attacker)
+            done += 1
+        time.sleep(min(1 / rate, 0.002))

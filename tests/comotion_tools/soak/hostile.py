@@ -19,7 +19,7 @@ from comotion_schemas import encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import client_settings
 
-from .attacks import NAME, WITHIN_LIMITS, Attacker, attack
+from .attacks import NAME, WITHIN_LIMITS, Attacker, attack, repeat
 
 _RATE = 50.0
 
@@ -80,14 +80,11 @@ def _many_instants(attacker: Attacker) -> bytes:
 _MAKERS = (_mutated, _noise, _jump, _millimetres, _tampered, _extreme, _many_instants)
 
 
-def damage(attacker: Attacker, seconds: float) -> None:
-    """Publish batches that are damaged or extreme."""
-    end, key = time.monotonic() + seconds, attacker.keys.stream("obs", NAME)
-    while time.monotonic() < end:
-        maker = attacker.chance.choice(_MAKERS)
-        attacker.session.put(key, maker(attacker))
-        attacker.seq += 1
-        time.sleep(1 / _RATE)
+def damage(attacker: Attacker) -> None:
+    """Publish a batch that is damaged or extreme."""
+    maker = attacker.chance.choice(_MAKERS)
+    attacker.session.put(attacker.keys.stream("obs", NAME), maker(attacker))
+    attacker.seq += 1
 
 
 def main() -> None:
@@ -101,7 +98,7 @@ def main() -> None:
         attacker = Attacker(component.session, component.keys, chance, component.session_id)
         print(json.dumps({"session": attacker.run, "sent": 0}), flush=True)
         if not chosen:
-            damage(attacker, seconds / 2)
+            repeat(damage, _RATE, attacker, seconds / 2)
             chosen, seconds = [chance.choice(WITHIN_LIMITS)], seconds / 2
         attack(chosen[0], attacker, seconds)
         print(json.dumps({"session": attacker.run, "sent": attacker.seq}), flush=True)

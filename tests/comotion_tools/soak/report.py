@@ -18,24 +18,21 @@ from .schedule import Fault
 # A gap belongs to a fault that began at most so many s before it did.
 _BELONGS_S = 8.0
 _TIMING = frozenset({"service", "router"})
-# Growth within one life of a process: of memory in MB and as a share, of descriptors, of threads.
-_GROWTH_MB, _GROWTH_SHARE, _GROWTH_DESCRIPTORS, _GROWTH_THREADS = 40.0, 0.25, 10, 5
+# Growth within one life of a process that is too much: by how much, as a share, and its unit.
+_GROWTH = (("memory_mb", 40.0, 0.25, " MB"), ("descriptors", 10.0, 0.0, ""), ("threads", 5.0, 0.0, ""))
 _LIFE_SAMPLES = 20
 # Most memory of a process, whatever attacks it, and the time in which what an attack took is given back:
 # its trajectories leave the window of 10 s, and housekeeping comes by.
 _MOST_MB, _GIVEN_BACK_S = 800.0, 25.0
 _LOG_BYTES_PER_MINUTE = 60_000
-_ALONE = frozenset({f"{kind.space}" for kind in KINDS.values() if kind.space != "world"})
+_ALONE = {kind.space for kind in KINDS.values()} - {"world"}
 
 
 def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
     """The newest fault that a gap or a change may come from; `at_s` is its end."""
-    began_s = at_s - seconds
-    found = None
-    for fault_s, fault in soak.faults:
-        if fault_s <= at_s and began_s - fault_s - fault.lasts_s <= _BELONGS_S:
-            found = fault
-    return found
+    late_s = at_s - seconds - _BELONGS_S
+    fitting = [fault for begun_s, fault in soak.faults if late_s - fault.lasts_s <= begun_s <= at_s]
+    return fitting[-1] if fitting else None
 
 
 def violations(soak: Soak, longest_s: float) -> list[str]:
@@ -44,10 +41,8 @@ def violations(soak: Soak, longest_s: float) -> list[str]:
     No update for more than `longest_s` needs a fault of the service or the router as an excuse.
     """
     found = [f"hypothesis id {one} was given out twice" for one in soak.findings.reused]
-    found += [
-        f"{name} has ended by itself, status {', '.join(map(str, statuses))}"
-        for name, statuses in soak.ended.items()
-    ]
+    for name, statuses in soak.ended.items():
+        found.append(f"{name} has ended by itself, status {', '.join(map(str, statuses))}")
     for at_s, one in soak.audits:
         if one.is_exact and one.missing:
             found.append(f"at {at_s:.0f} s {one.missing} of {one.sent} batches were not accounted for")
@@ -89,18 +84,11 @@ def _grown(life: list[Usage]) -> list[str]:
         return []
     quarter = len(life) // 4
     early, late = life[quarter : 2 * quarter], life[-quarter:]
-
-    def middles(name: str) -> tuple[float, float]:
-        return median(getattr(u, name) for u in early), median(getattr(u, name) for u in late)
-
     found = []
-    before, after = middles("memory_mb")
-    if after - before > max(_GROWTH_MB, _GROWTH_SHARE * before):
-        found.append(f"memory grew from {before:.0f} to {after:.0f} MB")
-    for name, limit in (("descriptors", _GROWTH_DESCRIPTORS), ("threads", _GROWTH_THREADS)):
-        before, after = middles(name)
-        if after - before > limit:
-            found.append(f"{name} grew from {before:.0f} to {after:.0f}")
+    for name, limit, share, unit in _GROWTH:
+        before, after = (median(getattr(usage, name) for usage in part) for part in (early, late))
+        if after - before > max(limit, share * before):
+            found.append(f"{name.partition('_')[0]} grew from {before:.0f} to {after:.0f}{unit}")
     return found
 
 
@@ -164,13 +152,10 @@ def lines(found: dict[str, Any]) -> list[str]:
     for name, gaps in found["gaps_by_fault"].items():
         text.append(f"  gaps, {name}: {len(gaps)}, longest {gaps[0]:.2f} s")
     for name, held in found["usage"].items():
-        (middle, most), (files, most_files), (threads, most_threads) = (
-            held[key] for key in ("memory_mb", "descriptors", "threads")
-        )
-        text.append(
-            f"  {name}: {held['starts']} starts, {middle:.0f} MB (most {most:.0f}), {files:.0f} descriptors "
-            f"(most {most_files}), {threads:.0f} threads (most {most_threads}), log {held['log_bytes']} bytes"
-        )
+        (middle, most), files, threads = (held[key] for key in ("memory_mb", "descriptors", "threads"))
+        memory = f"{middle:.0f} MB (most {most:.0f}), {files[0]:.0f} descriptors (most {files[1]})"
+        threads = f"{threads[0]:.0f} threads (most {threads[1]})"
+        text.append(f"  {name}: {held['starts']} starts, {memory}, {threads}, log {held['log_bytes']} bytes")
     if found["recovery_s"]:
         times = sorted(seconds for _, seconds in found["recovery_s"])
         text.append(f"  recovery: median {median(times):.2f} s, longest {times[-1]:.2f} s of {len(times)}")

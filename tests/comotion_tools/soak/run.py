@@ -21,13 +21,13 @@ from .monitor import Findings, Watched
 from .schedule import HOSTILE, OTHERS, SOURCES, Fault
 
 SCENE = "soak"
+_ENDS = {"kill": signal.SIGKILL, "restart": signal.SIGTERM}
 _SAMPLE_S = 2.0
 _PAUSED_S = 15.0
 _WINDOW_S = 60.0
 _SETTLE_S = 1.2
 _HOSTILE_S = 4.0
 _RECORDINGS = 3
-_PRUNE_S = 30.0
 _RECOVERED_S = 60.0
 _BETWEEN_S = 4.0
 
@@ -87,9 +87,8 @@ class Runner(Watched):
             say("no recorder: mcap is not installed")
         self.result = Soak()
         self._expected: set[str] = set()
-        self._sampled_s = self._pruned_s = 0.0
+        self._sampled_s = self._window_s = 0.0
         self._window: Moment | None = None
-        self._window_s = 0.0
 
     @property
     def now_s(self) -> float:
@@ -138,33 +137,25 @@ class Runner(Watched):
         if self.now_s - self._sampled_s > _SAMPLE_S:
             self._sampled_s = self.now_s
             self._sample()
-        if self.now_s - self._pruned_s > _PRUNE_S:
-            self._pruned_s = self.now_s
-            self._prune()
-
-    def expect(self, name: str) -> None:
-        """Note that a process is about to end, and is to be started again."""
-        self._expected.add(name)
 
     def carry_out(self, fault: Fault) -> None:
         """Do what a fault says, and wait until it is over."""
         self.result.faults.append((round(self.now_s, 1), fault))
         self.say(f"{fault}")
+        process = self.processes.get(fault.target)
         if fault.kind == HOSTILE:
             at_s = self.now_s
-            self._attack(len(self.result.faults))
+            attacker = hostile(self._endpoint, SCENE, self._folder, _HOSTILE_S, len(self.result.faults))
+            attacker.start()
+            self.is_so(attacker.has_ended, 10 * _HOSTILE_S)
+            attacker.end()
             lasted_s = round(self.now_s - at_s, 1)
             self.result.faults[-1] = (round(at_s, 1), replace(fault, lasts_s=lasted_s))
+        elif process is None:
             return
-        process = self.processes.get(fault.target)
-        if process is None:
-            return
-        if fault.kind == "kill":
-            self.expect(fault.target)
-            process.signal(signal.SIGKILL)
-        elif fault.kind == "restart":
-            self.expect(fault.target)
-            process.signal(signal.SIGTERM)
+        elif fault.kind in _ENDS:
+            self._expected.add(fault.target)
+            process.signal(_ENDS[fault.kind])
         elif fault.kind == "stop":
             process.signal(signal.SIGSTOP)
             self.wait(fault.lasts_s)
@@ -173,15 +164,9 @@ class Runner(Watched):
             process.send({"do": fault.kind, "lasts_s": fault.lasts_s, "size": fault.size})
             self.wait(fault.lasts_s)
 
-    def _attack(self, seed: int) -> None:
-        attacker = hostile(self._endpoint, SCENE, self._folder, _HOSTILE_S, seed)
-        attacker.start()
-        self.is_so(attacker.has_ended, 10 * _HOSTILE_S)
-        attacker.end()
-
     def _audit(self, fault: Fault | None) -> None:
         """Close the stretch of exact accounts before a fault that ends it; open one before another fault."""
-        ends = fault is None or _blurs(fault)
+        ends = fault is None or fault.blurs
         if self._window is not None and (ends or self.now_s - self._window_s > _WINDOW_S):
             self._close_window(self._moment())
         if not ends and self._window is None:
@@ -201,44 +186,27 @@ class Runner(Watched):
         One that `opens` a stretch waits until the service knows of all: what a service learns only now of
         the time before its start is none of the stretch.
         """
-        sources = [self.processes[name] for name in SOURCES]
-        with self.paused(sources):
-            return self._settled(sources, opens=opens)
-
-    def _settled(self, sources: list[Managed], *, opens: bool) -> Moment | None:
-        """The accounts, once all sources pause and the service counts no more; None if that takes long."""
-        before: Moment | None = None
+        sources, before = [self.processes[name] for name in SOURCES], None
         end = time.monotonic() + _PAUSED_S
-        while self.is_so(lambda: all(one.account.get("paused") for one in sources), end - time.monotonic()):
-            now = self._count(sources)
-            if now is not None and now == before and not now.waiting and not (opens and now.unheard):
-                return now
-            before = now
-            self.wait(_SETTLE_S)
+        with self.paused(sources):
+            while self.is_so(lambda: all(s.account.get("paused") for s in sources), end - time.monotonic()):
+                last, reply = self.monitor.last, self.accounts(_SETTLE_S)
+                now = None if last is None or reply is None else moment(last.session, reply, sources)
+                if now is not None and now == before and not now.waiting and not (opens and now.unheard):
+                    return now
+                before = now
+                self.wait(_SETTLE_S)
         return None
 
-    def _count(self, sources: list[Managed]) -> Moment | None:
-        """What the service says of the accounts now."""
-        last, reply = self.monitor.last, self.accounts(_SETTLE_S)
-        return None if last is None or reply is None else moment(last.session, reply, sources)
-
     def _sample(self) -> None:
+        """Measure; recordings are there to be written, not to be kept."""
         for name, process in self.processes.items():
             usage = process.usage()
             if usage is not None:
                 self.result.usage.setdefault(name, []).append((round(self.now_s, 1), process.starts, usage))
-
-    def _prune(self) -> None:
-        """Recordings are there to be written, not to be kept."""
         takes = sorted(self._folder.glob("take*.mcap*"), key=lambda file: file.stat().st_mtime)
         for file in takes[:-_RECORDINGS]:
             file.unlink(missing_ok=True)
-
-
-def _blurs(fault: Fault) -> bool:
-    """Whether accounts cannot be exact across a fault: a process takes with it what only it knew."""
-    ends = fault.kind in ("kill", "restart") and fault.target in (*SOURCES, "service")
-    return ends or fault.kind == HOSTILE
 
 
 def clear(folder: Path) -> None:

@@ -40,6 +40,12 @@ class Fault:
     lasts_s: float = 0.0  # 0 for what happens at once
     size: float = 0.0  # step of the clock in s, or batches of a burst
 
+    @property
+    def blurs(self) -> bool:
+        """Whether accounts cannot be exact across it: a process takes with it what only it knew."""
+        ends = self.kind in ("kill", "restart") and self.target in (*SOURCES, "service")
+        return ends or self.kind == HOSTILE
+
     def __str__(self) -> str:
         size = f" {self.size:+g}" if self.kind == "clock" else ""
         return f"{self.kind}{size} {self.target}" + (f" for {self.lasts_s:.0f} s" if self.lasts_s else "")
