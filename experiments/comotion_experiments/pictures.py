@@ -15,7 +15,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import ObservationBatch
@@ -40,6 +39,7 @@ SHEETS = {
     for scene, camera in (("truck", "a"), ("truck-tower", "b"), ("shelf", "a"), ("arm", "b"))
 }
 """Whole videos of a plain camera, each on a page."""
+_HERO = ("hero.webp", "hypotheses.jpg")
 _AFFINITY_S = (0.3, 0.7, 3.0)
 _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
@@ -57,50 +57,42 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
         If MuJoCo is not installed (extra ``sim3d``).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    made = []
-    if only in {None, "hero.webp", "hypotheses.jpg"}:
-        made += _workcell(folder)
+    if only in {None, *_HERO}:
+        _workcell(folder)
     for name, scene in PLOTS.items():
         if only in {None, name}:
             evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=folder / name)
-            made.append(folder / name)
     for name, video in SHEETS.items():
         if only in {None, name}:
             segment(video, SegmentOptions(sheet=folder / name, use_depth=False))
-            made.append(folder / name)
-    if only in {None, "workcell.jpg"}:
-        made.append(_scenes(folder / "workcell.jpg"))
-    if only in {None, "affinity.png"}:
-        made.append(_affinity(folder / "affinity.png"))
-    return made + _screens(folder, only)
+    for name, draw in {"workcell.jpg": _scenes, "affinity.png": _affinity}.items():
+        if only in {None, name}:
+            draw(folder / name)
+    on_screens = [name for name in screens.SCREENS if only in {None, name}]
+    if on_screens and not os.environ.get(screens.CHROMIUM):
+        _log.warning("no browser in %s: %s stay as they are", screens.CHROMIUM, ", ".join(on_screens))
+        on_screens = []
+    for name in on_screens:
+        screens.take(folder, name)
+    made = [*_HERO, *PLOTS, *SHEETS, "workcell.jpg", "affinity.png", *on_screens]
+    return [folder / name for name in made if only in {None, name}]
 
 
-def _screens(folder: Path, only: str | None) -> list[Path]:
-    wanted = [name for name in screens.SCREENS if only in {None, name}]
-    if wanted and not os.environ.get(screens.CHROMIUM):
-        _log.warning("no browser in %s: %s stay as they are", screens.CHROMIUM, ", ".join(wanted))
-        return []
-    return [screens.take(folder, name) for name in wanted]
-
-
-def _scenes(path: Path) -> Path:
+def _scenes(path: Path) -> None:
     """Every scene, seen by camera a above and by camera b below."""
     rows = []
     for camera in "ab":
         seen = []
         for scene, seconds in SCENES.items():
-            frames = open_frames(
-                f"workcell:{scene}/{camera}?size=320x240&rate=1&duration={seconds + 1}", None
-            )
-            *_, last = frames
-            frames.close()
+            video = f"workcell:{scene}/{camera}?size=320x240&rate=1&duration={seconds + 1}"
+            with closing(open_frames(video, None)) as frames:
+                *_, last = frames
             seen.append(last.image)
         rows.append(np.hstack(seen))
     cv2.imwrite(str(path), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])
-    return path
 
 
-def _affinity(path: Path) -> Path:
+def _affinity(path: Path) -> None:
     """The affinities of a scene with a background and four bodies, soon and later."""
     figure = new_figure(10, 3.6)
     axes = figure.subplots(1, 3)
@@ -117,23 +109,18 @@ def _affinity(path: Path) -> Path:
             axis.set(xlabel="feature", ylabel="feature")
     figure.colorbar(image, ax=axes, label="affinity", shrink=0.7)
     figure.savefig(path, dpi=90)
-    return path
 
 
-def _workcell(folder: Path) -> list[Path]:
+def _workcell(folder: Path) -> None:
+    """Write the animation and the still picture of a segmented video beside what its camera saw."""
     with tempfile.TemporaryDirectory() as temporary:
         segment(WORKCELL, SegmentOptions(out=Path(temporary)))
-        read = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
-    images = [np.asarray(image, np.uint8) for image in read if image is not None]
+        coloured = [cv2.imread(str(path)) for path in sorted(Path(temporary).glob("*.png"))]
     with closing(open_frames(WORKCELL, None)) as camera:
         raw = [frame.image for frame in camera]
-    pairs = [np.hstack((seen, coloured)) for seen, coloured in zip(raw, images, strict=True)]
-    return from_frames(folder, [np.asarray(pair, np.uint8) for pair in pairs])
-
-
-def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:
-    """Write the animation and the still picture of a segmented video, uint8 [H, W, 3] each."""
-    still, moving = folder / "hypotheses.jpg", folder / "hero.webp"
+    pairs = zip(raw, coloured, strict=True)
+    images = [np.hstack((seen, drawn)) for seen, drawn in pairs if drawn is not None]
+    moving, still = (folder / name for name in _HERO)
     cv2.imwrite(str(still), images[min(STILL, len(images) - 1)], [cv2.IMWRITE_JPEG_QUALITY, 90])
     # It begins where all bodies have moved, for who sees one picture of it.
     frames = [*images[STILL::_EVERY], *images[_FIRST:STILL:_EVERY]] or images
@@ -143,7 +130,6 @@ def from_frames(folder: Path, images: list[NDArray[np.uint8]]) -> list[Path]:
         cv2.imwriteanimation(str(moving), animation, [cv2.IMWRITE_WEBP_QUALITY, quality])
         if moving.stat().st_size < _LIMIT:
             break
-    return [still, moving]
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ They are the same on every machine, however busy it is.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import cv2
 import numpy as np
@@ -67,19 +68,10 @@ def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | Obs
 
 def _links(scene: Scene) -> Status:
     """What the robot says of its links."""
-    return Status(
-        component=_ROBOT,
-        role="source",
-        session=OFFLINE_SESSION,
-        stamp_ns=0,
-        state="ok",
-        rates={},
-        ages={},
-        counters={},
-        rejected={},
-        message="",
-        feature_names={str(k): link for k, link in enumerate(Kinematics(scene.model, scene.robot).links)},
-    )
+    names = {str(k): link for k, link in enumerate(Kinematics(scene.model, scene.robot).links)}
+    nothing: dict[str, Any] = {key: {} for key in ("rates", "ages", "counters", "rejected")}
+    who: dict[str, Any] = {"component": _ROBOT, "role": "source", "session": OFFLINE_SESSION}
+    return Status(**who, **nothing, stamp_ns=0, state="ok", message="", feature_names=names)
 
 
 def _preview(source: str, seen: Filmed) -> Preview:

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -66,42 +66,33 @@ def positions(kind: Kind, features: NDArray[np.float64], t: float) -> NDArray[np
 
 @dataclass
 class _Faults:
-    """What is wrong at the moment; each until a time on the monotonic clock."""
+    """What is wrong; some until a time on the monotonic clock."""
 
+    until: dict[str, float] = field(default_factory=dict)  # of "clock", "loss" and "disorder"
     clock_s: float = 0.0
-    clock_until: float = 0.0
-    loss_until: float = 0.0
-    disorder_until: float = 0.0
     generation: int = 0
     burst: int = 0
     paused: bool = False
 
     def obey(self, command: dict[str, Any]) -> None:
         """Let something be wrong from now on."""
-        until = time.monotonic() + command.get("lasts_s", 0.0)
-        match command["do"]:
-            case "clock":
-                self.clock_s, self.clock_until = command["size"], until
-            case "loss":
-                self.loss_until = until
-            case "disorder":
-                self.disorder_until = until
-            case "churn":
-                # Within the hundreds that leave the thousands, which name the body, alone.
-                self.generation = (self.generation + 1) % 9
-            case "burst":
-                self.burst = int(command["size"])
-            case "pause" | "resume":
-                self.paused = command["do"] == "pause"
+        do, size = command["do"], command.get("size", 0.0)
+        self.until[do] = time.monotonic() + command.get("lasts_s", 0.0)
+        self.clock_s = size if do == "clock" else self.clock_s
+        self.burst = int(size) if do == "burst" else self.burst
+        # Within the hundreds that leave the thousands, which name the body, alone.
+        self.generation = (self.generation + (do == "churn")) % 9
+        self.paused = do == "pause" if do in {"pause", "resume"} else self.paused
+
+    def now(self, what: str) -> bool:
+        """Whether something is wrong at the moment."""
+        return time.monotonic() < self.until.get(what, 0.0)
 
 
 class Source:
     """Makes the batches of one source, and sends them as the faults of the moment say.
 
-    Attributes
-    ----------
-    sent, repeated
-        Sequence numbers used, and batches sent again.
+    `sent` are sequence numbers used, `repeated` batches sent again.
     """
 
     def __init__(self, component: Component) -> None:
@@ -118,7 +109,7 @@ class Source:
         """The next batch, as of now."""
         kind, faults = self.kind, self.faults
         now = time.time()
-        offset = faults.clock_s if time.monotonic() < faults.clock_until else 0.0
+        offset = faults.clock_s if faults.now("clock") else 0.0
         found = positions(kind, self._features, now)
         found += self._rng.normal(0, _NOISE_M if kind.unit == "m" else _NOISE_PX, found.shape)
         ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(kind.features) + 100 * faults.generation
@@ -137,17 +128,17 @@ class Source:
 
     def send(self) -> None:
         """Send what is due."""
-        faults, now = self.faults, time.monotonic()
+        faults = self.faults
         for _ in range(1 + faults.burst):
             payload = encode(self.batch())
-            if now < faults.loss_until and self._chance.random() < 0.2:
+            if faults.now("loss") and self._chance.random() < 0.2:
                 continue
             self._late.append(payload)
-            if now < faults.disorder_until and self._chance.random() < 0.2:
+            if faults.now("disorder") and self._chance.random() < 0.2:
                 self._late.append(payload)
                 self.repeated += 1
         faults.burst = 0
-        in_order = now >= faults.disorder_until
+        in_order = not faults.now("disorder")
         while len(self._late) > (0 if in_order else 2):
             first = self._late.popleft()
             if not in_order:

@@ -164,9 +164,9 @@ def votes(update: HypothesisUpdate, sources: Collection[str] = KINDS) -> dict[Bo
 
 def _labels(update: HypothesisUpdate) -> dict[Body, int]:
     """Hypothesis of each body that its features agree on."""
-    found = {}
-    for body, counts in votes(update).items():
-        for label, count in counts.most_common(1):
-            if label != UNDETERMINED and count >= _AGREE * counts.total():
-                found[body] = label
-    return found
+    most = (
+        (body, *one, counts.total())
+        for body, counts in votes(update).items()
+        for one in counts.most_common(1)
+    )
+    return {body: label for body, label, n, of in most if label != UNDETERMINED and n >= _AGREE * of}
