@@ -111,16 +111,8 @@ def run_experiment(
 ) -> list[Run]:
     """Run families and recordings with all rules, and without each of `rules`.
 
-    Parameters
-    ----------
-    rules, families, seeds
-        Names of :data:`RULES`, of stress families, and seeds of their scenes.
-    folders
-        Folders of labelled recordings.
-    jobs
-        Processes at once.
-    progress
-        Called with one line for each run that is done.
+    `folders` are those of labelled recordings, `jobs` processes at once; `progress` is called with one line
+    for each run that is done.
     """
     paths = [(folder, case.name) for folder in folders for case in recorded_cases(folder)]
     work = [

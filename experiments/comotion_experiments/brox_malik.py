@@ -54,12 +54,8 @@ _LEAST_FRAMES = 8
 def affinity(positions: Floats, *, pixels: bool) -> Floats:
     """Affinity of every pair of trajectories, float64 [N, N] in 0..1; 0 without common motion.
 
-    Parameters
-    ----------
-    positions
-        float64 [F, N, dim], NaN where unobserved.
-    pixels
-        Whether they are in pixels. Else lengths are scaled to a fixed width of the scene.
+    `positions` are float64 [F, N, dim], NaN where unobserved; if not in `pixels`, lengths are scaled to a
+    fixed width of the scene.
     """
     scale = 1.0 if pixels else _EXTENT / max(_extent(positions), _LEAST_NOISE)
     x = positions * scale
@@ -74,9 +70,8 @@ def affinity(positions: Floats, *, pixels: bool) -> Floats:
             continue
         m, at = motion[t, rows], x[t, rows]
         variation = np.maximum(_variation(m, at), floor)
-        difference = ((m[:, None] - m[None]) ** 2).sum(2) / (
-            STEP * np.minimum(variation[:, None], variation[None])
-        )
+        smaller = np.minimum(variation[:, None], variation[None])
+        difference = ((m[:, None] - m[None]) ** 2).sum(2) / (STEP * smaller)
         cell = np.ix_(rows, rows)
         largest[cell] = np.maximum(largest[cell], difference)
         distance[cell] += np.linalg.norm(at[:, None] - at[None], axis=2)
@@ -156,14 +151,13 @@ class _Scene:
         for key in [key for key, history in tracks.items() if history[-1][0] < now - _GAP_S]:
             del tracks[key]
         frames = np.arange(max(0.0, now - WINDOW_S), now + 1e-9, 1 / RATE_HZ)
-        columns = [_resampled(history, frames) for history in tracks.values()]
         ids = ((key[:2], np.array([key[2]], np.uint64)) for key in tracks)
         objects = np.array([int(self.truth.objects(*track)[0]) for track in ids], np.int32)
-        enough = np.array([np.isfinite(column[:, 0]).sum() >= _LEAST_FRAMES for column in columns], np.bool_)
-        if not enough.any():
-            return np.zeros((len(frames), 0, 2)), np.zeros(0, np.int32), objects
-        x = np.stack([column for column, good in zip(columns, enough, strict=True) if good], axis=1)
-        return x, objects[enough], objects[~enough]
+        if not tracks:
+            return np.zeros((len(frames), 0, 2)), objects, objects
+        x = np.stack([_resampled(history, frames) for history in tracks.values()], axis=1)
+        enough = np.isfinite(x[..., 0]).sum(axis=0) >= _LEAST_FRAMES
+        return x[:, enough], objects[enough], objects[~enough]
 
 
 def _resampled(history: History, frames: Floats) -> Floats:
@@ -178,16 +172,8 @@ def _resampled(history: History, frames: Floats) -> Floats:
 def compare(messages: Iterable[Incoming], duration: float | None = None) -> dict[str, float]:
     """Score the affinity of Brox and Malik with each clustering: mean NMI over the whole seconds.
 
-    Parameters
-    ----------
-    messages
-        Of an offline run, in time order.
-    duration
-        Seconds; all by default.
-
-    Returns
-    -------
-    By clustering; NaN where nothing could be scored.
+    `messages` are those of an offline run, in time order; `duration` is in s, all by default. NaN where
+    nothing could be scored.
     """
     scene, scores = _Scene(), list[dict[str, float]]()
     start_ns: int | None = None

@@ -143,12 +143,8 @@ def in_order_of_acquisition(logged: Iterable[tuple[int, Message]]) -> Iterator[t
     """Sort batches by their stamps within a sliding span of 10 s.
 
     Two recordings of the same messages give the same order, whatever their delays were; truth comes
-    first. A batch that arrived more than 10 s after newer data remains behind it.
-
-    Parameters
-    ----------
-    logged
-        (receipt in ns, message), in the order of receipt.
+    first. A batch that arrived more than 10 s after newer data remains behind it. `logged` are
+    (receipt in ns, message), in the order of receipt.
     """
     pending: list[_Pending] = []
     for number, (log_ns, message) in enumerate(logged):
@@ -158,11 +154,5 @@ def in_order_of_acquisition(logged: Iterable[tuple[int, Message]]) -> Iterator[t
         place = (message.stamp_ns, message.source, message.session, message.seq, number)
         heapq.heappush(pending, (place, log_ns, message))
         while log_ns - pending[0][1] > _SORT_SPAN_NS:
-            yield _popped(pending)
-    while pending:
-        yield _popped(pending)
-
-
-def _popped(pending: list[_Pending]) -> tuple[int, ObservationBatch]:
-    _, log_ns, batch = heapq.heappop(pending)
-    return log_ns, batch
+            yield heapq.heappop(pending)[1:]
+    yield from (one[1:] for one in sorted(pending))

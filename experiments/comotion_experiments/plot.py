@@ -49,20 +49,11 @@ def new_figure(width: float, height: float, *, dpi: int = 100, layout: Any = "co
 
 
 def save_plot(path: Path, title: str, trace: Trace, run: Scored) -> None:
-    """Draw a run to a file; the suffix determines the format.
+    """Draw the updates of a run to a file under a title; the suffix determines the format.
 
     Three moments of the run, the tracks coloured by hypothesis and, below, by true object; then
     NMI over time, or the number of hypotheses where there is no truth. Of several coordinate
-    spaces the one with most tracks is drawn.
-
-    Parameters
-    ----------
-    path
-        File to write; its folder is made if need be.
-    title
-        Heading.
-    trace, run
-        The updates of a run, and the run.
+    spaces the one with most tracks is drawn. The folder of the file is made if need be.
 
     Raises
     ------
@@ -149,16 +140,14 @@ class _RunFigure:
     def _panel(self, cell: Any, index: int, title: str, *, truth: bool) -> None:
         flat = self._space.dim == 2
         axes = self._figure.add_subplot(cell, **({} if flat else {"projection": "3d"}))
-        moment = self._moments[index]
+        moment, shown, trails = self._moments[index], self._colours[index], self._trails(index)
         labels = moment.objects if truth else moment.hypotheses
-        trails = self._trails(index)
-        shown = self._colours[index]
         objects = object_colours(moment, shown) if truth else {}
         for label in np.unique(labels).tolist():
             members = np.flatnonzero(labels == label)
-            rgb, shape, name = (
-                self._object_style(label, objects) if truth else _hypothesis_style(label, len(members), shown)
-            )
+            of_hypothesis = (label, len(members), shown)
+            style = self._object_style(label, objects) if truth else _hypothesis_style(*of_hypothesis)
+            rgb, shape, name = style
             axes.plot(*broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
             points = moment.positions[members].T
             axes.plot(*points, linestyle="", marker=shape, markersize=4.5, color=rgb, label=name)
@@ -194,38 +183,28 @@ class _RunFigure:
 
     def _legend(self, axes: Any) -> None:
         handles, names = axes.get_legend_handles_labels()
-        axes.legend(
-            handles[:_LEGEND_LIMIT],
-            [*names[: _LEGEND_LIMIT - 1], f"... {len(names)} in all"]
-            if len(names) > _LEGEND_LIMIT
-            else names,
-            fontsize=7,
-            loc="upper left",
-            # Beside a plane, where it hides nothing; the corner of a 3-D view is empty.
-            bbox_to_anchor=(1.01, 1.0) if self._space.dim == 2 else None,
-            framealpha=0.7,
-            handletextpad=0.2,
-        )
+        if len(names) > _LEGEND_LIMIT:
+            names = [*names[: _LEGEND_LIMIT - 1], f"... {len(names)} in all"]
+        # Beside a plane, where it hides nothing; the corner of a 3-D view is empty.
+        beside = (1.01, 1.0) if self._space.dim == 2 else None
+        style = {"fontsize": 7, "framealpha": 0.7, "handletextpad": 0.2}
+        axes.legend(handles[: len(names)], names, loc="upper left", bbox_to_anchor=beside, **style)
 
     def _curve(self, axes: Any, chosen: Sequence[int]) -> None:
-        times = [self._seconds(score.stamp_ns) for score in self._run.scores]
         if self._has_truth:
-            values = np.array([score.nmi for score in self._run.scores])
-            axes.set_ylim(-0.03, 1.05)
-            axes.set_ylabel("NMI")
-            axes.set_title(f"NMI against the truth: mean {np.nanmean(values):.3f}", fontsize=11)
+            curve = [(score.stamp_ns, score.nmi) for score in self._run.scores]
+            axes.set(ylim=(-0.03, 1.05), ylabel="NMI")
+            title = f"NMI against the truth: mean {np.nanmean([nmi for _, nmi in curve]):.3f}"
         else:
-            times = [self._seconds(m.stamp_ns) for m in self._moments]
-            values = np.array(
-                [len(np.unique(m.hypotheses[m.hypotheses != UNDETERMINED])) for m in self._moments]
-            )
-            axes.set_ylabel("hypotheses")
-            axes.set_title("number of hypotheses (no truth)", fontsize=11)
+            shown = [(m.stamp_ns, m.hypotheses[m.hypotheses != UNDETERMINED]) for m in self._moments]
+            curve = [(stamp_ns, float(len(np.unique(labels)))) for stamp_ns, labels in shown]
+            axes.set(ylabel="hypotheses")
+            title = "number of hypotheses (no truth)"
+        axes.set_title(title, fontsize=11)
+        times, values = [self._seconds(stamp_ns) for stamp_ns, _ in curve], [value for _, value in curve]
         axes.plot(times, values, color=unit(HUES[0]), linewidth=1.4)
-        for index in chosen:
-            axes.axvline(
-                self._seconds(self._moments[index].stamp_ns), color="0.6", linewidth=0.8, dashes=(4, 3)
-            )
+        for t in (self._seconds(self._moments[index].stamp_ns) for index in chosen):
+            axes.axvline(t, color="0.6", linewidth=0.8, dashes=(4, 3))
         axes.set_xlabel("t [s]")
         axes.grid(visible=True, alpha=0.3)
 

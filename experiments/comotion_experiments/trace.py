@@ -45,24 +45,19 @@ class Moment:
 
     def of(self, rows: NDArray[np.bool_]) -> "Moment":
         """Some of the tracks, by a mask bool [N]."""
-        return Moment(
-            self.stamp_ns,
-            [track for track, chosen in zip(self.tracks, rows, strict=True) if chosen],
-            self.positions[rows],
-            self.hypotheses[rows],
-            self.objects[rows],
-        )
+        tracks = [self.tracks[row] for row in np.flatnonzero(rows)]
+        columns = (self.positions[rows], self.hypotheses[rows], self.objects[rows])
+        return Moment(self.stamp_ns, tracks, *columns)
 
 
 def main_space(updates: Sequence[HypothesisUpdate], spaces: Mapping[str, SpaceRef]) -> SpaceRef | None:
     """Find the space with most tracks; None without tracks."""
-    counts: dict[SpaceRef, int] = {}
+    counts = Counter[SpaceRef]()
     for update in updates:
         for index, source in enumerate(update.sources):
             if source.name in spaces:
-                space = spaces[source.name]
-                counts[space] = counts.get(space, 0) + int(np.count_nonzero(update.track_source == index))
-    return max(counts, key=lambda s: counts[s], default=None) if any(counts.values()) else None
+                counts[spaces[source.name]] += int(np.count_nonzero(update.track_source == index))
+    return next((space for space, count in counts.most_common(1) if count), None)
 
 
 def moment_of(
@@ -114,10 +109,8 @@ def rightly_assigned(labels: Labels, objects: Labels) -> NDArray[np.bool_]:
 def matched(votes: Mapping[tuple[int, int], int]) -> dict[int, int]:
     """Object of each hypothesis, assigned one to one so that most tracks are right (Hungarian method).
 
-    Parameters
-    ----------
-    votes
-        (hypothesis, object) -> tracks that they share; undetermined tracks and unknown objects do not count.
+    `votes` are (hypothesis, object) -> tracks that they share; undetermined tracks and unknown objects do not
+    count.
     """
     pairs = {pair: n for pair, n in votes.items() if pair[0] != UNDETERMINED and pair[1] >= 0}
     hypotheses, objects = sorted({h for h, _ in pairs}), sorted({o for _, o in pairs})

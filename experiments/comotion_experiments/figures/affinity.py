@@ -48,20 +48,14 @@ def draw_direction(study: Study) -> Drawn:
         panels.scene_panels(axes[0], take, _DIRECTION.scene, study)
         _affinities(part, take, axes[1])
         for upper in axes[0]:
-            upper.set_xlim(-0.05, 0.85)
-            upper.set_ylim(0.05, 0.85)
+            upper.set(xlim=(-0.05, 0.85), ylim=(0.05, 0.85))
     panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
     printed = {"Y": "small", "G": "particularly high", "R": "-", "P": "-"}
     last = _TIMES[-1]
-    rows = [
-        row_of(
-            f"affinity of B to {letter} at t = {last:g} s",
-            said,
-            takes,
-            partial(_between, first="B", other=letter),
-        )
-        for letter, said in printed.items()
-    ]
+    rows = []
+    for letter, said in printed.items():
+        between = partial(_between, first="B", other=letter)
+        rows.append(row_of(f"affinity of B to {letter} at t = {last:g} s", said, takes, between))
     rows.append(row_of("hypotheses at the end", "2", takes, partial(count_at, t=last)))
     return Drawn(figure, rows, parameters(_DIRECTION, study))
 

@@ -22,9 +22,11 @@ from .study import Drawn, Row, Study
 
 _BIC_TIMES = (1.0, 3.0)
 _GAP_TIMES = (1.0, 2.0, 3.0, 4.0, 7.0)
-_NAMES = {"full": "full", "diag": "diagonal", "spherical": "spherical"}
-_COLOURS = {"full": "#0072b2", "diag": "#e69f00", "spherical": "#009e73"}
-_HATCHES = {"full": "", "diag": "//", "spherical": ".."}
+_STYLES = {
+    "full": {"label": "full", "color": "#0072b2", "hatch": ""},
+    "diag": {"label": "diagonal", "color": "#e69f00", "hatch": "//"},
+    "spherical": {"label": "spherical", "color": "#009e73", "hatch": ".."},
+}
 
 
 def draw_bic(study: Study) -> Drawn:
@@ -32,9 +34,8 @@ def draw_bic(study: Study) -> Drawn:
     takes = study.simulated(STARTS)
     divisive, default = takes.values()
     figure = panels.new_figure(8, 6.6)
-    figure.suptitle(
-        "Gaussian mixtures on the affinities of the thesis method", fontsize=11, fontweight="bold"
-    )
+    title = "Gaussian mixtures on the affinities of the thesis method"
+    figure.suptitle(title, fontsize=11, fontweight="bold")
     rows = []
     for axes, t in zip(figure.subplots(2, 1, sharex=True), _BIC_TIMES, strict=True):
         fits = []
@@ -44,14 +45,8 @@ def draw_bic(study: Study) -> Drawn:
         _bars(axes, t, fits[0])
         best = count([min(fit, key=lambda m: m.bic).components for fit in fits])
         said = f"BIC {best}; divisive k-means {count_at(divisive, t)}"
-        rows.append(
-            Row(
-                f"clusters at t = {t:g} s",
-                f"expected {_expected(t)}; BIC suggests more",
-                said,
-                count_at(default, t),
-            )
-        )
+        expected = f"expected {_expected(t)}; BIC suggests more"
+        rows.append(Row(f"clusters at t = {t:g} s", expected, said, count_at(default, t)))
     axes.set_xlabel("number of components")
     made_with = parameters(STARTS, study)
     return Drawn(figure, rows, made_with | {"variance floor": "1e-3"})
@@ -89,30 +84,22 @@ def _affinity(take: SceneRuns, t: float, seed: int) -> NDArray[np.float64]:
 
 def _bars(axes: Any, t: float, mixtures: list[Mixture]) -> None:
     """Bars of one seed, a star over the smallest."""
+
+    def place(mixture: Mixture) -> float:
+        return mixture.components + 0.27 * (COVARIANCES.index(mixture.covariance) - 1)
+
     best = min(mixtures, key=lambda mixture: mixture.bic)
-    for offset, kind in enumerate(COVARIANCES):
-        some = [m for m in mixtures if m.covariance == kind]
-        places = [m.components + 0.27 * (offset - 1) for m in some]
-        axes.bar(
-            places,
-            [min(m.bic, -1.2 * best.bic) / 1e3 for m in some],
-            width=0.25,
-            color=_COLOURS[kind],
-            hatch=_HATCHES[kind],
-            edgecolor="white",
-            linewidth=0.4,
-            label=_NAMES[kind],
-        )
     # Full covariances grow without bound; what decides is at the bottom.
-    low = best.bic / 1e3
-    top = -1.2 * low
+    low, top = best.bic / 1e3, -1.2 * best.bic / 1e3
+    for kind in COVARIANCES:
+        some = [m for m in mixtures if m.covariance == kind]
+        heights = [min(m.bic / 1e3, top) for m in some]
+        axes.bar([place(m) for m in some], heights, 0.25, edgecolor="white", linewidth=0.4, **_STYLES[kind])
     axes.set_ylim(1.35 * low, 1.45 * top)
     for mixture in mixtures:
         if mixture.bic / 1e3 > top:
-            place = mixture.components + 0.27 * (COVARIANCES.index(mixture.covariance) - 1)
-            axes.text(place, top, f"{mixture.bic / 1e3:.0f}", fontsize=7, ha="center", va="bottom")
-    star = best.components + 0.27 * (COVARIANCES.index(best.covariance) - 1)
-    axes.plot(star, 1.16 * low, "*", color="black", markersize=11)
+            axes.text(place(mixture), top, f"{mixture.bic / 1e3:.0f}", fontsize=7, ha="center", va="bottom")
+    axes.plot(place(best), 1.16 * low, "*", color="black", markersize=11)
     expected = _expected(t)
     axes.axvline(expected, color="0.3", linestyle=":", linewidth=1.5, zorder=0, label=f"expected: {expected}")
     axes.axhline(0, color="black", linewidth=0.6)
@@ -124,12 +111,9 @@ def _bars(axes: Any, t: float, mixtures: list[Mixture]) -> None:
 
 def _eigen_panel(axes: Any, take: SceneRuns, t: float, *, normalized: bool) -> list[int]:
     """Eigenvalues of every seed; answers with the clusters that their gaps suggest."""
-    values = np.array(
-        [
-            spectrum(_affinity(take, t, seed), normalized=normalized)[0][:MAX_EIGENVALUES]
-            for seed in range(len(take.seeds))
-        ]
-    )
+    affinities = (_affinity(take, t, seed) for seed in range(len(take.seeds)))
+    spectra = [spectrum(affinity, normalized=normalized)[0] for affinity in affinities]
+    values = np.array([eigenvalues[:MAX_EIGENVALUES] for eigenvalues in spectra])
     index = np.arange(1, MAX_EIGENVALUES + 1)
     axes.fill_between(index, values.min(axis=0), values.max(axis=0), color="#0072b2", alpha=0.2, linewidth=0)
     axes.plot(index, values.mean(axis=0), "o-", color="#0072b2", markersize=4, linewidth=1)

@@ -90,14 +90,11 @@ def _scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: i
         rgb = unit(LETTERS[name])
         axes.add_patch(Polygon(corners, facecolor=(*rgb, 0.10), edgecolor=(*rgb, 0.9), linewidth=1.0))
     draw_tracks(axes, view, styles, size=3.4)
-    axes.set_xlim(-0.08, 1.14)
-    axes.set_ylim(-0.08, 1.08)
-    axes.set_aspect("equal")
+    ticks = [0, 0.5, 1]
+    axes.set(xlim=(-0.08, 1.14), ylim=(-0.08, 1.08), aspect="equal", xticks=ticks, yticks=ticks)
     axes.set_xlabel(f"x [{spec.unit}]", fontsize=7, labelpad=1)
     if axes.get_subplotspec().is_first_col():
         axes.set_ylabel(f"y [{spec.unit}]", fontsize=7, labelpad=1)
-    axes.set_xticks([0, 0.5, 1])
-    axes.set_yticks([0, 0.5, 1])
     axes.tick_params(labelsize=7, length=2)
     axes.set_title(f"t = {view.t:.3g} s", fontsize=9)
 
@@ -215,10 +212,7 @@ def mean_and_spread(values: NDArray[np.float64]) -> tuple[Any, Any]:
 
 def nmi_axes(axes: Any, *, duration: float, legend: str = "lower right", columns: int = 1) -> None:
     """Label the axes of NMI curves."""
-    axes.set_xlim(0, duration)
-    axes.set_ylim(-0.02, 1.03)
-    axes.set_xlabel("t [s]")
-    axes.set_ylabel("normalized mutual information")
+    axes.set(xlim=(0, duration), ylim=(-0.02, 1.03), xlabel="t [s]", ylabel="normalized mutual information")
     axes.grid(visible=True, alpha=0.3)
     axes.legend(loc=legend, fontsize=8.5, ncols=columns, framealpha=0.9)
 

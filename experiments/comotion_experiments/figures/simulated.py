@@ -20,22 +20,11 @@ _SAID = {
     0.02: "almost perfect, the best choice",
     0.08: "separated only after a long way",
 }
-_SWITCHES = Simulated(
-    "fig4_1",
-    {f"σ = {s:g}": thesis(s) for s in _SAID},
-    0.2,
-    ViewRequest((1.0, 5.0, 10.0), trail=3.0, affinity=True),
-)
+_MOMENTS = ViewRequest((1.0, 5.0, 10.0), trail=3.0, affinity=True)
+_SWITCHES = Simulated("fig4_1", {f"σ = {s:g}": thesis(s) for s in _SAID}, 0.2, _MOMENTS)
 _START, _END, _SWITCH = 10.0, 12.67, 0.01
-_WEIGHTS = Simulated(
-    "fig4_3",
-    {
-        "equal weights": thesis(_SWITCH),
-        "v = 0.001": thesis(_SWITCH, 0.001),
-        "v = 0.1": thesis(_SWITCH, 0.1),
-    },
-    1 / 15,
-)
+_WEIGHED = {"equal weights": None, "v = 0.001": 0.001, "v = 0.1": 0.1}
+_WEIGHTS = Simulated("fig4_3", {name: thesis(_SWITCH, v) for name, v in _WEIGHED.items()}, 1 / 15)
 _TIMES = (1.0, 2.2, 3.4, 4.2, 6.2, 8.0)
 _RESPAWNS = (2.0, 4.0, 6.0)
 _RESPAWNING = Simulated("fig4_4", alone(thesis(0.01)), 1 / 15, ViewRequest(_TIMES, trail=1.5))
@@ -154,12 +143,9 @@ def _nmi_at(take: SceneRuns, t: float) -> str:
 
 def _recovery(take: SceneRuns) -> str:
     """Mean time after a replacement until NMI is .95; the 2 s between two where it never is."""
-    times = []
-    for run in take.seeds:
-        delays = []
-        for t in _RESPAWNS:
-            after = (run.t >= t - 1e-6) & (run.t < t + 2 - 1e-6)
-            good = np.flatnonzero(run.nmi[after] >= 0.95)
-            delays.append(run.t[after][good[0]] - t if len(good) else 2.0)
-        times.append(np.mean(delays))
-    return f"{spread(times, 2)} s"
+    times = np.full((len(take.seeds), len(_RESPAWNS)), 2.0)
+    for k, run in enumerate(take.seeds):
+        for j, t in enumerate(_RESPAWNS):
+            good = run.t[(run.t >= t - 1e-6) & (run.t < t + 2 - 1e-6) & (run.nmi >= 0.95)]
+            times[k, j] = good[0] - t if len(good) else 2.0
+    return f"{spread(times.mean(axis=1), 2)} s"

@@ -82,10 +82,7 @@ def _picture(axes: Any, stills: Stills, view: View, styles: panels.Styles) -> No
         trails=[stills.pixels(trail) for trail in view.trails],
     )
     panels.draw_tracks(axes, flat, styles, size=4.0, edge=0.5)
-    axes.set_xlim(-0.5, PICTURE[0] - 0.5)
-    axes.set_ylim(PICTURE[1] - 0.5, -0.5)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xlim=extent[:2], ylim=extent[2:], xticks=[], yticks=[])
     axes.set_title(f"t = {view.t:.3g} s", fontsize=10)
 
 

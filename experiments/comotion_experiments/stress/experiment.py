@@ -104,14 +104,8 @@ def run_experiment(
 ) -> list[Outcome]:
     """Run families with every seed and method; in the order of seeds.
 
-    Parameters
-    ----------
-    families, seeds, methods
-        What to run. Image families run with the default method only, beside baselines of their own.
-    jobs
-        Processes at once.
-    progress
-        Called with one line for each run that is done.
+    Image families run with the default method only, beside baselines of their own. `jobs` are processes at
+    once; `progress` is called with one line for each run that is done.
     """
     # Long ones first, so that the processes end together.
     order = sorted(families, key=lambda family: not family.slow)

@@ -20,31 +20,15 @@ UNEVENTFUL = frozenset({"joined", "released"})
 
 @dataclass(frozen=True)
 class Moment:
-    """One update over the tracks observed at its stamp.
+    """One update over the tracks observed at its stamp."""
 
-    Attributes
-    ----------
-    t
-        s of the scene.
-    labels
-        int64 [N], hypothesis id; UNDETERMINED for a track that has none.
-    bodies
-        int64 [N], index of the true body.
-    confirmed
-        Ids of the confirmed hypotheses among the labels.
-    events
-        Kinds of the events of this update.
-    nmi, nmi_apart
-        Against the true bodies, and with bodies as one that nothing has separated yet.
-    """
-
-    t: float
-    labels: NDArray[np.int64]
-    bodies: NDArray[np.int64]
-    confirmed: frozenset[int]
-    events: tuple[str, ...]
-    nmi: float
-    nmi_apart: float
+    t: float  # s of the scene
+    labels: NDArray[np.int64]  # [N], hypothesis id; UNDETERMINED for a track that has none
+    bodies: NDArray[np.int64]  # [N], index of the true body
+    confirmed: frozenset[int]  # ids of the confirmed hypotheses among the labels
+    events: tuple[str, ...]  # kinds of the events of this update
+    nmi: float  # against the true bodies
+    nmi_apart: float  # with bodies as one that nothing has separated yet
 
 
 @dataclass

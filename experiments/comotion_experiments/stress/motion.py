@@ -60,14 +60,7 @@ def glide(
 def stopping(motion: PoseAt, switches: Sequence[float], *, moving: bool) -> PoseAt:
     """Play a motion at a speed that goes between 0 and its own at given times, each time within 0.3 s.
 
-    Parameters
-    ----------
-    motion
-        The motion at its own speed.
-    switches
-        s, increasing by more than 0.3 s.
-    moving
-        Whether it moves at first.
+    The `switches` increase by more than 0.3 s; `moving` says whether it moves at first.
     """
     knots, speeds = [0.0], [float(moving)]
     for time in switches:
@@ -95,16 +88,10 @@ def looped(motion: PoseAt, length: float) -> PoseAt:
 
 
 def coupled(leader: PoseAt, own: PoseAt, until: float, offset: Array) -> PoseAt:
-    """Follow a leader rigidly, then move on by a motion of its own.
+    """Follow a leader rigidly `until` a time (s), then move on by a motion of its own.
 
-    Parameters
-    ----------
-    leader
-        The motion followed until `until` (s).
-    own
-        Its changes of pose after `until` are added to the pose of that time.
-    offset
-        float64 [dim], place in the leader's axes.
+    Its own changes of pose after that are added to the pose of that time; `offset` float64 [dim] is its
+    place in the leader's axes.
     """
     end, base = leader(np.array([until])), own(np.array([until]))
 
@@ -125,12 +112,8 @@ def coupled(leader: PoseAt, own: PoseAt, until: float, offset: Array) -> PoseAt:
 def chained(turns: Sequence[PoseAt], lengths: Array) -> PoseAt:
     """Middle of the last link of a chain that begins at the origin; each link turns about its start.
 
-    Parameters
-    ----------
-    turns
-        Rotation of each link in the axes of the one before.
-    lengths
-        float64 [links], m; links lie along their first axis.
+    `turns` rotate each link in the axes of the one before; `lengths` float64 [links], m, are along their
+    first axes.
     """
 
     def at(times: Array) -> Poses:

@@ -26,31 +26,14 @@ Cut: TypeAlias = tuple[float, float, NDArray[np.bool_]]
 
 
 def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.random.Generator) -> Features:
-    """Give every life time of every slot a place of its own on the slot's body.
-
-    Parameters
-    ----------
-    bodies
-        The scene's.
-    spans
-        Per slot (birth, death), s.
-    rng
-        Draws the places.
-    """
-    of_slot = slot_bodies(bodies)
-    rows = [
-        (birth, slot, death) for slot, lives in enumerate(spans) for birth, death in lives if death > birth
-    ]
-    rows.sort()
-    slot = np.array([row[1] for row in rows], np.intp)
-    half = np.array([body.size for body in bodies])[of_slot[slot]] / 2.0
-    return Features(
-        slot=slot,
-        body=of_slot[slot],
-        local=rng.uniform(-1.0, 1.0, half.shape) * half,
-        birth=np.array([row[0] for row in rows], np.float64),
-        death=np.array([row[2] for row in rows], np.float64),
-    )
+    """Give every life time of every slot a place of its own, which `rng` draws, on the slot's body."""
+    rows = [(birth, slot, death) for slot, lives in enumerate(spans) for birth, death in lives]
+    birth, slots, death = np.array(sorted(row for row in rows if row[2] > row[0]), np.float64).T
+    slot = slots.astype(np.intp)
+    body = slot_bodies(bodies)[slot]
+    half = np.array([one.size for one in bodies])[body] / 2.0
+    local = rng.uniform(-1.0, 1.0, half.shape) * half
+    return Features(slot=slot, body=body, local=local, birth=birth, death=death)
 
 
 def lasting(bodies: list[Body]) -> Spans:
@@ -109,14 +92,8 @@ def dropouts(
 ) -> list[tuple[int, float, float]]:
     """Hide slots for a while now and then: (slot, begin, end), s.
 
-    Parameters
-    ----------
-    slots, duration, rng
-        Of the scene.
-    every
-        s; mean time between the end of one gap and the begin of the next.
-    shortest, longest
-        s; length of a gap.
+    `every` is the mean time between the end of one gap and the begin of the next, `shortest` and `longest`
+    are lengths of a gap; all in s.
     """
     gaps = []
     for slot in range(slots):
@@ -165,17 +142,8 @@ def made(
 ) -> list[Scene]:
     """Make the one scene of a family: these bodies, and features with given life times.
 
-    Parameters
-    ----------
-    seed, bodies, duration
-        Of the scene.
-    spans
-        Life times of the features of each slot, see :mod:`.lives`; by default they are replaced as those of
-        the simulator's 3-D set.
-    rate
-        Hz of its one source, unless `what` has sources.
-    what
-        Other attributes of :class:`Scene`.
+    By default features are replaced as those of the simulator's 3-D set. `rate` is in Hz, of its one source
+    unless `what`, other attributes of :class:`Scene`, has sources.
     """
     what.setdefault("sources", [Source("simulator", rate)])
     spans = respawning(bodies, duration, seed) if spans is None else spans
