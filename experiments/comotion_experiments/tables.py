@@ -1,12 +1,16 @@
 """Results as tables, built once for a terminal and for Markdown, and pages of them."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import rich.table
+
+_NAMES = re.compile(r"\{(\w+)\}")
 
 
 @dataclass
@@ -61,6 +65,15 @@ def document(parts: Iterable[str | Table]) -> str:
     """Write a page in Markdown: texts and tables in order; empty ones are left out."""
     texts = (part.markdown() if isinstance(part, Table) else part for part in parts)
     return "\n\n".join(text for text in texts if text) + "\n"
+
+
+def filled(template: Path, parts: Mapping[str, str | Table]) -> str:
+    """Fill a page in Markdown, where ``{name}`` stands for a part; a section that lacks one is left out."""
+    texts = {name: part.markdown() if isinstance(part, Table) else part for name, part in parts.items()}
+    sections = re.split(r"^(?=## )", template.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    page = "".join(section for section in sections if set(_NAMES.findall(section)) <= texts.keys())
+    page = _NAMES.sub(lambda found: texts[found[1]], page)
+    return re.sub(r"\n{3,}", "\n\n", page).strip() + "\n"
 
 
 class Column(NamedTuple):

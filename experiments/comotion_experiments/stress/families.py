@@ -1,6 +1,5 @@
 """How the scenes of families are made; :mod:`.catalogue` has the parameters of each."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +32,7 @@ _SIGMA_PER_SWITCH = 3.3
 
 
 def lost(
-    seed: int, *, share: float = 1.0, seconds: float = 0.0, restarts: bool = False, at: float, duration: float
+    seed: int, *, share: float, seconds: float, restarts: bool, at: float, duration: float
 ) -> list[Scene]:
     """Lose a share of all features for a time; then there are new ones under new ids.
 
@@ -79,7 +78,7 @@ def late_start(seed: int, *, longest: float, phases: int, duration: float, **wro
 
 
 def two_sources(
-    seed: int, *, at: float, away: float = 0.0, joins: bool = False, step: float = 0.0, duration: float
+    seed: int, *, at: float, away: float, joins: bool, step: float, duration: float
 ) -> list[Scene]:
     """Let the second of two sources join a running scene, be away for a time, or set its clock by a step (s).
 
@@ -94,27 +93,20 @@ def two_sources(
     return made(seed, bodies, duration, sources=sources, happenings=happenings)
 
 
-def short_lives(seed: int, *, rate: float, shortest: float, longest: float, duration: float) -> list[Scene]:
-    """Let every feature live for a fraction of a second."""
-    return _renewed(seed, rate, duration, lambda rng: float(rng.uniform(shortest, longest)))
-
-
-def renewal(seed: int, *, rate: float, share: float, shortest: float, duration: float) -> list[Scene]:
-    """Replace a share of the features every second, each at a time of its own."""
-    mean = 1.0 / share - shortest
-    return _renewed(seed, rate, duration, lambda rng: shortest + float(rng.exponential(mean)))
-
-
-def _renewed(
-    seed: int, rate: float, duration: float, life: Callable[[np.random.Generator], float]
+def renewal(
+    seed: int, *, rate: float, shortest: float, longest: float, share: float, duration: float
 ) -> list[Scene]:
-    """Bodies that move, and features that live for as long as `life` draws, s."""
-    bodies = swinging_scene(seed, features=10)
+    """Let every feature live for a time up to the `longest`, or replace a share of them every second."""
+
+    def life(rng: np.random.Generator) -> float:
+        return float(rng.uniform(shortest, longest) if longest else shortest + rng.exponential(mean))
+
+    bodies, mean = swinging_scene(seed, features=10), 1.0 / share - shortest if share else 0.0
     spans = renewed(len(slot_bodies(bodies)), duration, rng_of(seed, "lives"), life)
     return made(seed, bodies, duration, spans, rate=rate)
 
 
-def drift(seed: int, *, bodies: int = 0, walk: float, speed: float = 0.0, duration: float) -> list[Scene]:
+def drift(seed: int, *, bodies: int, walk: float, speed: float, duration: float) -> list[Scene]:
     """Let features drift on their bodies: a random walk (m/√s), or slowly in a direction (m/s)."""
     all_bodies = [background(40), *swinging_bodies(seed, bodies)]
     slots, rng = len(slot_bodies(all_bodies)), rng_of(seed, "drift")
@@ -156,11 +148,11 @@ def soft(seed: int, *, bodies: int, amplitude: float, duration: float) -> list[S
 def noisy(
     seed: int,
     *,
-    bodies: int = 3,
-    background_features: int = 20,
-    features: int = 10,
-    sigma: float = SIGMA_M,
-    duration: float = 15.0,
+    bodies: int,
+    background_features: int,
+    features: int,
+    sigma: float,
+    duration: float,
     **noise: Any,
 ) -> list[Scene]:
     """Bodies, or none, seen with much noise: white, or with other attributes of :class:`Noise`."""
@@ -180,14 +172,13 @@ def gaps(seed: int, *, every: float, shortest: float, longest: float, duration: 
     return made(seed, bodies, duration, hidden=hidden)
 
 
-def rest(seed: int, *, bodies: int, stop: float, seconds: float, duration: float) -> list[Scene]:
-    """Stop all bodies for longer than the window, then let them move on."""
-    return _stopping(seed, [[stop, stop + seconds]] * bodies, duration)
-
-
-def late_movers(seed: int, *, bodies: int, first: float, every: float, duration: float) -> list[Scene]:
-    """Let bodies that have rested start one after the other."""
-    return _stopping(seed, [[first + every * k] for k in range(bodies)], duration, moving=False)
+def stops(
+    seed: int, *, bodies: int, first: float, every: float, seconds: float, moving: bool, duration: float
+) -> list[Scene]:
+    """Stop bodies that are `moving`, or start them, one `every` so often; for some seconds, or for good."""
+    times = [first + every * k for k in range(bodies)]
+    switches = [[t, t + seconds] if seconds else [t] for t in times]
+    return _stopping(seed, switches, duration, moving=moving, renewal=0.0)
 
 
 def stop_and_go(seed: int, *, bodies: int, duration: float, renewal: float, **how: Any) -> list[Scene]:
@@ -201,17 +192,11 @@ def stop_and_go(seed: int, *, bodies: int, duration: float, renewal: float, **ho
             moving = not moving
             time += float(rng.uniform(2.0, 6.0) if moving else rng.uniform(2.0, 25.0))
         all_switches.append(switches)
-    return _stopping(seed, all_switches, duration, renewal=renewal, **how)
+    return _stopping(seed, all_switches, duration, moving=True, renewal=renewal, **how)
 
 
 def _stopping(
-    seed: int,
-    switches: list[list[float]],
-    duration: float,
-    *,
-    moving: bool = True,
-    renewal: float = 0.0,
-    **how: float,
+    seed: int, switches: list[list[float]], duration: float, *, moving: bool, renewal: float, **how: float
 ) -> list[Scene]:
     """Bodies that stop or start at the times of each."""
     pairs = zip(swinging_bodies(seed, len(switches)), switches, strict=True)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..plot import new_figure
-from ..tables import Column, Table, document, means
+from ..tables import Column, Table, filled, means
 from .catalogue import FAMILIES, Family
 from .experiment import DEFAULT, METHODS, THESIS, Outcome
 from .motion import Array
@@ -127,21 +127,6 @@ features drift, bodies rest. {seeds}{part} All scenes are made up; the parameter
 `comotion_experiments.stress`. The thesis method has equal weights and the σ_switch that suits the scene's
 noise. Every cell is a mean over seeds{both}."""
 
-_TERMS = """\
-- **NMI** (4.1) over every track observed at an update, all updates; bodies count as one until they have moved
-  apart by five sigma of the noise (root mean square over their features).
-- **delay**: seconds from apart to a hypothesis of its own, a body that never gets one with all the time left.
-- **healing**: seconds from an event (what was lost is back) until the NMI is .95 and stays so in the mean of
-  3 s. **kept**: share of bodies that kept their id.
-- **ids**: hypotheses that held most tracks of an object over the run, mean over objects.
-- **spurious**: events a minute beyond the true ones."""
-
-_OF_IMAGES = """\
-Bodies with depth seen by a perspective camera for 2 to 3 s, 0.3 px of noise, six sequences a family and seed;
-the pixel method with K unknown, one update at the end. **Error**: misclassified features; those without a
-hypothesis are wrong. **K given**: spectral clustering of shape interaction, which is given K. **one**: all
-features are one object."""
-
 _OF_BOTH = {"nmi_apart"}
 _BOTH = " of the default method; NMI also of the thesis method"
 
@@ -159,13 +144,14 @@ def markdown(outcomes: Outcomes, picture: str) -> str:
         part="" if ran == len(FAMILIES) else f" Here are {ran} of {len(FAMILIES)} families.",
         both=_BOTH if len(methods) > 1 else "",
     )
-    parts: list[str | Table] = ["# Stress", textwrap.fill(" ".join(opening.split()), _WIDTH), _TERMS]
-    parts += [f"![NMI over time]({picture})"] if methods else []
+    parts: dict[str, str | Table] = {
+        "opening": textwrap.fill(" ".join(opening.split()), _WIDTH),
+        "picture": f"![NMI over time]({picture})" if methods else "",
+    }
     for group in dict.fromkeys(family.group for family in families):
         some = [family for family in families if family.group == group]
-        parts += [f"## {group[0].upper()}{group[1:]}", _group(outcomes, some)]
-    parts += ["## Images", _OF_IMAGES, images] if images.rows else []
-    return document(parts)
+        parts[group.replace(" ", "_")] = _group(outcomes, some)
+    return filled(Path(__file__).with_name("page.md"), parts | ({"images": images} if images.rows else {}))
 
 
 def _group(outcomes: Outcomes, families: Sequence[Family]) -> Table:
