@@ -3,6 +3,7 @@
 import base64
 import json
 import platform
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import metadata, resources
@@ -12,49 +13,33 @@ from .experiment import Results
 from .numbers import summary
 from .study import Drawn, Figure
 
-_PACKAGES = [
-    "comotion",
-    "numpy",
-    "scipy",
-    "scikit-learn",
-    "numba",
-    "opencv-python-headless",
-    "mujoco",
-    "matplotlib",
-]
-_LEAD = """Inferring object hypotheses from how features move: the method of the thesis beside the default
-method of comotion, on the same data."""
+_PACKAGES = ("comotion", "numpy", "scipy", "scikit-learn", "numba", "opencv-python-headless")
+_OF_EXTRAS = ("mujoco", "matplotlib")
 _MEANS = """Mean over updates and, after ±, the standard deviation over seeds. The thesis method's parameters
 are the best of those drawn, chosen in hindsight; the default method has its defaults everywhere. In figure
 4.3 nothing moves for 10 of 12.67 s: nothing can score above 0 until then."""
-_KEY = """Trajectories are coloured by hypothesis. A circle in the colour of an object is the hypothesis
-that matches this object best over the run; any other marker is a surplus hypothesis, a cross is
-undetermined. NMI is the normalized mutual information (4.1) of hypotheses and true objects: 1 is the same
-partition, 0 no relation."""
-_STYLE = (resources.files(__package__) / "page.css").read_text(encoding="utf-8")
 
 
 def page(results: Results, command: str) -> str:
     """Compose the page of results, whose pictures are embedded; `command` is what makes it again."""
     missing = left_out(results)
-    links = " · ".join(_link(figure) for figure, _ in results.made)
-    body = [
-        "<h1>The figures of the thesis, made again</h1>",
-        f'<p class="lead">{_LEAD}</p>',
-        f"<p>Made by <code>{escape(command)}</code></p>",
-        f'<p class="notice">{escape(missing[0].upper() + missing[1:])}.</p>' if missing else "",
-        _summary(results),
-        f"<p>Figures: {links}</p><p>{_KEY}</p>",
-        *(_section(figure, drawn, results.out) for figure, drawn in results.made),
-        _appendix(results),
-    ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width">\n'
-        f"<title>comotion: the figures of the thesis</title>\n<style>\n{_STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(part for part in body if part)
-        + "\n</body>\n</html>\n"
-    )
+    versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
+    for name in (*_PACKAGES, *_OF_EXTRAS):
+        try:
+            versions.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            versions.append((name, "not installed"))
+    parts = {
+        "command": escape(command),
+        "notice": f'<p class="notice">{escape(missing[0].upper() + missing[1:])}.</p>' if missing else "",
+        "summary": _summary(results),
+        "links": " · ".join(_link(figure) for figure, _ in results.made),
+        "figures": "\n".join(_section(figure, drawn, results.out) for figure, drawn in results.made),
+        "config": escape(json.dumps(results.options.default.model_dump(mode="json"), indent=2)),
+        "versions": _table(("", ""), [tuple(map(escape, version)) for version in versions]),
+    }
+    template = (resources.files(__package__) / "page.html").read_text(encoding="utf-8")
+    return re.sub(r"\{(\w+)\}", lambda name: parts[name[1]], template)
 
 
 def left_out(results: Results) -> str:
@@ -100,19 +85,3 @@ def _table(head: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     top = f"<tr>{titles}</tr>" if titles.replace("<th></th>", "") else ""
     lines = "".join("<tr>" + "".join(f'<td class="number">{c}</td>' for c in row) + "</tr>" for row in rows)
     return f"<table>{top}{lines}</table>"
-
-
-def _appendix(results: Results) -> str:
-    config = json.dumps(results.options.default.model_dump(mode="json"), indent=2)
-    versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
-    for name in (*_PACKAGES, "mujoco", "matplotlib"):
-        try:
-            versions.append((name, metadata.version(name)))
-        except metadata.PackageNotFoundError:
-            versions.append((name, "not installed"))
-    return (
-        '<h2 id="versions">Parameters and versions</h2>\n'
-        "<details><summary>Parameters of the default method</summary>"
-        f"<pre>{escape(config)}</pre></details>\n"
-        + _table(("", ""), [tuple(map(escape, version)) for version in versions])
-    )
