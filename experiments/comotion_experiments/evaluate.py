@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion import FusionConfig
 from comotion_clients.joints import known_values
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary
 from comotion_clients.tum import save_paths
-from comotion_schemas import HypothesisUpdate, Joint, encode
+from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain
 from comotion_schemas.terminal import Report, reporting
@@ -23,7 +22,7 @@ from comotion_schemas.text import counted
 
 from .brox_malik import compare
 from .inputs import Input
-from .offline import OnUpdate, run_offline
+from .offline import OnUpdate, Run, run_offline
 from .plot import Trace, save_plot
 from .tables import Column, Table, means
 
@@ -37,17 +36,20 @@ class Evaluated:
 
     name: str
     seed: int | None
-    summary: Summary
-    seconds: float
-    update_ms: NDArray[np.float64]
-    joints: list[Joint]  # of the last update
+    run: Run
     digest: str
     compared: dict[str, float]
 
+    @property
+    def summary(self) -> Summary:
+        """Of the scores of the run."""
+        return self.run.summary
+
     def values(self) -> dict[str, Any]:
         """Convert to plain numbers."""
-        ms, p99 = float(self.update_ms.mean()), float(np.percentile(self.update_ms, 99))
-        return {**asdict(self.summary), "ms_per_update": ms, "ms_p99": p99}
+        ms = self.run.update_ms
+        costs = {"ms_per_update": float(ms.mean()), "ms_p99": float(np.percentile(ms, 99))}
+        return asdict(self.summary) | costs
 
 
 def evaluate_inputs(
@@ -94,9 +96,7 @@ def evaluate_inputs(
         except ValueError as error:
             raise KnownError(f"{given.name}: {error}") from None
         compared = compare(given.open(), duration) if comparator else {}
-        last = float(run.seconds[-1])
-        found = (run.summary, last, run.update_ms, run.last.joints, digest.hexdigest(), compared)
-        results.append(Evaluated(given.name, given.seed, *found))
+        results.append(Evaluated(given.name, given.seed, run, digest.hexdigest(), compared))
         if paths is not None:
             save_paths(plot_path(paths / "paths", given, several=True) if several else paths, trace.updates)
         if plot is not None:
@@ -148,8 +148,8 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
     """Values for JSON: parameters, one entry per run, and the mean over files."""
     runs = []
     for r in results:
-        row = {"file": r.name, "seed": r.seed, "seconds": r.seconds, **r.values()}
-        row |= {"updates_sha256": r.digest, "joints": [known_values(joint) for joint in r.joints]}
+        row = {"file": r.name, "seed": r.seed, "seconds": float(r.run.seconds[-1]), **r.values()}
+        row |= {"updates_sha256": r.digest, "joints": [known_values(joint) for joint in r.run.last.joints]}
         runs.append(row | ({"brox_malik": r.compared} if r.compared else {}))
     values: dict[str, Any] = plain(
         {

@@ -124,12 +124,11 @@ def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
 
 def run_offline(
     messages: Iterable[Incoming],
-    config: FusionConfig,
+    config: FusionConfig | Fusion,
     *,
     truth: Truth | None = None,
     period: float | None = None,
     duration: float | None = None,
-    fusion: Fusion | None = None,
     spread: bool = False,
     on_update: OnUpdate = lambda update, score: None,  # noqa: ARG005
 ) -> Run:
@@ -143,15 +142,13 @@ def run_offline(
     messages
         Observations of one or several sources in time order; truth anywhere before it matters.
     config
-        Parameters of the core.
+        Parameters of the core; or the core, for callers that look into it at every update.
     truth
         True objects known beforehand; what `messages` say is added.
     period
         Seconds between updates; that of `config` by default.
     duration
         Seconds of event time to run; all by default.
-    fusion
-        The core, for callers that look into it at every update; a new one of `config` by default.
     spread
         Fuse what has come after every batch, as a service does; by default at every update.
     on_update
@@ -162,7 +159,8 @@ def run_offline(
     ValueError
         If there is no observation, or the period is not above 0.
     """
-    period = config.period if period is None else period
+    core = config if isinstance(config, Fusion) else Fusion(config)
+    period = core.config.period if period is None else period
     if not period > 0:
         raise KnownError(f"the period {period:g} s is not above 0")
     truth = Truth() if truth is None else truth
@@ -171,10 +169,10 @@ def run_offline(
     if first is None:
         raise KnownError("there is no observation")
     # Whether more sources come is not known yet; two need few kernels more than one.
-    compile_ahead(config.method, first.batch.unit, first.batch.dim, sources=2)
+    compile_ahead(core.config.method, first.batch.unit, first.batch.dim, sources=2)
     start_ns = _start(first.batch)
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
-    run, core = Run(truth, start_ns, period), fusion or Fusion(config)
+    run = Run(truth, start_ns, period)
     for arrived in chain([first], batches):
         run.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
         while run.due_ns < arrived.now_ns and run.due_ns <= end_ns:

@@ -94,7 +94,7 @@ class TestObservations:
         for level in (0, MOST):
             fusion = Fusion(FusionConfig())
             fusion.shed(level)
-            run = run_offline(messages, FusionConfig(), fusion=fusion, duration=10.0)
+            run = run_offline(messages, fusion, duration=10.0)
             means.append(np.nanmean(run.nmi[run.seconds > 3.0]))
         assert means[0] > 0.9
         assert means[1] > means[0] - 0.05

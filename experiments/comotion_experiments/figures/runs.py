@@ -137,7 +137,7 @@ def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, c
             trails = trails_of(now, [(_tracks(b), b.positions) for b in seen])
             views.append(View(t, now, trails, *_affinity(fusion, truth, space.name, close)))
 
-    run = run_offline(messages, config, truth=truth, period=period, fusion=fusion, on_update=on_update)
+    run = run_offline(messages, fusion, truth=truth, period=period, on_update=on_update)
     return SeedRun(run, moments, views)
 
 
