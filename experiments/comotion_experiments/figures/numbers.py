@@ -100,11 +100,13 @@ def rows_of_each(
 
 def parameters(how: Simulated, study: Study, thesis: str = "", *, drawn: bool = True) -> dict[str, str]:
     """What a figure of a simulated scene was made with; `drawn`: it shows one seed of these."""
-    seeds = study.options.seeds
-    made_with = {
-        "scene": f"sim:{how.scene}, {load_scene(how.scene).rate:g} Hz",
-        "thesis method": thesis or next(iter(how.configs)).removeprefix("thesis method, "),
-        "update every": f"{how.period:.3g} s",
-        "seeds": ", ".join(map(str, seeds)),
-    }
+    scene = {"scene": f"sim:{how.scene}, {load_scene(how.scene).rate:g} Hz"}
+    thesis = thesis or next(iter(how.configs)).removeprefix("thesis method, ")
+    return scene | run_parameters(thesis, how.period, study.options.seeds, drawn=drawn)
+
+
+def run_parameters(thesis: str, period: float, seeds: Sequence[int], *, drawn: bool) -> dict[str, str]:
+    """How a scene was run: parameters of the thesis method, s between updates, seeds."""
+    named = ", ".join(map(str, seeds))
+    made_with = {"thesis method": thesis, "update every": f"{period:.3g} s", "seeds": named}
     return made_with | ({"drawn": f"seed {seeds[0]}"} if drawn else {})

@@ -1,6 +1,6 @@
 """The kinds of panels that figures are made of, and their colours. Imports matplotlib when first drawn."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -15,8 +15,9 @@ from .. import plot
 from ..plot import Rgb, unit
 from ..trace import matched
 from .runs import SceneRuns, View
-from .study import DEFAULT, Study
+from .study import DEFAULT, Simulated, Study
 
+Size = tuple[float, float]
 new_figure = partial(plot.new_figure, dpi=110)
 DEFAULT_COLOUR = "black"
 # Red is 0 and blue is 1 as in the thesis; safe for the colour-blind (ColorBrewer).
@@ -67,11 +68,26 @@ class Styles:
         return unit(self._free[place]), _SURPLUS[turn % len(_SURPLUS)]
 
 
-def halves(figure: Any, takes: Mapping[str, SceneRuns]) -> Iterator[tuple[Any, SceneRuns]]:
-    """Split a figure in two, a take in each half under its label."""
+def scene_figure(
+    study: Study, how: Simulated, takes: Mapping[str, SceneRuns], size: Size, grid: tuple[int, int]
+) -> Any:
+    """Draw the moments of a scene, a take in each half, and the affinities in every second row, if any.
+
+    `size` is in inches, `grid` has the rows and columns of a half.
+    """
+    figure = new_figure(*size)
     for part, (label, take) in zip(figure.subfigures(1, 2, wspace=0.03), takes.items(), strict=True):
         part.suptitle(label, fontsize=11, fontweight="bold")
-        yield part, take
+        axes, first = part.subplots(*grid), take.seeds[0]
+        scenes = axes[::2] if how.close.affinity else axes
+        scene_panels(scenes.ravel(), take, how.scene, study)
+        if how.close.affinity:
+            below = axes[1::2].ravel()
+            for panel, view in zip(below, first.views, strict=True):
+                image = affinity_panel(panel, view, first.names)
+            affinity_bar(part, image, list(below))
+    object_legend(figure, takes[DEFAULT].seeds[0].names)
+    return figure
 
 
 def scene_panels(row: Sequence[Any], take: SceneRuns, scene: str, study: Study) -> None:

@@ -103,10 +103,7 @@ def _late(take: SceneRuns) -> str:
 def draw_respawning(study: Study) -> Drawn:
     """Figure 4.4: moments of the scene, tracks coloured by hypothesis."""
     takes = study.simulated(_RESPAWNING)
-    figure = panels.new_figure(13, 5.4)
-    for part, take in panels.halves(figure, takes):
-        panels.scene_panels(part.subplots(2, 3).ravel(), take, _RESPAWNING.scene, study)
-    panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
+    figure = panels.scene_figure(study, _RESPAWNING, takes, (13, 5.4), (2, 3))
     rows = right_rows(takes, _TIMES, "most are assigned to the correct hypothesis")
     return Drawn(figure, rows, parameters(_RESPAWNING, study))
 

@@ -11,7 +11,7 @@ from ..offline import thesis
 from ..tables import spread
 from . import panels
 from .footage import PICTURE, SECONDS, Shot, Stills, film_setup, filmed_messages
-from .numbers import best, right_rows, row_of, rows_of_each
+from .numbers import best, right_rows, row_of, rows_of_each, run_parameters
 from .runs import SceneRuns, View, ViewRequest
 from .study import DEFAULT, Drawn, Row, Simulated, Study
 
@@ -136,13 +136,10 @@ def _most(ids: Any) -> int:
 
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
     camera, tracker = film_setup(study, shot)
-    seeds = study.options.workcell_seeds
     made_with = {
         "scene": f"workcell:{shot.scene}, camera a, {camera.size[0]}x{camera.size[1]} at {camera.rate:g} Hz",
         "tracker": f"new features every {tracker.respawn_every} frames at the {tracker.spawn_limit} "
         f"best corners, at most {tracker.max_features} at once",
-        "thesis method": f"σ = {', '.join(f'{s:g}' for s in SWITCHES)} m, equal weights",
-        "update every": f"{PERIOD:.3g} s",
-        "seeds": ", ".join(map(str, seeds)),
     }
-    return made_with | ({"drawn": f"seed {seeds[0]}"} if drawn else {})
+    switches = f"σ = {', '.join(f'{s:g}' for s in SWITCHES)} m, equal weights"
+    return made_with | run_parameters(switches, PERIOD, study.options.workcell_seeds, drawn=drawn)
