@@ -6,8 +6,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -67,43 +67,28 @@ def _viewed(messages: Iterable[tuple[int, Message]]) -> NDArray[np.uint8]:
         return _page(f"{sink.url}&renderer=webgl", (1600, 840), wait=_SETTLED_S)
 
 
-@contextmanager
-def opened(url: str, size: tuple[int, int] = (640, 480)) -> Iterator[Callable[[], NDArray[np.uint8]]]:
-    """Open a page of a size in px; yields what takes a picture of it, uint8 [H, W, 3] BGR."""
+def _page(url: str, size: tuple[int, int], wait: float = 2.0) -> NDArray[np.uint8]:
+    """Take a picture of a page after `wait` seconds, once it has stopped to change below its bar.
+
+    `size` is in px; uint8 [H, W, 3] BGR.
+    """
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as tool:
-        browser = tool.chromium.launch(executable_path=os.environ[CHROMIUM], args=_IN_SOFTWARE)
-        try:
-            page = browser.new_page(viewport={"width": size[0], "height": size[1]})
-            page.set_default_timeout(_ANSWER_MS)
-            page.goto(url)
-            yield lambda: _decoded(page.screenshot())
-        finally:
-            browser.close()
-
-
-def _decoded(png: bytes) -> NDArray[np.uint8]:
-    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
-
-
-def _page(url: str, size: tuple[int, int], wait: float = 2.0) -> NDArray[np.uint8]:
-    """Take a picture after `wait` seconds, once the page below its bar has stopped to change."""
-    with opened(url, size) as picture:
+    launched = {"executable_path": os.environ[CHROMIUM], "args": _IN_SOFTWARE}
+    with sync_playwright() as tool, closing(tool.chromium.launch(**launched)) as browser:
+        page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        page.set_default_timeout(_ANSWER_MS)
+        page.goto(url)
         time.sleep(wait)
-        image, last, end = picture(), None, time.monotonic() + _LONGEST_S
-        while last is None or _changed(last, image[_BAR:]) > _SMALL:
-            if time.monotonic() > end:
-                raise TimeoutError(f"{url} still changes after {_LONGEST_S:g} s")
-            last = image[_BAR:]
+        last, end = None, time.monotonic() + _LONGEST_S
+        while time.monotonic() < end:
+            png = np.frombuffer(page.screenshot(), np.uint8)
+            image = np.asarray(cv2.imdecode(png, cv2.IMREAD_COLOR), np.uint8)
+            if last is not None and (last[_BAR:] != image[_BAR:]).any(axis=2).mean() <= _SMALL:
+                return image
+            last = image
             time.sleep(_STILL_S)
-            image = picture()
-        return image
-
-
-def _changed(last: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
-    """Share of the pixels that differ."""
-    return float((last != image).any(axis=2).mean()) if last.shape == image.shape else 1.0
+    raise TimeoutError(f"{url} still changes after {_LONGEST_S:g} s")
 
 
 def _watched(messages: Iterable[tuple[int, Message]], names: Names, folder: Path) -> NDArray[np.uint8]:
