@@ -34,23 +34,19 @@ class ContactSheet:
             self._left = self._every
         self._left -= 1
 
-    @property
-    def shown(self) -> list[tuple[float, NDArray[np.uint8]]]:
-        """Time and picture of the last frame of each of equal parts of the video."""
-        parts = min(COLUMNS * ROWS, len(self._kept))
-        return [self._kept[(k + 1) * len(self._kept) // parts - 1] for k in range(parts)]
-
     def write(self, path: Path) -> None:
-        """Write the page.
+        """Write the page: the last frame of each of equal parts of the video.
 
         Raises
         ------
         CameraError
             If there was no frame, or the file cannot be written.
         """
-        pictures = [_timed(image, seconds) for seconds, image in self.shown]
-        if not pictures:
+        parts = min(COLUMNS * ROWS, len(self._kept))
+        if not parts:
             raise CameraError(f"{path}: there is no frame to show")
+        shown = (self._kept[(k + 1) * len(self._kept) // parts - 1] for k in range(parts))
+        pictures = [_timed(image, seconds) for seconds, image in shown]
         pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % COLUMNS)
         rows = [np.hstack(pictures[k : k + COLUMNS]) for k in range(0, len(pictures), COLUMNS)]
         for quality in _QUALITIES:

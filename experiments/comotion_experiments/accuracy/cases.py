@@ -1,7 +1,8 @@
 """Cases of the accuracy report: scenes, scenes with wrong calibrations, recordings; and their runs."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ DISPLACEMENTS = (
     *((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0)),
     *((0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20), (0, 0, 150), (0, 0, -300), (20, 3, 300)),
 )
-_DISPLACED_SCENE = "3d_3"
+_DISPLACED_SCENE, _DISPLACED_SOURCE = "3d_3", "simulator-2"
 _RATES = (15.0, 30.0)
 _RECORDED_SECONDS = 60.0
 # σ_switch of the thesis method, m: the best value for each scene.
@@ -51,52 +52,42 @@ class Case:
 
 def scene_cases() -> list[Case]:
     """List the scenes of the thesis, and all 3-D scenes of the simulator."""
-    spatial = (name for name in simulator.scene_names() if name.startswith("3d_"))
+    spatial = [name for name in simulator.scene_names() if name.startswith("3d_")]
+    groups = {"thesis scenes": THESIS_SCENES, "3-D set": spatial}
+    cases = ((group, name) for group, names in groups.items() for name in names)
     return [
-        *(_scene(name, "thesis scenes") for name in THESIS_SCENES),
-        *(_scene(name, "3-D set") for name in spatial),
+        Case(name, group, partial(_simulated, name), sigma_switch=_SWITCH.get(name, _SWITCH_ELSE))
+        for group, name in cases
     ]
 
 
-def _scene(name: str, group: str) -> Case:
-    spec = simulator.load_scene(name)
-    return Case(
-        name=name,
-        group=group,
-        open=lambda seed: simulator.batches(simulator.simulate(spec, seed=seed)),
-        sigma_switch=_SWITCH.get(name, _SWITCH_ELSE),
-    )
+def _simulated(scene: str, seed: int, rates: Sequence[float] | None = None) -> Iterator[Message]:
+    return simulator.batches(simulator.simulate(simulator.load_scene(scene), seed=seed, rates=rates))
 
 
 def displaced_cases() -> list[Case]:
     """List cases of a scene with two sources, the second with wrong extrinsics, a wrong clock, or both."""
-    return [_displaced(*displacement) for displacement in DISPLACEMENTS]
+    return [
+        Case(f"{mm:g} mm, {degrees:g}°, {ms:g} ms", "two sources", partial(_displaced, mm, degrees, ms))
+        for mm, degrees, ms in DISPLACEMENTS
+    ]
 
 
-def _displaced(millimetres: float, degrees: float, milliseconds: float) -> Case:
-    spec = simulator.load_scene(_DISPLACED_SCENE)
-
-    def messages(seed: int) -> Iterator[Message]:
-        rng = np.random.default_rng([seed, 7])
-        axis, way = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
-        turn = Rotation.from_rotvec(axis * np.radians(degrees)).as_matrix()
-        given = list(simulator.batches(simulator.simulate(spec, seed=seed, rates=_RATES)))
-        last = max(m.source for m in given)
-        moved = [_moved(m, last, turn, way * millimetres * 1e-3, round(milliseconds * 1e6)) for m in given]
-        truths = [m for m in moved if not isinstance(m, ObservationBatch)]
-        observed = [m for m in moved if isinstance(m, ObservationBatch)]
-        return iter([*truths, *sorted(observed, key=lambda m: m.stamp_ns)])
-
-    return Case(
-        name=f"{millimetres:g} mm, {degrees:g}°, {milliseconds:g} ms", group="two sources", open=messages
-    )
-
-
-def _moved(message: Message, source: str, turn: np.ndarray, shift: np.ndarray, delay_ns: int) -> Message:
-    if not isinstance(message, ObservationBatch) or message.source != source:
-        return message
-    positions = (message.positions.astype(np.float64) @ turn.T + shift).astype(np.float32)
-    return replace(message, positions=positions, stamp_ns=message.stamp_ns + delay_ns)
+def _displaced(millimetres: float, degrees: float, milliseconds: float, seed: int) -> list[Message]:
+    rng = np.random.default_rng([seed, 7])
+    axis, way = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+    turn, shift = Rotation.from_rotvec(axis * np.radians(degrees)).as_matrix(), way * millimetres * 1e-3
+    truths: list[Message] = []
+    observed: list[ObservationBatch] = []
+    for message in _simulated(_DISPLACED_SCENE, seed, _RATES):
+        if not isinstance(message, ObservationBatch):
+            truths.append(message)
+            continue
+        positions = (message.positions.astype(np.float64) @ turn.T + shift).astype(np.float32)
+        stamp_ns = message.stamp_ns + round(milliseconds * 1e6)
+        wrong = replace(message, positions=positions, stamp_ns=stamp_ns)
+        observed.append(wrong if message.source == _DISPLACED_SOURCE else message)
+    return [*truths, *sorted(observed, key=lambda m: m.stamp_ns)]
 
 
 def recorded_cases(folder: Path) -> list[Case]:
@@ -110,17 +101,12 @@ def recorded_cases(folder: Path) -> list[Case]:
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise KnownError(f"{folder}: no .npz recordings")
-    return [_recorded(path) for path in paths]
+    opened = ((path.stem, "recordings", partial(_recorded, path)) for path in paths)
+    return [Case(*which, seeded=False, duration=_RECORDED_SECONDS) for which in opened]
 
 
-def _recorded(path: Path) -> Case:
-    return Case(
-        name=path.stem,
-        group="recordings",
-        open=lambda _: recording_batches(read_recording(str(path))),
-        seeded=False,
-        duration=_RECORDED_SECONDS,
-    )
+def _recorded(path: Path, _: int) -> Iterable[Message]:
+    return recording_batches(read_recording(str(path)))
 
 
 def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> dict[str, Any]:

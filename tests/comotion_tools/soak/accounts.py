@@ -43,9 +43,8 @@ class Audit:
 
 def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -> Moment:
     """Take down a moment: what a service says, by its session, and the sources of what they have sent."""
-    declared = {
-        (one.name, one.account["session"]): one.account for one in sources if "session" in one.account
-    }
+    reported = ((one.name, one.account) for one in sources if "session" in one.account)
+    declared = {(name, account["session"]): account for name, account in reported}
     # A source whose session is not known has overflowed before anything of it was read.
     known = declared.keys() | {(name, "") for name, _ in declared}
     mine = [one for one in reply["accounts"] if (one["source"], one["session"]) in known]
@@ -53,19 +52,17 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
     heard: dict[str, int] = {}
     for one in mine:
         heard[one["source"]] = heard.get(one["source"], 0) + one["batches"] + (one["lost"] or 0)
+    total = reply["total"]
+    settled = sum(total[fate] for fate in _FATES) + sum(total["rejected"].values())
     return Moment(
         service=service,
         sent=sent,
         received=sum(one["batches"] for one in mine),
         lost=sum(one["lost"] or 0 for one in mine),
         waiting=sum(one["waiting"] for one in mine),
-        unsettled=reply["total"]["batches"] - _settled(reply["total"]),
+        unsettled=total["batches"] - settled,
         unheard=sum(max(count - heard.get(name, 0), 0) for (name, _), count in sent.items()),
     )
-
-
-def _settled(account: Mapping[str, Any]) -> int:
-    return int(sum(account[name] for name in _FATES) + sum(account["rejected"].values()))
 
 
 def audit(before: Moment, after: Moment) -> Audit | None:
