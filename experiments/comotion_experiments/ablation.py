@@ -50,6 +50,10 @@ def _free(_middle: Any, _place: Any, _turn: Any, moving: Any, *_: Any) -> tuple[
     return int(np.count_nonzero(moving)), 0.0
 
 
+def _no_costs(scene: Any, owners: Any, *_: Any) -> Any:
+    return np.zeros((len(scene.before), len(owners)))
+
+
 def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *out: Any) -> None:
     resample(observations, stamps, limits, np.full_like(variance, np.inf), *out)
 
@@ -57,14 +61,8 @@ def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *ou
 RULES: dict[str, Rule] = {
     "gross": Rule("gross errors are left out", {"resampling.resample": _with_errors}),
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
-    "past_evidence": Rule(
-        "price of leaving a separate hypothesis",
-        {"selection.past_evidence": lambda scene, owners, *_: np.zeros((len(scene.before), len(owners)))},
-    ),
-    "clear_members": Rule(
-        "price of leaving for clear members",
-        {"method.carried_costs": lambda scene, owners, *_: np.zeros((len(scene.before), len(owners)))},
-    ),
+    "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
+    "clear_members": Rule("price of leaving for clear members", {"method.carried_costs": _no_costs}),
     "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
