@@ -16,6 +16,7 @@ from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
 from .costs import Costs, pose_costs
+from .fits import Fitted
 from .resampling import Frames
 from .subset import Scene
 
@@ -139,31 +140,26 @@ class Belief:
         self._keys, self._member_of = state["keys"], state["member_of"]
 
 
-def carried_costs(scene: Scene, owners: list[Ints]) -> Floats:
-    """What clear members pay for every body but those that continue their hypothesis, [N, K], nat.
-
-    `owners` intp [m] each are the trajectories that each of the K bodies was fitted to; none for the static
-    one.
-    """
-    cost, continued = np.zeros((len(scene.before), len(owners))), continued_by(scene, owners)
+def carried_costs(scene: Scene, some: list[Fitted]) -> Floats:
+    """What clear members pay for every body but those that continue their hypothesis, [N, K], nat."""
+    cost, continued = np.zeros((len(scene.before), len(some))), continued_by(scene, some)
     for one in np.unique(scene.before[scene.clear]).tolist():
         members = scene.clear & (scene.before == one)
         cost[np.ix_(members, continued != one)] = _SURE
     return cost
 
 
-def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidConfig) -> Floats:
+def past_evidence(scene: Scene, some: list[Fitted], found: Costs, config: RigidConfig) -> Floats:
     """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
 
     The members of a hypothesis that is known to be separate have together what a body costs. They pay it
     for bodies under which they do not clearly move, as the static one, but not for those that continue it.
-    `owners` are the trajectories that each of the K bodies was fitted to.
     """
     before, current = scene.before, scene.judged & scene.frames.current
-    evidence = np.zeros((len(before), len(owners)))
+    evidence = np.zeros((len(before), len(some)))
     dof = 3 if scene.frames.dim == 2 else 6
     price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
-    continued = continued_by(scene, owners)
+    continued = continued_by(scene, some)
     for one in np.unique(before[scene.separate]).tolist():
         members = before == one
         gain = (found.body[members, :1] - found.body[members]).sum(0)
@@ -173,14 +169,15 @@ def past_evidence(scene: Scene, owners: list[Ints], found: Costs, config: RigidC
     return evidence
 
 
-def continued_by(scene: Scene, owners: list[Ints]) -> Labels:
+def continued_by(scene: Scene, some: list[Fitted]) -> Labels:
     """Hypothesis that each body continues, int64 [K]; :data:`NO_HYPOTHESIS` for none.
 
-    Most trajectories that a body was fitted to had it. `owners` intp [m] each are these trajectories;
-    none for the static body.
+    Most trajectories that a body was fitted to had it.
     """
     static = NO_HYPOTHESIS if scene.static is None else scene.static
-    return np.array([_usual(scene.before[own]) if len(own) else static for own in owners], np.int64)
+    return np.array(
+        [_usual(scene.before[one.owners]) if len(one.owners) else static for one in some], np.int64
+    )
 
 
 def _usual(labels: Labels) -> int:

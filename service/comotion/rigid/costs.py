@@ -1,6 +1,6 @@
 """In rows and bodies, out what each trajectory costs under each body, in nats (step 7)."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from ..config import RigidConfig
 from .kernels.residuals import body_costs
 from .procrustes import Body
 from .resampling import Frames
-from .sliding import with_sliders
 
 # Charge for a frame in which a body has no pose, as a share of the cap, where it covers little of a
 # trajectory: more than that of an outlier, or a body without poses would be the cheapest. Chosen on the
@@ -26,49 +25,41 @@ _MOST_DEFORMATION = 0.2
 
 @dataclass(frozen=True)
 class Costs:
-    """Costs in nats: `body` float64 [N, K], `outlier` [N], `opening` [K], `restless` [K].
+    """Costs in nats of N trajectories and P rows under K bodies.
 
-    `restless` is what opening would cost if the body had never rested: what it must gain to move clearly.
+    A cost is the negative log likelihood of the trajectory in the body's frame, where it is a constant, white
+    and slow noise, and the deformation of the body; see :func:`~.kernels.residuals.body_costs`. The price
+    of opening is that of the body's path before the data are seen.
 
-    `squared` float64 [P, K] is the mean squared residual of each row, NaN where it was not computed.
-
-    `soft` float64 [K] is the variance of the deformation of each body; `slides` bool [N, K] whether a cost is
-    that of a feature that slides on the body.
+    Attributes
+    ----------
+    body, outlier
+        float64 [N, K] and [N].
+    opening, restless
+        float64 [K]; the latter is what opening would cost if the body had never rested: what it must gain to
+        move clearly.
+    soft
+        float64 [K], variance of the deformation of each body.
+    slides
+        bool [N, K], whether a cost is that of a feature that slides on the body.
+    squared
+        float64 [P, K], mean squared residual of each row, NaN where it was not computed.
     """
 
     body: Floats
     outlier: Floats
     opening: Floats
-    restless: Floats = field(default_factory=lambda: np.zeros(0))
-    soft: Floats = field(default_factory=lambda: np.zeros(0))
-    slides: Bools = field(default_factory=lambda: np.zeros((0, 0), np.bool_))
-    squared: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    restless: Floats
+    soft: Floats
+    slides: Bools
+    squared: Floats
 
     def of(self, chosen: list[int]) -> "Costs":
         """The costs of some bodies only, by column."""
-        soft = self.soft[chosen] if len(self.soft) else self.soft
-        slides = self.slides[:, chosen] if self.slides.size else self.slides
-        restless = self.restless[chosen] if len(self.restless) else self.restless
-        squared = self.squared[:, chosen] if self.squared.size else self.squared
-        prices = self.opening[chosen], restless
-        return Costs(self.body[:, chosen], self.outlier, *prices, soft, slides, squared)
-
-
-def costs(frames: Frames, bodies: list[Body], config: RigidConfig) -> Costs:
-    """Cost of each trajectory under each body, of being an outlier, and of opening each body.
-
-    A cost is the negative log likelihood of the trajectory in the body's frame, where it is a constant, white
-    and slow noise, and the deformation of the body; see :func:`~.kernels.residuals.body_costs`. The price
-    of opening is that of the body's path before the data are seen.
-    """
-    poses = stacked(bodies)
-    soft = _deformations(frames, bodies, poses, config)
-    body, squared = _body_costs(frames, poses, soft, config)
-    seen, outlier = _outlier_costs(frames, config)
-    opening = np.array([_opening(b, b.free, config) + b.bends for b in bodies])
-    restless = np.array([_opening(b, int(b.posed.sum()), config) for b in bodies])
-    body, slides = with_sliders(frames, bodies, body, seen, config)
-    return Costs(body, outlier, opening, restless, soft, slides, squared)
+        prices = self.opening[chosen], self.restless[chosen], self.soft[chosen]
+        return Costs(
+            self.body[:, chosen], self.outlier, *prices, self.slides[:, chosen], self.squared[:, chosen]
+        )
 
 
 def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, config: RigidConfig) -> Costs:
@@ -77,7 +68,7 @@ def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, conf
     New trajectories are the last ones of `frames`, as are their rows.
     """
     some, rows = frames.of(tracks), frames.rows_of(tracks)
-    body, squared = _body_costs(some, stacked(bodies), found.soft, config)
+    body, squared = body_costs_of(some, bodies, found.soft, config)
     new, shape = len(frames.key) - len(found.outlier), (len(frames.owner), len(bodies))
     every = replace(
         found,
@@ -87,18 +78,20 @@ def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, conf
         squared=np.concatenate([found.squared, np.zeros((shape[0] - len(found.squared), shape[1]))]),
     )
     every.body[tracks], every.squared[rows] = body, squared
-    every.outlier[tracks], every.slides[tracks] = _outlier_costs(some, config)[1], False
+    every.outlier[tracks], every.slides[tracks] = outlier_costs(some, config)[1], False
     return every
 
 
-def _body_costs(frames: Frames, poses: Floats, soft: Floats, config: RigidConfig) -> tuple[Floats, Floats]:
+def body_costs_of(
+    frames: Frames, bodies: list[Body], soft: Floats, config: RigidConfig
+) -> tuple[Floats, Floats]:
     """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
     rows = np.arange(len(frames.owner))
-    row_costs, squared = _residuals(frames, poses, rows, soft, config)
+    row_costs, squared = _residuals(frames, stacked(bodies), rows, soft, config)
     return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
 
 
-def _outlier_costs(frames: Frames, config: RigidConfig) -> tuple[Floats, Floats]:
+def outlier_costs(frames: Frames, config: RigidConfig) -> tuple[Floats, Floats]:
     """Frames in which each trajectory is observed, and its cost as an outlier, float64 [N] each."""
     seen = frames.per_track((frames.w > 0).sum(1).astype(np.float64))
     return seen, 0.5 * config.outlier_share * config.residual_cap * frames.dim * seen
@@ -126,11 +119,15 @@ def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
-def _opening(body: Body, poses: float, config: RigidConfig) -> float:
-    """Price of a body: of so many poses, and of being one more."""
-    if body.static:
-        return 0.0
-    return pose_costs(body.dof, poses, config) + config.birth_price
+def opening_price(body: Body, config: RigidConfig) -> float:
+    """Price of a body and its path, nat."""
+    return 0.0 if body.static else pose_costs(body.dof, body.free, config) + body.bends + config.birth_price
+
+
+def restless_price(body: Body, config: RigidConfig) -> float:
+    """Price of a body with a pose in each frame, nat."""
+    posed = int(body.posed.sum())
+    return 0.0 if body.static else pose_costs(body.dof, posed, config) + config.birth_price
 
 
 def _residuals(
@@ -158,22 +155,21 @@ def stacked(bodies: list[Body]) -> Floats:
     return found
 
 
-def _deformations(frames: Frames, bodies: list[Body], poses: Floats, config: RigidConfig) -> Floats:
-    """Variance of the deformation of each body under which its own rows are most likely, [K].
+def deformation(frames: Frames, body: Body, config: RigidConfig) -> float:
+    """Variance of the deformation of a body under which its own rows are most likely.
 
     Soft things are bodies too, and deform slowly as they move; what rests does not deform.
     """
-    soft = np.zeros(len(bodies))
-    for k, body in enumerate(bodies):
-        if body.static:
-            continue
-        tried = config.looseness * frames.tolerance[body.rows].mean() * _DEFORMATIONS
-        least = np.inf
-        # From a rigid body on, as long as they become more likely.
-        for variance in np.unique(tried[tried <= _MOST_DEFORMATION**2 * frames.moved[body.rows].mean()]):
-            cost, _ = _residuals(frames, poses[k : k + 1], body.rows, np.array([variance]), config)
-            paid = float(frames.weight[body.rows] @ cost[:, 0])
-            if paid >= least:
-                break
-            least, soft[k] = paid, variance
+    soft, least = 0.0, np.inf
+    if body.static:
+        return soft
+    tried = config.looseness * frames.tolerance[body.rows].mean() * _DEFORMATIONS
+    poses = stacked([body])
+    # From a rigid body on, as long as they become more likely.
+    for variance in np.unique(tried[tried <= _MOST_DEFORMATION**2 * frames.moved[body.rows].mean()]):
+        cost, _ = _residuals(frames, poses, body.rows, np.array([variance]), config)
+        paid = float(frames.weight[body.rows] @ cost[:, 0])
+        if paid >= least:
+            break
+        least, soft = paid, float(variance)
     return soft

@@ -12,7 +12,7 @@ import numpy as np
 
 from comotion_schemas import Pose, Twist
 
-from ..arrays import Floats, Ints, Stamps
+from ..arrays import Bools, Floats, Stamps
 from ..partition import PoseReference
 from .kernels.rotation import quaternion, rotation_matrix, rotation_vectors
 from .procrustes import Body, align
@@ -41,39 +41,48 @@ class Local:
     angular: Floats
 
 
-def local_motion(frames: Frames, body: Body, at_ns: int, point: Floats) -> Local | None:
-    """Pose and velocities of a body at a time, by local least squares; None where it has no pose near.
+def local_motions(frames: Frames, bodies: list[Body], at_ns: int, points: list[Floats]) -> list[Local | None]:
+    """Pose and velocities of bodies at a time, by local least squares; None for one without a pose near.
 
     Parameters
     ----------
-    point
-        float64 [3], body coordinates of the point whose velocity is returned (the centroid).
+    points
+        float64 [3] each, body coordinates of the point whose velocity is returned (the centroid).
     """
     seconds = np.asarray((frames.stamps - at_ns) * 1e-9, np.float64)
     # A span centred on the time where there are frames on both sides, else all of it on one side.
     low = max(-_SPAN / 2, float(seconds[0]))
     high = min(low + _SPAN, float(seconds[-1]))
-    low = min(low, high - _SPAN)
-    near = np.flatnonzero(body.posed & (seconds >= low - 1e-6) & (seconds <= high + 1e-6))
-    if not len(near) or np.abs(seconds[near]).min() > _SPAN:
-        return None
-    middle = body.R[near[np.argmin(np.abs(seconds[near]))]]
-    turns = rotation_vectors(body.R[near] @ middle.T)
-    within = np.linalg.norm(turns, axis=1) < _TURN
-    near, turns = near[within], turns[within]
-    places = body.R[near] @ point + body.t[near]
-    value, slope = _polynomial(seconds[near], np.hstack([places, turns]))
-    R = rotation_matrix(value[3:]) @ middle
-    return Local(R, value[:3] - R @ point, slope[:3], slope[3:])
+    near = slice(*np.searchsorted(seconds, [min(low, high - _SPAN) - 1e-6, high + 1e-6]))
+    seconds, point = seconds[near], np.array(points)
+    R, t = np.stack([body.R[near] for body in bodies]), np.stack([body.t[near] for body in bodies])
+    used = np.stack([body.posed[near] for body in bodies])
+    away = np.where(used, np.abs(seconds), np.inf)
+    known = away.min(1) <= _SPAN
+    middle = R[np.arange(len(R)), away.argmin(1)]
+    turns = rotation_vectors((R @ middle[:, None].swapaxes(2, 3)).reshape(-1, 3, 3)).reshape(t.shape)
+    used &= np.linalg.norm(turns, axis=2) < _TURN
+    places = np.einsum("kfij,kj->kfi", R, point) + t
+    value, slope = _polynomials(seconds, np.concatenate([places, turns], 2), used)
+    found: list[Local | None] = [None] * len(bodies)
+    for k in np.flatnonzero(known).tolist():
+        pose = rotation_matrix(value[k, 3:]) @ middle[k]
+        found[k] = Local(pose, value[k, :3] - pose @ point[k], slope[k, :3], slope[k, 3:])
+    return found
 
 
-def _polynomial(seconds: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Value and slope at zero of a least-squares polynomial, [p] each."""
+def _polynomials(seconds: Floats, values: Floats, used: Bools) -> tuple[Floats, Floats]:
+    """Value and slope at zero of least-squares polynomials of values [K, n, p] over [n], [K, p] each.
+
+    `used` bool [K, n] are the values that count.
+    """
     # Each degree needs two more samples to be better than noise.
-    degree = min(_DEGREE, max((len(seconds) - 1) // 2, 1 if len(seconds) > 1 else 0))
-    design = seconds[:, None] ** np.arange(degree + 1)
-    found = np.linalg.lstsq(design, values, rcond=None)[0]
-    return found[0], found[1] if degree else np.zeros(values.shape[1])
+    count = used.sum(1)
+    degree = np.minimum(_DEGREE, np.maximum((count - 1) // 2, count > 1))
+    powers = np.arange(_DEGREE + 1)
+    design = (seconds[:, None] / _SPAN) ** powers * (used[:, :, None] & (powers <= degree[:, None, None]))
+    found = np.linalg.pinv(design) @ values
+    return found[:, 0], found[:, 1] / _SPAN
 
 
 def follow(
@@ -154,7 +163,7 @@ def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
     return Twist(linear=linear.tolist(), angular=angular.tolist())
 
 
-def centroid_of(body: Body, rows: Ints, newest: Floats) -> Floats:
+def centroid_of(body: Body, here: Bools, newest: Floats) -> Floats:
     """Centroid of the members in body coordinates, float64 [3].
 
     The mean of those of their rows that the body was fitted to; of all rows it was fitted to if it was fitted
@@ -162,11 +171,13 @@ def centroid_of(body: Body, rows: Ints, newest: Floats) -> Floats:
 
     Parameters
     ----------
-    rows, newest
-        intp [m], rows of the members, and float64 [n, 3], their newest positions.
+    here, newest
+        bool [P], the rows of the members, and float64 [n, 3], their newest positions.
     """
-    if len(rows) > FIT_ROWS and body.posed.any():
+    if body.static:
+        return np.zeros(3)
+    if np.count_nonzero(here) > FIT_ROWS and body.posed.any():
         last = np.flatnonzero(body.posed)[-1]
         return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])
-    chosen = np.isin(body.rows, rows)
+    chosen = here[body.rows]
     return np.asarray(body.template[chosen if chosen.any() else slice(None)].mean(0))

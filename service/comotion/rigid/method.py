@@ -11,11 +11,11 @@ extent of the scene, so that no parameter has a scale:
 4.  Estimate the noise of each, and the tolerance that deformation adds to it (:mod:`.noise`).
 5.  Choose the trajectories to search, all of them in a small scene (:mod:`.subset`), and find candidates: the
     previous hypotheses, and clusters of the normalised deviation of distances (:mod:`.candidates`).
-6.  Fit a body with a pose in each frame to each candidate (:mod:`.procrustes`).
+6.  Fit a body with a pose in each frame to each candidate (:mod:`.fits`, :mod:`.procrustes`). Once clusters
+    are sorted out, it has one pose for each rest of it (:mod:`.rest`).
 7.  Compute what each trajectory costs under each body (:mod:`.costs`).
 8.  Select the bodies of least total cost (:mod:`.selection`).
-9.  Assign every trajectory to a body, which has one pose for each rest of it here (:mod:`.rest`,
-    :mod:`.assignment`).
+9.  Assign every trajectory to a body (:mod:`.assignment`).
 10. Describe the motion of each body (:mod:`.motions`).
 """
 
@@ -53,14 +53,13 @@ from .assignment import (
 from .belief import Belief, carried_costs
 from .candidates import cluster_rows
 from .continuation import Fit, held, holding, judged
-from .costs import Costs, costs, excess_costs
+from .costs import Costs, excess_costs
+from .fits import Fits, Fitted
 from .motions import describe_bodies
 from .noise import NoiseEstimates
-from .procrustes import Body, fit_body, static_body
 from .registration import Registration
-from .resampling import Frames, make_frames
-from .rest import settled
-from .selection import STATIC, membership_prices, select, supported, weighted
+from .resampling import make_frames
+from .selection import STATIC, membership_prices, select, supported
 from .subset import (
     Scene,
     Subset,
@@ -185,11 +184,12 @@ class RigidMethod(Method):
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether others were sought."""
-        followed = follow(scene, self._config)
+        fits = Fits(scene.frames, self._config)
+        followed = follow(scene, fits, self._config)
         excess = excess_costs(followed.evidence, followed.assignment.labels, self._config)
         odd = unexplained(scene, followed.assignment.labels, excess)
         if self.searching and self._due(scene, scene.frames.key[odd]):
-            return search(scene, followed, odd, excess, self._config), True
+            return search(scene, fits, followed, odd, excess, self._config), True
         return followed, False
 
     def _due(self, scene: Scene, odd: Stamps) -> bool:
@@ -214,13 +214,13 @@ class RigidMethod(Method):
         return Partition(nobody, nobody, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
 
 
-def follow(scene: Scene, config: RigidConfig) -> SearchResult:
+def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    return _decided(scene, _compare_all(scene, known_rows(scene), config))
+    return _decided(scene, _compare_all(scene, fits, known_rows(scene), config))
 
 
 def search(
-    scene: Scene, followed: SearchResult, odd: Bools, excess: Floats, config: RigidConfig
+    scene: Scene, fits: Fits, followed: SearchResult, odd: Bools, excess: Floats, config: RigidConfig
 ) -> SearchResult:
     """Find the bodies of a scene, of which bool [N] `odd` and `excess` say what is unexplained: steps 5 to 9.
 
@@ -229,14 +229,16 @@ def search(
     assigned to them, twice.
     """
     subset = choose_subset(scene, odd, excess)
-    bodies, labels, new = _first_bodies(scene, subset, config)
+    count, labels, new = _first_bodies(scene, fits, subset, config)
     if not (new or odd.any()):
         return followed
     if not scene.small:
-        return _decided(scene, _compare_all(scene, extended_rows(scene, subset, labels, len(bodies)), config))
-    result = _compare_all(scene, _assigned_rows(scene, len(bodies), labels), config)
+        rows = extended_rows(scene, subset, labels, count)
+        return _decided(scene, _compare_all(scene, fits, rows, config))
+    result = _compare_all(scene, fits, _assigned_rows(scene, count, labels), config)
     labels = without_sliders(result.assignment.labels, result.evidence)
-    return _decided(scene, _compare_all(scene, _assigned_rows(scene, len(result.bodies), labels), config))
+    rows = _assigned_rows(scene, len(result.bodies), labels)
+    return _decided(scene, _compare_all(scene, fits, rows, config))
 
 
 def _decided(scene: Scene, result: SearchResult) -> SearchResult:
@@ -245,63 +247,39 @@ def _decided(scene: Scene, result: SearchResult) -> SearchResult:
     return replace(result, assignment=replace(result.assignment, labels=labels))
 
 
-def _first_bodies(scene: Scene, subset: Subset, config: RigidConfig) -> tuple[list[Body], Ints, bool]:
-    """Bodies of least cost in the subset, the cheapest of them for each trajectory [n], and if any is new."""
+def _first_bodies(scene: Scene, fits: Fits, subset: Subset, config: RigidConfig) -> tuple[int, Ints, bool]:
+    """How many bodies the subset has, the cheapest for each of its trajectories [n], and if any is new."""
     part = scene if scene.small else scene.of(subset.tracks)
-    frames = part.frames
+    fits = fits if scene.small else Fits(part.frames, config)
     known, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
-    bodies = [static_body(len(frames.stamps)), *(fit_body(frames, rows) for rows in known + clusters)]  # 6
-    found = costs(frames, bodies, config)  # 7
-    chosen = select(weighted(part, _owners(frames, bodies), found, config))  # 8
-    kept = found.of(chosen)
+    some = fits.of(known + clusters, still=False)  # 6
+    chosen, kept = select(part, some, fits.costs(some), config)  # 7, 8
     labels = without_sliders(cheapest(kept.body, kept.outlier), kept)
-    return [bodies[k] for k in chosen], labels, max(chosen) > len(known)
+    return len(chosen), labels, max(chosen) > len(known)
 
 
-def _compare_all(scene: Scene, rows: list[Ints], config: RigidConfig) -> SearchResult:
+def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
     """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
-    frames = scene.frames
-    fitted = [fit_body(frames, some) for some in rows if len(some) >= 2]  # 6
-    bodies = [static_body(len(frames.stamps)), *fitted]
-    still = [settled(frames, body, config) for body in bodies]
-    found = costs(frames, still, config)  # 7
-    owners = _owners(frames, bodies)
+    some = fits.of(rows, still=True)  # 6
+    found = fits.costs(some)  # 7
     if not scene.small:
-        worth = supported(scene, owners, found, config)
-        bodies, still, owners = (
-            [bodies[k] for k in worth],
-            [still[k] for k in worth],
-            [owners[k] for k in worth],
-        )
-        found = found.of(worth)
-    chosen = select(weighted(scene, owners, found, config))  # 8
-    bodies, owners = [bodies[k] for k in chosen], [owners[k] for k in chosen]
-    resting = np.array([still[k].rests for k in chosen])
-    return _assigned(scene, bodies, owners, found.of(chosen), resting, config)  # 9
+        worth = supported(scene, some, found, config)
+        some, found = [some[k] for k in worth], found.of(worth)
+    chosen, kept = select(scene, some, found, config)  # 8
+    return _assigned(scene, [some[k] for k in chosen], kept, config)  # 9
 
 
-def _assigned(
-    scene: Scene,
-    bodies: list[Body],
-    owners: list[Ints],
-    evidence: Costs,
-    resting: Bools,
-    config: RigidConfig,
-) -> SearchResult:
+def _assigned(scene: Scene, some: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
-    frames, before = scene.frames, scene.before
-    cost, prices = evidence.body + carried_costs(scene, owners), membership_prices(scene, owners, config)
+    frames, before, bodies = scene.frames, scene.before, [one.body for one in some]
+    cost, prices = evidence.body + carried_costs(scene, some), membership_prices(scene, some, config)
     rough = cheapest(cost + prices, evidence.outlier)
     own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
     # Nothing tells what rests with a resting body from the background: its membership has a price here too.
+    resting = np.array([one.kept.rests for one in some])
     cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
     return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
-
-
-def _owners(frames: Frames, bodies: list[Body]) -> list[Ints]:
-    """Trajectories that each body was fitted to, intp [m] each."""
-    return [np.unique(frames.owner[body.rows]) for body in bodies]
 
 
 def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:

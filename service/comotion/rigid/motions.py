@@ -8,10 +8,10 @@ import numpy as np
 from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Floats
+from ..arrays import Bools, Floats
 from ..partition import Group, PoseReference
-from .assignment import SearchResult
-from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motion
+from .assignment import OUTLIER, SearchResult
+from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motions
 from .procrustes import Body
 from .resampling import Frames
 from .tracks import Tracks
@@ -22,39 +22,36 @@ _LEAST_STATIC_TIME = 1.0
 
 def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult) -> list[Group]:
     """Describe every body of a search; one without a trajectory is left undetermined."""
-    labels = found.assignment.labels
-    groups = []
-    for k in range(len(found.bodies)):
-        members = labels == k
-        groups.append(_describe(tracks, frames, found, k) if members.any() else Group())
-    return groups
+    labels, bodies = found.assignment.labels, found.bodies
+    current = np.where(tracks.current, labels, OUTLIER)
+    here = [current == k for k in range(len(bodies))]
+    points = [
+        centroid_of(body, mine[frames.owner], tracks.newest[mine])
+        for body, mine in zip(bodies, here, strict=True)
+    ]
+    motions = local_motions(frames, bodies, int(frames.stamps[-1]), points)
+    return [_described(frames, found, k, here[k], points[k], now) for k, now in enumerate(motions)]
 
 
-def _describe(tracks: Tracks, frames: Frames, found: SearchResult, k: int) -> Group:
+def _described(
+    frames: Frames, found: SearchResult, k: int, here: Bools, point: Floats, now: Local | None
+) -> Group:
+    """One body, of which current trajectories bool [N] are members, with its motion now."""
     body = found.bodies[k]
-    members = np.flatnonzero((found.assignment.labels == k) & tracks.current)
-    rows = frames.rows_of(members)
-    point = np.zeros(3) if body.static else centroid_of(body, rows, tracks.newest[members])
-    now = _motion(frames, body, point)
+    if not (found.assignment.labels == k).any():
+        return Group()
     since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
     if not body.static:
         since = partial(_pose_since, frames, body, point, now)
-    if not len(members):
+    if not here.any():
         return Group(static=body.static, pose_since=since)
     return Group(
         state=_state(frames, found, k),
         static=body.static,
         twist=None if now is None else as_twist(now.linear, now.angular, frames.dim),
-        noise=_noise(found.evidence.squared[rows, k], frames.dim),
+        noise=_noise(found.evidence.squared[here[frames.owner], k], frames.dim),
         pose_since=since,
     )
-
-
-def _motion(frames: Frames, body: Body, point: Floats) -> Local | None:
-    """Motion at the newest frame."""
-    if body.static:
-        return Local(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-    return local_motion(frames, body, int(frames.stamps[-1]), point)
 
 
 def _pose_at_rest(frames: Frames, reference: PoseReference) -> Pose:
@@ -68,7 +65,7 @@ def _pose_since(
     """Pose since birth; the reference is brought up to date."""
     if now is None:
         return None
-    follow(reference, frames, body, now, lambda at: local_motion(frames, body, at, point))
+    follow(reference, frames, body, now, lambda at: local_motions(frames, [body], at, [point])[0])
     return as_pose(reference.R, reference.t, frames.dim)
 
 
