@@ -10,9 +10,9 @@ from comotion.partition import NO_HYPOTHESIS
 from comotion.rigid.arrivals import undecided
 from comotion.rigid.assignment import OUTLIER
 from comotion.rigid.explanations import Offset, View, explained
+from comotion.rigid.frames import Frames
 from comotion.rigid.kernels.records import ROUND
 from comotion.rigid.procrustes import fit_body
-from comotion.rigid.resampling import Frames
 from comotion.rigid.subset import Scene
 
 RATE = 15

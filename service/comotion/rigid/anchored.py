@@ -11,8 +11,8 @@ import numpy as np
 from ..arrays import Floats, inverses
 from ..partition import BodyMotion, PoseReference
 from .assignment import SearchResult
+from .frames import Frames
 from .procrustes import Body, align, pose_information
-from .resampling import Frames
 from .tracks import Tracks
 
 # rad^-2, information of the prior: a turn that no point fixes is uncertain by a radian.

@@ -10,8 +10,8 @@ from scipy.spatial.distance import cdist
 from ..arrays import Floats, Ints, last_true, thinned
 from ..config import RigidConfig
 from .costs import Costs, updated
+from .frames import Frames
 from .procrustes import Body
-from .resampling import Frames
 
 OUTLIER = -1
 """Label of a trajectory that belongs to no body."""

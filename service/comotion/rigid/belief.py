@@ -17,7 +17,7 @@ from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
 from .costs import Costs, pose_costs
 from .fits import Fitted
-from .resampling import Frames
+from .frames import Frames
 from .subset import Scene
 
 # s of motion that explains the members better than rest does by more than its price, until a hypothesis is

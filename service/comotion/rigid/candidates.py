@@ -6,8 +6,8 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Bools, Floats, Ints
 from ..partition import NO_HYPOTHESIS
+from .frames import Frames
 from .kernels.distances import distance_deviation
-from .resampling import Frames
 from .subset import Scene
 
 # Cuts of the dendrogram, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the

@@ -16,11 +16,12 @@ from ..matching import continued, largest_total
 from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
 from .costs import stacked
+from .frames import Frames
 from .kernels.procrustes import continue_poses
 from .kernels.records import PoseArrays
 from .kernels.residuals import recent_residuals
 from .procrustes import Body, static_body
-from .resampling import Frames, extended
+from .resampling import extended
 from .tracks import Tracks
 
 # A result holds for this share of the window; twice as long as the one before that it confirms, but at most

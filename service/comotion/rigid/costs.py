@@ -6,9 +6,9 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
+from .frames import Frames
 from .kernels.residuals import body_costs
 from .procrustes import Body
-from .resampling import Frames
 
 # Charge for a frame in which a body has no pose, as a share of the cap, where it covers little of a
 # trajectory: more than that of an outlier, or a body without poses would be the cheapest. Chosen on the

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
+from .frames import Frames
 from .kernels.records import RowArrays
 from .offset_equations import UNKNOWNS, Equations, normal_equations, velocities
 from .procrustes import Body, pose_information
-from .resampling import Frames
 
 # Prior standard deviations, what a careful calibration leaves: rad, share of the scene's extent, s.
 _ROTATION = float(np.radians(2.0))

@@ -7,8 +7,8 @@ import numpy as np
 from ..arrays import Floats, Ints
 from ..config import RigidConfig
 from .costs import Costs, body_costs_of, deformation, opening_price, outlier_costs, restless_price
+from .frames import Frames
 from .procrustes import Body, fit_body, static_body
-from .resampling import Frames
 from .rest import settled
 from .sliding import with_sliders
 

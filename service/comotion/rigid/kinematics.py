@@ -14,9 +14,9 @@ from comotion_schemas import Pose, Twist
 
 from ..arrays import Bools, Floats, Stamps
 from ..partition import PoseReference
+from .frames import Frames
 from .kernels.rotation import quaternion, rotation_matrix, rotation_vectors
 from .procrustes import Body, align
-from .resampling import Frames
 from .subset import FIT_ROWS
 
 # s and degree of the polynomial. A longer span has less noise, a shorter one follows jerk. Measured on bodies

@@ -11,9 +11,9 @@ from comotion_schemas.hypotheses import HypothesisState
 from ..arrays import Bools, Floats
 from ..partition import Group, PoseReference
 from .assignment import OUTLIER, SearchResult
+from .frames import Frames
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motions
 from .procrustes import Body
-from .resampling import Frames
 from .tracks import Tracks
 
 # s; a hypothesis at rest is static only if it was observed for so long, as what will move may rest at first.

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
+from .frames import Frames
 from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
 from .kernels.rotation import rotation_matrix
-from .resampling import Frames
 
 # Chosen on the scenes of docs/research/accuracy.md.
 _ITERATIONS = 4

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..arrays import Ints
 from .explanations import Groups, Offset, View, explained
+from .frames import Frames
 from .kernels.resampling import spread
 from .procrustes import fit_body
-from .resampling import Frames
 from .subset import SUBSET_ROWS, representatives
 from .tracks import Tracks
 

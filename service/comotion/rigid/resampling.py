@@ -1,7 +1,6 @@
 """In trajectories of any rate and phase, out rows on common frames (step 3), their tolerance (step 4)."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps, find
 from ..config import RigidConfig
+from .frames import NOISE, Frames, row_names
 from .kernels.differences import difference_covariances
-from .kernels.records import ROUND, Limits, Observations, RowArrays
+from .kernels.records import ROUND, Limits, Observations
 from .kernels.resampling import mean_square, resample, spread
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
@@ -22,131 +22,8 @@ _ARM_LENGTH = 0.25
 _ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
 # Four points of three coordinates share the six degrees of freedom of one pose.
 _ARM_WEIGHT = 0.5
-# Names of rows: the key of the trajectory times this, plus the place among its rows.
-_ROWS_PER_TRACK = 8
-# s; an ended trajectory counts only if it was observed for so long.
-_LEAST_ENDED = 0.5
 # Slack for the rounding of stamps and periods; far below any period.
 _ROUNDING_NS = 2_000
-
-
-_NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
-
-
-@dataclass(frozen=True)
-class Frames:
-    """P rows on F frames, of which the last is at the watermark.
-
-    A point is one row. A 6-DoF feature is four rows, the ends of four arms that are fixed to it, so that its
-    orientation counts like the motion of points; its four rows share the weight of their one pose.
-
-    Attributes
-    ----------
-    dim
-        2 or 3.
-    stamps
-        int64 [F], ns, ascending.
-    y
-        float64 [P, F, 3], positions, zero in the third coordinate in 2-D.
-    w
-        float64 [P, F], inverse variance relative to that of one observation; 0 where unobserved.
-    owner, weight
-        intp [P], trajectory of a row; float64 [P], weight of a frame of the row in the cost of
-        its trajectory.
-    noise, tolerance
-        float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
-        and slow noise.
-    moved
-        float64 [P], mean squared distance of a coordinate from its mean.
-    metric
-        float64 [P, 6], by how much each direction counts, of :class:`~.kernels.records.RowArrays`.
-    spectrum
-        float64 [P, 3], white and slow part of the noise, in tolerances, and the correlation of the slow part
-        from frame to frame.
-    key
-        int64 [N], stable number of each trajectory, ascending.
-    life
-        float64 [N], s, for how long a trajectory is observed.
-    current
-        bool [N], whether a trajectory goes on at the watermark.
-    extent
-        Scale of the scene, in its unit, when the frames were made.
-    """
-
-    dim: int
-    stamps: Stamps
-    y: Floats
-    w: Floats
-    owner: Ints
-    weight: Floats
-    noise: Floats
-    tolerance: Floats
-    moved: Floats
-    metric: Floats
-    spectrum: Floats
-    key: Stamps
-    life: Floats
-    current: Bools
-    extent: float = 1.0
-
-    @cached_property
-    def names(self) -> Stamps:
-        """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
-        return _names(self.key, self.owner)
-
-    @property
-    def step(self) -> float:
-        """Time from frame to frame in the mean, s; 0 for a single one."""
-        return float(self.stamps[-1] - self.stamps[0]) * 1e-9 / max(len(self.stamps) - 1, 1)
-
-    @property
-    def telling(self) -> Bools:
-        """Which trajectories tell how a body moves, bool [N]: those that go on, or were seen for a while."""
-        return self.current | (self.life >= _LEAST_ENDED)
-
-    @property
-    def arrays(self) -> RowArrays:
-        """The rows as kernels take them."""
-        return RowArrays(self.y, self.w, self.tolerance, self.spectrum, self.metric)
-
-    @property
-    def independent(self) -> Floats:
-        """Share of the frames that are independent samples of the noise, float64 [P].
-
-        Of frames with autocorrelation rho_k at lag k, one in 1 + 2 sum_k rho_k^2 is.
-        """
-        white, _, persistence = self.spectrum.T
-        time = np.minimum(-1 / np.log(np.clip(persistence, 1e-9, 1 - 1e-9)), len(self.stamps) / 3)
-        return np.asarray(1 / (1 + np.maximum(1 - white, 0.0) ** 2 * time))
-
-    def rows_of(self, tracks: Ints | Bools) -> Ints:
-        """Rows of trajectories given by index intp [n] or mask bool [N], ascending."""
-        chosen = np.zeros(len(self.life), np.bool_)
-        chosen[tracks] = True
-        return np.flatnonzero(chosen[self.owner])
-
-    def of(self, tracks: Ints) -> "Frames":
-        """The frames of some trajectories only, intp [n] ascending."""
-        rows = self.rows_of(tracks)
-        return replace(
-            self,
-            y=self.y[rows],
-            w=self.w[rows],
-            owner=np.searchsorted(tracks, self.owner[rows]),
-            weight=self.weight[rows],
-            noise=self.noise[rows],
-            tolerance=self.tolerance[rows],
-            moved=self.moved[rows],
-            metric=self.metric[rows],
-            spectrum=self.spectrum[rows],
-            key=self.key[tracks],
-            life=self.life[tracks],
-            current=self.current[tracks],
-        )
-
-    def per_track(self, values: Floats) -> Floats:
-        """Weighted sum of `values` float64 [P] over the rows of each trajectory, float64 [N]."""
-        return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -219,7 +96,7 @@ def extended(
     variance = np.full(len(tracks.key), np.inf)
     variance[frames.owner] = frames.noise
     y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config), variance[owner])
-    names, count = _names(tracks.key, owner), len(frames.owner)
+    names, count = row_names(tracks.key, owner), len(frames.owner)
     order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
     at = find(frames.names, names[order])
     known = np.flatnonzero(at >= 0)
@@ -235,7 +112,7 @@ def extended(
     step = float(stamps[-1] - frames.stamps[-1]) * 1e-9 / len(stamps)
     np.maximum.at(seen := np.zeros(len(life), np.intp), owner, (w > 0).sum(1))
     alike: dict[str, Any] = {
-        one: np.concatenate([getattr(frames, one), getattr(frames, one)[like]]) for one in _NOISE
+        one: np.concatenate([getattr(frames, one), getattr(frames, one)[like]]) for one in NOISE
     }
     return replace(
         frames,
@@ -260,14 +137,6 @@ def _usual_rows(frames: Frames, source: Ints, wanted: Ints) -> Ints | None:
             return None
         found[source[wanted] == one] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
     return found
-
-
-def _names(key: Stamps, owner: Ints) -> Stamps:
-    order = np.argsort(owner, kind="stable")
-    ordered = owner[order]
-    place = np.zeros(len(owner), np.int64)
-    place[order] = np.arange(len(owner)) - np.searchsorted(ordered, ordered)
-    return key[owner] * _ROWS_PER_TRACK + place
 
 
 def _owners(curves: list[_Curves]) -> tuple[Ints, Floats]:

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..arrays import Floats
 from ..config import RigidConfig
+from .frames import Frames
 from .kernels.paths import smooth_poses
 from .kernels.rest import settle
 from .procrustes import Body
-from .resampling import Frames
 
 # s that a rest takes at least.
 _LEAST_REST = 0.5

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, thinned
 from ..config import RigidConfig
+from .frames import Frames
 from .kernels.residuals import LEAST_COVERED
 from .procrustes import Body
-from .resampling import Frames
 
 # A body is a host of sliders, and explains trajectories so well that they do not slide, if it was fitted to
 # so many of them, and they cost at most so many times what the noise does.

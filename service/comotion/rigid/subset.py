@@ -13,8 +13,8 @@ from ..arrays import Bools, Floats, Ints, Labels
 from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER
+from .frames import Frames
 from .kernels.distances import farthest_points
-from .resampling import Frames
 
 # All constants here bound the work of an update. They were chosen on the scenes of docs/research/accuracy.md
 # and on made-up crowds of thousands of features (tests/unit/test_rigid_scale.py).
@@ -76,16 +76,9 @@ class Scene:
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
-        return replace(
-            self,
-            frames=self.frames.of(tracks),
-            newest=self.newest[tracks],
-            judged=self.judged[tracks],
-            before=self.before[tracks],
-            separate=self.separate[tracks],
-            resting=self.resting[tracks],
-            clear=self.clear[tracks],
-        )
+        every = "newest", "judged", "before", "separate", "resting", "clear"
+        columns = {one: getattr(self, one)[tracks] for one in every}
+        return replace(self, frames=self.frames.of(tracks), **columns)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,130 @@
+"""Rows of trajectories on common frames: what steps 4 to 10 of the method work on."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Ints, Stamps
+from .kernels.records import RowArrays
+
+# Names of rows: the key of the trajectory times this, plus the place among its rows.
+_ROWS_PER_TRACK = 8
+# s; an ended trajectory counts only if it was observed for so long.
+_LEAST_ENDED = 0.5
+NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
+"""Attributes of :class:`Frames` that say how a row errs."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """P rows on F frames, of which the last is at the watermark.
+
+    A point is one row. A 6-DoF feature is four rows, the ends of four arms that are fixed to it, so that its
+    orientation counts like the motion of points; its four rows share the weight of their one pose.
+
+    Attributes
+    ----------
+    dim
+        2 or 3.
+    stamps
+        int64 [F], ns, ascending.
+    y
+        float64 [P, F, 3], positions, zero in the third coordinate in 2-D.
+    w
+        float64 [P, F], inverse variance relative to that of one observation; 0 where unobserved.
+    owner, weight
+        intp [P], trajectory of a row; float64 [P], weight of a frame of the row in the cost of
+        its trajectory.
+    noise, tolerance
+        float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
+        and slow noise.
+    moved
+        float64 [P], mean squared distance of a coordinate from its mean.
+    metric
+        float64 [P, 6], by how much each direction counts, of :class:`~.kernels.records.RowArrays`.
+    spectrum
+        float64 [P, 3], white and slow part of the noise, in tolerances, and the correlation of the slow part
+        from frame to frame.
+    key
+        int64 [N], stable number of each trajectory, ascending.
+    life
+        float64 [N], s, for how long a trajectory is observed.
+    current
+        bool [N], whether a trajectory goes on at the watermark.
+    extent
+        Scale of the scene, in its unit, when the frames were made.
+    """
+
+    dim: int
+    stamps: Stamps
+    y: Floats
+    w: Floats
+    owner: Ints
+    weight: Floats
+    noise: Floats
+    tolerance: Floats
+    moved: Floats
+    metric: Floats
+    spectrum: Floats
+    key: Stamps
+    life: Floats
+    current: Bools
+    extent: float = 1.0
+
+    @cached_property
+    def names(self) -> Stamps:
+        """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
+        return row_names(self.key, self.owner)
+
+    @property
+    def step(self) -> float:
+        """Time from frame to frame in the mean, s; 0 for a single one."""
+        return float(self.stamps[-1] - self.stamps[0]) * 1e-9 / max(len(self.stamps) - 1, 1)
+
+    @property
+    def telling(self) -> Bools:
+        """Which trajectories tell how a body moves, bool [N]: those that go on, or were seen for a while."""
+        return self.current | (self.life >= _LEAST_ENDED)
+
+    @property
+    def arrays(self) -> RowArrays:
+        """The rows as kernels take them."""
+        return RowArrays(self.y, self.w, self.tolerance, self.spectrum, self.metric)
+
+    @property
+    def independent(self) -> Floats:
+        """Share of the frames that are independent samples of the noise, float64 [P].
+
+        Of frames with autocorrelation rho_k at lag k, one in 1 + 2 sum_k rho_k^2 is.
+        """
+        white, _, persistence = self.spectrum.T
+        time = np.minimum(-1 / np.log(np.clip(persistence, 1e-9, 1 - 1e-9)), len(self.stamps) / 3)
+        return np.asarray(1 / (1 + np.maximum(1 - white, 0.0) ** 2 * time))
+
+    def rows_of(self, tracks: Ints | Bools) -> Ints:
+        """Rows of trajectories given by index intp [n] or mask bool [N], ascending."""
+        chosen = np.zeros(len(self.life), np.bool_)
+        chosen[tracks] = True
+        return np.flatnonzero(chosen[self.owner])
+
+    def of(self, tracks: Ints) -> "Frames":
+        """The frames of some trajectories only, intp [n] ascending."""
+        rows = self.rows_of(tracks)
+        columns: dict[str, Any] = {one: getattr(self, one)[rows] for one in ("y", "w", "weight", *NOISE)}
+        columns |= {one: getattr(self, one)[tracks] for one in ("key", "life", "current")}
+        return replace(self, owner=np.searchsorted(tracks, self.owner[rows]), **columns)
+
+    def per_track(self, values: Floats) -> Floats:
+        """Weighted sum of `values` float64 [P] over the rows of each trajectory, float64 [N]."""
+        return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)
+
+
+def row_names(key: Stamps, owner: Ints) -> Stamps:
+    """Stable names of rows int64 [P], by int64 [N] keys of trajectories and intp [P], that of each row."""
+    order = np.argsort(owner, kind="stable")
+    ordered = owner[order]
+    place = np.zeros(len(owner), np.int64)
+    place[order] = np.arange(len(owner)) - np.searchsorted(ordered, ordered)
+    return key[owner] * _ROWS_PER_TRACK + place
