@@ -46,12 +46,8 @@ def _only_white(_tracks: Any, _y: Any, _w: Any, owner: Any, tolerance: Any, *_: 
     return tolerance, np.tile([1.0, 0.0, 0.0], (len(owner), 1))
 
 
-def _free(_middle: Any, _place: Any, _turn: Any, moving: Any, *_: Any) -> tuple[int, float]:
-    return int(np.count_nonzero(moving)), 0.0
-
-
-def _no_costs(scene: Any, owners: Any, *_: Any) -> Any:
-    return np.zeros((len(scene.before), len(owners)))
+def _no_costs(scene: Any, fitted: Any, *_: Any) -> Any:
+    return np.zeros((len(scene.before), len(fitted)))
 
 
 def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *out: Any) -> None:
@@ -79,10 +75,7 @@ RULES: dict[str, Rule] = {
         {"costs.with_sliders": lambda _f, _b, body, *_: (body, np.zeros(body.shape, np.bool_))},
     ),
     "arrivals": Rule("newborn amid newborn wait", {"method.undecided": lambda _scene, labels: labels}),
-    "paths": Rule("smooth paths between rests", {"rest.smooth_poses": _free}),
-    "settled": Rule(
-        "one pose for each rest, smooth paths", {"method.settled": lambda _frames, body, _config: body}
-    ),
+    "settled": Rule("one pose for each rest", {"fits.settled": lambda _frames, body, _config: body}),
 }
 """By name."""
 

@@ -11,7 +11,6 @@ from comotion.pixels import key_frames
 from comotion.pixels.kernels import affine
 from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.distances import farthest_points
-from comotion.rigid.kernels.paths import smooth_poses
 from comotion.rigid.kernels.procrustes import fit_poses
 from comotion.rigid.kernels.records import ROUND, PoseArrays, RowArrays
 from comotion.rigid.kernels.residuals import body_costs
@@ -99,24 +98,6 @@ def test_one_feature_that_is_left_carries_a_body_over_as_it_was_turned(dim):
     fit_poses(*rows, dim, 4, template, PoseArrays(R, t, posed))
     assert posed.all()
     np.testing.assert_allclose(R, np.tile(np.eye(3), (20, 1, 1)), atol=1e-6)
-
-
-def test_a_uniform_motion_costs_a_line_and_a_jerky_one_far_more():
-    rng = np.random.default_rng(0)
-    noise, steady = rng.normal(0, 1e-3, (2, 60, 3)), np.outer(np.arange(60), [0.02, 0.0, 0.01])
-    jerky = rng.normal(0, 0.1, (60, 3))
-    found = {}
-    for name, way, turns in (("steady", steady, noise[1]), ("jerky", steady + jerky, jerky)):
-        t, R = way + noise[0], Rotation.from_rotvec(turns).as_matrix()
-        terms = np.zeros(3), *np.full((2, 60), 1e6), np.ones(60, bool), 3
-        found[name] = *smooth_poses(*terms, PoseArrays(R, t, np.ones(60, bool))), np.abs(t - way).mean()
-    (free, few, error), (as_free, many, same) = found["steady"], found["jerky"]
-    assert free == as_free == 2
-    assert few < 10
-    # Each of 60 poses has six degrees of freedom, of a hundredfold the noise: the log of a hundred.
-    assert many > 0.5 * 60 * 6 * np.log(100)
-    assert error < np.abs(noise[0]).mean() / 2
-    assert same == pytest.approx(np.abs(noise[0]).mean(), rel=0.1)
 
 
 @few

@@ -36,7 +36,7 @@ class RigidConfig(Group):
         default=0.5, description="share of the cap that a frame of an outlier costs"
     )
     pose_price: Positive = Field(
-        default=0.6,
+        default=1.0,
         description="half nats that a degree of freedom of a pose must gain beyond the noise it fits",
     )
     birth_price: Positive = Field(default=15.0, description="nat; price of a hypothesis beside its poses")

@@ -121,7 +121,7 @@ def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
 
 def opening_price(body: Body, config: RigidConfig) -> float:
     """Price of a body and its path, nat."""
-    return 0.0 if body.static else pose_costs(body.dof, body.free, config) + body.bends + config.birth_price
+    return 0.0 if body.static else pose_costs(body.dof, body.free, config) + config.birth_price
 
 
 def restless_price(body: Body, config: RigidConfig) -> float:

@@ -31,10 +31,7 @@ class Body:
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
-        As many poses it is free to take: where it is settled (:mod:`.rest`), one for each rest, and two for
-        each path between.
-    bends
-        By how much less likely those paths are than lines, nat.
+        As many poses it is free to take; where it is settled (:mod:`.rest`), a rest has one.
     rests
         Whether it is settled, and rests in the newest frame.
     """
@@ -46,7 +43,6 @@ class Body:
     posed: Bools
     dof: int
     free: int = 0
-    bends: float = 0.0
     rests: bool = False
 
     @property
