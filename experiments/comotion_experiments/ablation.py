@@ -57,8 +57,10 @@ def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *ou
 RULES: dict[str, Rule] = {
     "gross": Rule("gross errors are left out", {"resampling.resample": _with_errors}),
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
-    "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
-    "clear_members": Rule("price of leaving for clear members", {"method.carried_costs": _no_costs}),
+def _no_costs(scene: Any, fitted: Any, *_: Any) -> Any:
+    return np.zeros((len(scene.hypotheses), len(fitted)))
+
+
     "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),

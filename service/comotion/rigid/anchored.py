@@ -1,7 +1,7 @@
-"""In the result of a search, out the motion of hypotheses in axes that stay the same between updates.
+"""Motion of hypotheses over the window, in axes that stay the same from update to update.
 
-The axes of a body are new at every update. Those of a hypothesis are the axes of the space at its birth, to
-which its pose reference leads.
+The axes of a body are new at every update. Those of a hypothesis are the axes of the space at its birth; its
+pose reference gives the transform to them.
 """
 
 from collections.abc import Mapping
@@ -19,14 +19,14 @@ from .tracks import Tracks
 _FREE_TURN = 1.0
 # m^-2 or the like: a centroid that no point fixes.
 _LEAST_INFORMATION = 1e-12
-# A pose is placed by so many points that the reference knows, or not at all.
+# Fewest points that a body must share with a pose reference for its axes to be aligned.
 _LEAST_SHARED = 3
 
 
 def anchored_motions(
-    tracks: Tracks, frames: Frames, found: SearchResult, references: Mapping[int, tuple[int, PoseReference]]
+    tracks: Tracks, frames: Frames, result: SearchResult, references: Mapping[int, tuple[int, PoseReference]]
 ) -> dict[int, BodyMotion]:
-    """Motion of some hypotheses; one whose axes cannot be told is left out.
+    """Motion of some hypotheses; those whose axes cannot be determined are left out.
 
     Parameters
     ----------
@@ -34,15 +34,15 @@ def anchored_motions(
         By hypothesis: the index of its body, and its pose reference, brought up to date.
     """
     motions = {}
-    for one, (k, reference) in references.items():
-        body = found.bodies[k]
+    for hypothesis, (k, reference) in references.items():
+        body = result.bodies[k]
         if body.static:
-            members = (found.assignment.labels == k) & tracks.current
+            members = (result.assignment.labels == k) & tracks.current
             motion = _at_rest(frames, reference, tracks.newest[members])
         else:
             motion = _moving(frames, body, reference)
         if motion is not None:
-            motions[one] = motion
+            motions[hypothesis] = motion
     return motions
 
 
@@ -62,11 +62,11 @@ def _at_rest(frames: Frames, reference: PoseReference, newest: Floats) -> BodyMo
 
 
 def _moving(frames: Frames, body: Body, reference: PoseReference) -> BodyMotion | None:
-    shared, mine, theirs = np.intersect1d(frames.names[body.rows], reference.rows, return_indices=True)
+    shared, own, other = np.intersect1d(frames.names[body.rows], reference.rows, return_indices=True)
     if len(shared) < min(frames.dim, _LEAST_SHARED, len(body.rows)):
         return None
     # From the axes of the body to those of the hypothesis.
-    R, t = align(body.template[mine], reference.points[theirs], frames.dim)
+    R, t = align(body.template[own], reference.points[other], frames.dim)
     rows, template = body.rows, body.template - body.template.mean(0)
     tolerance = (frames.tolerance / frames.independent)[rows]
     information = pose_information(frames, rows, template, tolerance)

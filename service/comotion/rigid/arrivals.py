@@ -1,4 +1,4 @@
-"""In a scene and its labels, out the newborn of which place tells nothing (after step 9)."""
+"""Leaves newborn features unlabelled while they may be the return of a lost body (after step 9)."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -8,48 +8,48 @@ from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER
 from .subset import Scene
 
-# Neighbours that are asked, and how many of them must be newborn too.
-_ASKED, _NEWBORN = 4, 2
-# Features that a hypothesis loses within so many s, at least, so that it may return: so many, and so large a
-# share of those that it had so many s before.
-_AT_ONCE, _LEAST_LOST, _MOST_OF, _BEFORE = 0.08, 3, 0.6, 0.55
+# Neighbours of a newborn feature that are examined, and how many of them must be newborn too.
+_NEIGHBOURS, _LEAST_NEWBORN = 4, 2
+# A hypothesis may return if it loses most of its features at once. In this order: s that count as at once;
+# fewest features lost; their least share of all lost in the look-back; s of the look-back.
+_AT_ONCE, _LEAST_LOST, _LOST_SHARE, _LOOK_BACK = 0.08, 3, 0.6, 0.55
 
 
 def undecided(scene: Scene, labels: Ints) -> Ints:
     """The labels, intp [N], but :data:`OUTLIER` for features that may be a lost body's return.
 
     By place alone, the features of a body that returns would be those of the bodies about it, and of the
-    static one, which is at home everywhere. So while a hypothesis is without features, most of which it has
-    lost at once, what appears amid other newborn features belongs to nobody until its motion is known.
+    static one, which has members everywhere. So while a hypothesis has no features, after it lost most of
+    them at once, features that appear among other newborn ones are outliers until their motion is known.
     """
     frames = scene.frames
-    newborn = frames.current & ~scene.judged & (scene.before == NO_HYPOTHESIS)
+    newborn = frames.current & ~scene.judged & (scene.hypotheses == NO_HYPOTHESIS)
     doubtful = newborn & (labels != OUTLIER)
-    if np.count_nonzero(newborn) <= _NEWBORN or not doubtful.any() or not _any_lost(scene):
+    if np.count_nonzero(newborn) <= _LEAST_NEWBORN or not doubtful.any() or not _any_lost(scene):
         return labels
     current = np.flatnonzero(frames.current)
-    asked = min(_ASKED + 1, len(current))
-    near = cKDTree(scene.newest[current]).query(scene.newest[doubtful], asked)[1]
-    # Each finds itself as well.
-    crowd = newborn[current][near].sum(1) - 1 >= _NEWBORN
-    found = labels.copy()
-    found[np.flatnonzero(doubtful)[crowd]] = OUTLIER
-    return found
+    neighbours = min(_NEIGHBOURS + 1, len(current))
+    nearest = cKDTree(scene.newest[current]).query(scene.newest[doubtful], neighbours)[1]
+    # The nearest neighbour of each feature is the feature itself.
+    crowd = newborn[current][nearest].sum(1) - 1 >= _LEAST_NEWBORN
+    decided = labels.copy()
+    decided[np.flatnonzero(doubtful)[crowd]] = OUTLIER
+    return decided
 
 
 def _any_lost(scene: Scene) -> bool:
-    """Whether a hypothesis has no feature that goes on, since it lost most of them at once."""
+    """Whether a hypothesis has no current feature, after it lost most of them at once."""
     frames = scene.frames
-    gone = np.setdiff1d(scene.before[~frames.current], scene.before[frames.current]).tolist()
+    gone = np.setdiff1d(scene.hypotheses[~frames.current], scene.hypotheses[frames.current]).tolist()
     rows, first = np.unique(frames.owner, return_index=True)
-    for one in gone:
-        members = rows[~frames.current[rows] & (scene.before[rows] == one)]
-        if one == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
+    for hypothesis in gone:
+        members = rows[~frames.current[rows] & (scene.hypotheses[rows] == hypothesis)]
+        if hypothesis == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
             continue
         w = frames.w[first[np.searchsorted(rows, members)]]
         last = frames.stamps[last_true(w > 0)]
-        earlier = (last.max() - last) * 1e-9
-        at_once = np.count_nonzero(earlier <= _AT_ONCE)
-        if at_once >= max(_LEAST_LOST, _MOST_OF * np.count_nonzero(earlier <= _BEFORE)):
+        seconds_before = (last.max() - last) * 1e-9
+        at_once = np.count_nonzero(seconds_before <= _AT_ONCE)
+        if at_once >= max(_LEAST_LOST, _LOST_SHARE * np.count_nonzero(seconds_before <= _LOOK_BACK)):
             return True
     return False

@@ -1,4 +1,4 @@
-"""In costs, positions and earlier hypotheses, out each trajectory's body (step 9) and its probability."""
+"""Assigns trajectories to bodies by costs, positions and earlier hypotheses (step 9), with probabilities."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ OUTLIER = -1
 """Label of a trajectory that belongs to no body."""
 # Rounds of prior and assignment at most; chosen on the scenes of docs/research/accuracy.md.
 _ROUNDS = 3
-# s; a trajectory has its full weight in the density of its body after so long; chosen on the scenes of
+# s after which a trajectory has its full weight in the density of its body; chosen on the scenes of
 # docs/research/accuracy.md.
 _FULL_WEIGHT_AFTER = 1.0
 # nat; where the evidence exceeds all that the prior can add by this much, the prior changes neither the
@@ -25,8 +25,8 @@ _FULL_WEIGHT_AFTER = 1.0
 _CLEAR = 30.0
 # Smallest variance of a density in any direction, as a share of the sum over directions: above rounding.
 _FLATTEST = 1e-9
-# So many members, evenly drawn, represent a body in its density, and so many points the spacing of the scene.
-# They bound the work in large scenes; chosen on made-up crowds of thousands of features.
+# Most members, evenly drawn, in the density of a body, and most points for the spacing of the scene. They
+# bound the work in large scenes; chosen on made-up crowds of thousands of features.
 _DENSITY_MEMBERS = 128
 _SPACING_POINTS = 256
 
@@ -51,12 +51,12 @@ class SearchResult:
     evidence: Costs
 
 
-def without_sliders(labels: Ints, found: Costs) -> Ints:
-    """The labels, intp [N], but :data:`OUTLIER` for features that slide: they say nothing about a pose."""
-    if not found.slides.any():
+def without_sliders(labels: Ints, costs: Costs) -> Ints:
+    """The labels, intp [N], but :data:`OUTLIER` for features that slide: they do not constrain a pose."""
+    if not costs.slides.any():
         return labels
-    on = (labels >= 0) & found.slides[np.arange(len(labels)), np.maximum(labels, 0)]
-    return np.where(on, OUTLIER, labels)
+    sliding = (labels >= 0) & costs.slides[np.arange(len(labels)), np.maximum(labels, 0)]
+    return np.where(sliding, OUTLIER, labels)
 
 
 def cheapest(body: Floats, outlier: Floats) -> Ints:
@@ -65,7 +65,7 @@ def cheapest(body: Floats, outlier: Floats) -> Ints:
 
 
 def assign(
-    frames: Frames, body: Floats, outlier: Floats, before: Ints, position: Floats, config: RigidConfig
+    frames: Frames, body: Floats, outlier: Floats, own_columns: Ints, position: Floats, config: RigidConfig
 ) -> Assignment:
     """Assign every trajectory to a body by motion cost, spatial prior and a preference to stay.
 
@@ -76,14 +76,14 @@ def assign(
     ----------
     body, outlier
         float64 [N, K] and [N], costs in nats.
-    before
+    own_columns
         intp [N], column of the body that continues the trajectory's hypothesis; -1 for none.
     position
         float64 [N, 3], newest position; of an ended trajectory, where its body has moved it since.
     """
     evidence = np.column_stack([outlier, body])
-    stays = np.flatnonzero(before >= 0)
-    evidence[stays, before[stays] + 1] -= config.stay
+    stays = np.flatnonzero(own_columns >= 0)
+    evidence[stays, own_columns[stays] + 1] -= config.stay
     labels = np.asarray(np.argmin(evidence, 1) - 1)
     margin = _margin(evidence)
     unclear = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _CLEAR)
@@ -92,7 +92,7 @@ def assign(
     weight = _weight(frames)
     x = np.ascontiguousarray(position[:, : frames.dim])
     distance = _spacing(x[weight > 0])
-    # At first a trajectory counts for its body as far as its evidence is clear.
+    # In the first round a trajectory has weight in its body only as far as its evidence is clear.
     heeded = weight * (1 - np.exp(-margin))
     cost = evidence
     for _ in range(_ROUNDS):
@@ -101,39 +101,39 @@ def assign(
         )
         cost = evidence.copy()
         cost[unclear, 1:] -= config.prior_weight * prior
-        found = np.asarray(np.argmin(cost, 1) - 1)
-        if np.array_equal(found, labels):
+        new_labels = np.asarray(np.argmin(cost, 1) - 1)
+        if np.array_equal(new_labels, labels):
             break
-        labels, heeded = found, weight
+        labels, heeded = new_labels, weight
     return Assignment(labels, cost)
 
 
 def joined(
-    frames: Frames, newest: Floats, found: SearchResult, again: Ints, config: RigidConfig
+    frames: Frames, newest: Floats, result: SearchResult, rejoining: Ints, config: RigidConfig
 ) -> SearchResult:
-    """The result with trajectories that are new, the last ones of `frames`, and others that join `again`.
+    """The result with trajectories that are new, the last ones of `frames`, and `rejoining` ones reassigned.
 
     Parameters
     ----------
     newest
         float64 [N, 3], positions of all trajectories.
-    again
+    rejoining
         intp [n], ascending; all others keep their bodies.
     """
-    bodies, known = found.bodies, len(found.assignment.labels)
-    some = np.append(again, np.arange(known, len(frames.key)))
-    evidence = updated(frames, bodies, found.evidence, some, config)
-    labels = np.append(found.assignment.labels, np.full(len(frames.key) - known, OUTLIER))
-    labels[again] = OUTLIER
+    bodies, known_count = result.bodies, len(result.assignment.labels)
+    joining = np.append(rejoining, np.arange(known_count, len(frames.key)))
+    evidence = updated(frames, bodies, result.evidence, joining, config)
+    labels = np.append(result.assignment.labels, np.full(len(frames.key) - known_count, OUTLIER))
+    labels[rejoining] = OUTLIER
     x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
     weight = _weight(frames)
-    prior = _log_prior(x, some, labels, weight, len(bodies), _spacing(x[weight > 0]))
-    every = np.zeros((len(labels), 1 + len(bodies)))
-    every[:known] = found.assignment.cost
-    every[some] = np.column_stack([evidence.outlier, evidence.body])[some]
-    every[some, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
-    labels[some] = np.argmin(every[some], 1) - 1
-    return SearchResult(bodies, Assignment(labels, every), evidence)
+    prior = _log_prior(x, joining, labels, weight, len(bodies), _spacing(x[weight > 0]))
+    cost = np.zeros((len(labels), 1 + len(bodies)))
+    cost[:known_count] = result.assignment.cost
+    cost[joining] = np.column_stack([evidence.outlier, evidence.body])[joining]
+    cost[joining, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
+    labels[joining] = np.argmin(cost[joining], 1) - 1
+    return SearchResult(bodies, Assignment(labels, cost), evidence)
 
 
 def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labels: Ints) -> Floats:
@@ -144,16 +144,16 @@ def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labe
     newest, labels
         float64 [N, 3], newest position, and intp [N], body of each trajectory or :data:`OUTLIER`.
     """
-    found = newest.copy()
+    position = newest.copy()
     ended = ~frames.current & (labels > 0)
     # The first row of a trajectory is its position, or the end of its first arm.
     rows = np.flatnonzero(ended[frames.owner])
     tracks, first = np.unique(frames.owner[rows], return_index=True)
     for k, body in enumerate(bodies):
-        mine = labels[tracks] == k
-        if mine.any() and body.posed.any():
-            _carry(frames, rows[first[mine]], tracks[mine], body, found)
-    return found
+        members = labels[tracks] == k
+        if members.any() and body.posed.any():
+            _carry(frames, rows[first[members]], tracks[members], body, position)
+    return position
 
 
 def _carry(frames: Frames, rows: Ints, tracks: Ints, body: Body, position: Floats) -> None:
@@ -174,9 +174,9 @@ def posterior(assignment: Assignment) -> Floats:
 
 def same_body(chances: Floats) -> NDArray[np.float32]:
     """Probability that two trajectories belong to one body, float32 [n, n]; 1 on the diagonal."""
-    found = (chances[:, 1:] @ chances[:, 1:].T).astype(np.float32)
-    np.fill_diagonal(found, 1.0)
-    return found
+    same = (chances[:, 1:] @ chances[:, 1:].T).astype(np.float32)
+    np.fill_diagonal(same, 1.0)
+    return same
 
 
 def _margin(evidence: Floats) -> Floats:
@@ -187,18 +187,18 @@ def _margin(evidence: Floats) -> Floats:
 
 def _weight(frames: Frames) -> Floats:
     """Weight of each trajectory in the density of its body, 0 to 1, float64 [N]."""
-    return np.where(frames.telling, np.minimum(frames.life / _FULL_WEIGHT_AFTER, 1.0), 0.0)
+    return np.where(frames.informative, np.minimum(frames.life / _FULL_WEIGHT_AFTER, 1.0), 0.0)
 
 
 def _log_prior(x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float) -> Floats:
     """Log density of each body's members at x[points], relative to the densest body there, [n, K]."""
-    found = np.full((len(points), bodies), -np.inf)
+    log_density = np.full((len(points), bodies), -np.inf)
     for k in range(bodies):
         members = np.flatnonzero((labels == k) & (weight > 0))
         if len(members):
-            found[:, k] = _log_density(x, points, members, weight[members], spacing)
-    top = found.max(1, keepdims=True, initial=-np.inf)
-    return np.where(np.isfinite(top), found - np.where(np.isfinite(top), top, 0.0), 0.0)
+            log_density[:, k] = _log_density(x, points, members, weight[members], spacing)
+    top = log_density.max(1, keepdims=True, initial=-np.inf)
+    return np.where(np.isfinite(top), log_density - np.where(np.isfinite(top), top, 0.0), 0.0)
 
 
 def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing: float) -> Floats:
@@ -216,8 +216,8 @@ def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing
     spread /= total + dim
     bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
     whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
-    some = thinned(np.arange(len(members)), _DENSITY_MEMBERS)
-    members, weight = members[some], weight[some] * (total / weight[some].sum())
+    drawn = thinned(np.arange(len(members)), _DENSITY_MEMBERS)
+    members, weight = members[drawn], weight[drawn] * (total / weight[drawn].sum())
     near = np.exp(-0.5 * cdist(x[points] @ whiten.T, x[members] @ whiten.T, "sqeuclidean"))
     near[points[:, None] == members] = 0.0
     sums = near @ weight
@@ -228,5 +228,5 @@ def _spacing(x: Floats) -> float:
     """Median squared distance of points [n, dim] to their nearest neighbour."""
     if len(x) < 2:
         return 1.0
-    some = x[thinned(np.arange(len(x)), _SPACING_POINTS)]
-    return max(float(np.median(cKDTree(x).query(some, 2)[0][:, 1] ** 2)), 1e-18)
+    drawn = x[thinned(np.arange(len(x)), _SPACING_POINTS)]
+    return max(float(np.median(cKDTree(x).query(drawn, 2)[0][:, 1] ** 2)), 1e-18)

@@ -1,9 +1,9 @@
-"""What is believed of trajectories and hypotheses, carried from update to update.
+"""Memory of the method from update to update: which hypotheses are separate bodies, and their clear members.
 
 The window holds the evidence of its own frames alone: a body that rests for longer would become a part of
-the static one, and of a feature that rests among resting bodies nothing would be known any more. So each
-hypothesis has a record, which says for how long it has clearly moved, and each trajectory keeps whether it
-has once clearly been a member. Both hold until something contradicts them.
+the static one, and the body of a feature that rests among resting bodies would be forgotten. So each
+hypothesis has a record of how long it has clearly moved, and each trajectory a record of whether it has once
+clearly been a member. Both hold until later evidence contradicts them.
 """
 
 from dataclasses import dataclass
@@ -26,18 +26,19 @@ _SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
 # Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated
 # over time gains once or twice the price by chance.
 _CLEARLY = 4.0
-# nat; by so much rest must explain the members better than the body does to speak against it.
+# nat; margin by which rest must explain the members better than the body does to count against the body.
 _CONTRARY = 10.0
-# nat; by so much a hypothesis must explain a trajectory better than any other to be sure, and so much the
-# trajectory then pays for leaving it. Chosen on stress scenes of even seeds and on the markers.
+# nat; margin by which a hypothesis must explain a trajectory better than any other for a clear membership,
+# and the price that the trajectory then pays for leaving it. Chosen on stress scenes of even seeds and on the
+# markers.
 _SURE = 40.0
-# Stands for the hypothesis of a trajectory that is not known; no hypothesis and no lack of one is this.
+# Hypothesis of a trajectory without a clear membership; differs from every hypothesis and from NO_HYPOTHESIS.
 _UNKNOWN = NO_HYPOTHESIS - 1
 
 
 @dataclass
 class Record:
-    """What is known of one hypothesis.
+    """Evidence so far that one hypothesis is a body of its own.
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ class Record:
 
 
 class Belief:
-    """Records of the hypotheses of one space, and what the last update has said of each trajectory."""
+    """Records of the hypotheses of one space, and the clear members of each by trajectory."""
 
     def __init__(self) -> None:
         self.records: dict[int, Record] = {}
@@ -75,11 +76,11 @@ class Belief:
         self._stamp_ns = stamp_ns
         evidence, labels = result.evidence, result.assignment.labels
         moves = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.restless[k] for k in range(len(ids))]
-        for k, one in enumerate(ids.tolist()):
+        for k, hypothesis in enumerate(ids.tolist()):
             members = labels == k
-            if one == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
+            if hypothesis == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
                 continue
-            record = self.records.setdefault(one, Record())
+            record = self.records.setdefault(hypothesis, Record())
             against = _contradicted(evidence, members, k, moves)
             record.moves = moves[k]
             record.seconds += step if moves[k] else 0.0
@@ -93,99 +94,100 @@ class Belief:
         self._keys, self._member_of = frames.key, member_of
 
     def scene(
-        self, frames: Frames, newest: Floats, before: Labels, static: int | None, least: float
+        self, frames: Frames, newest: Floats, hypotheses: Labels, static: int | None, least: float
     ) -> Scene:
-        """The scene of an update.
+        """The scene of an update, with what is remembered of its trajectories.
 
         Parameters
         ----------
-        frames, newest, before
+        frames, newest, hypotheses
             Its rows; float64 [N, 3], newest positions; int64 [N], hypothesis of each trajectory.
         static
             Hypothesis that was the static one.
         least
             s of observation from which on a trajectory is judged.
         """
-        present = set(before.tolist())
-        self.records = {one: record for one, record in self.records.items() if one in present}
-        separate = [one for one, record in self.records.items() if record.separate]
-        resting = [one for one in separate if not self.records[one].moves]
-        at = find(frames.key, self._keys)
+        present = set(hypotheses.tolist())
+        self.records = {h: record for h, record in self.records.items() if h in present}
+        separate = [h for h, record in self.records.items() if record.separate]
+        resting = [h for h in separate if not self.records[h].moves]
+        index = find(frames.key, self._keys)
         return Scene(
             frames=frames,
             newest=newest,
             judged=frames.life >= least,
-            before=before,
+            hypotheses=hypotheses,
             static=static,
-            separate=np.isin(before, separate),
-            resting=np.isin(before, resting),
-            clear=np.append(self._member_of, _UNKNOWN)[at] == before,
+            separate=np.isin(hypotheses, separate),
+            resting=np.isin(hypotheses, resting),
+            clear=np.append(self._member_of, _UNKNOWN)[index] == hypotheses,
         )
 
     def forget(self) -> None:
-        """Forget what the last update has said of each trajectory: there are none."""
+        """Forget the clear members: there are no trajectories."""
         self._keys, self._member_of = (np.zeros(0, np.int64) for _ in range(2))
 
     def state(self) -> dict[str, Any]:
         """What must survive a restart, as plain values and arrays."""
         return {
-            "seconds": [[one, record.seconds] for one, record in self.records.items()],
+            "seconds": [[h, record.seconds] for h, record in self.records.items()],
             "keys": self._keys,
             "member_of": self._member_of,
         }
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`."""
-        self.records = {int(one): Record(seconds=float(seconds)) for one, seconds in state["seconds"]}
+        self.records = {int(h): Record(seconds=float(seconds)) for h, seconds in state["seconds"]}
         self._keys, self._member_of = state["keys"], state["member_of"]
 
 
-def carried_costs(scene: Scene, some: list[Fitted]) -> Floats:
+def carried_costs(scene: Scene, fitted: list[Fitted]) -> Floats:
     """What clear members pay for every body but those that continue their hypothesis, [N, K], nat."""
-    cost, continued = np.zeros((len(scene.before), len(some))), continued_by(scene, some)
-    for one in np.unique(scene.before[scene.clear]).tolist():
-        members = scene.clear & (scene.before == one)
-        cost[np.ix_(members, continued != one)] = _SURE
+    cost, continued = np.zeros((len(scene.hypotheses), len(fitted))), continued_by(scene, fitted)
+    for hypothesis in np.unique(scene.hypotheses[scene.clear]).tolist():
+        members = scene.clear & (scene.hypotheses == hypothesis)
+        cost[np.ix_(members, continued != hypothesis)] = _SURE
     return cost
 
 
-def past_evidence(scene: Scene, some: list[Fitted], found: Costs, config: RigidConfig) -> Floats:
+def past_evidence(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig) -> Floats:
     """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
 
     The members of a hypothesis that is known to be separate have together what a body costs. They pay it
     for bodies under which they do not clearly move, as the static one, but not for those that continue it.
     """
-    before, current = scene.before, scene.judged & scene.frames.current
-    evidence = np.zeros((len(before), len(some)))
+    hypotheses, current = scene.hypotheses, scene.judged & scene.frames.current
+    evidence = np.zeros((len(hypotheses), len(fitted)))
     dof = 3 if scene.frames.dim == 2 else 6
     price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
-    continued = continued_by(scene, some)
-    for one in np.unique(before[scene.separate]).tolist():
-        members = before == one
-        gain = (found.body[members, :1] - found.body[members]).sum(0)
-        others = np.flatnonzero((gain <= _CLEARLY * found.restless) & (continued != one))
+    continued = continued_by(scene, fitted)
+    for hypothesis in np.unique(hypotheses[scene.separate]).tolist():
+        members = hypotheses == hypothesis
+        gain = (costs.body[members, :1] - costs.body[members]).sum(0)
+        others = np.flatnonzero((gain <= _CLEARLY * costs.restless) & (continued != hypothesis))
         sharing = max(int((members & current).sum()), 1)
         evidence[np.ix_(members, others)] = price / sharing
     return evidence
 
 
-def continued_by(scene: Scene, some: list[Fitted]) -> Labels:
+def continued_by(scene: Scene, fitted: list[Fitted]) -> Labels:
     """Hypothesis that each body continues, int64 [K]; :data:`NO_HYPOTHESIS` for none.
 
     Most trajectories that a body was fitted to had it.
     """
     static = NO_HYPOTHESIS if scene.static is None else scene.static
     return np.array(
-        [_usual(scene.before[one.owners]) if len(one.owners) else static for one in some], np.int64
+        [_usual(scene.hypotheses[body.owners]) if len(body.owners) else static for body in fitted],
+        np.int64,
     )
 
 
 def _usual(labels: Labels) -> int:
     """The hypothesis of more than half of labels int64 [m], m > 0."""
-    # It is in the middle when they are sorted.
+    # It is the median of the sorted labels.
     middle = len(labels) // 2
-    one = int(np.partition(labels, middle)[middle])
-    return one if 2 * np.count_nonzero(labels == one) > len(labels) else NO_HYPOTHESIS
+    median = int(np.partition(labels, middle)[middle])
+    return median if 2 * np.count_nonzero(labels == median) > len(labels) else NO_HYPOTHESIS
 
 
 def _gain(evidence: Costs, members: Bools, k: int) -> float:
@@ -197,8 +199,8 @@ def _contradicted(evidence: Costs, members: Bools, k: int, moves: list[bool]) ->
     """Whether rest explains the members better, or another body that clearly moves nearly as well."""
     if _gain(evidence, members, k) < -_CONTRARY:
         return True
-    others = [j for j, clearly in enumerate(moves) if clearly and j not in (0, k)]
-    lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in others]
+    other_bodies = [j for j, moving in enumerate(moves) if moving and j not in (0, k)]
+    lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in other_bodies]
     return bool(min(lost, default=np.inf) < evidence.restless[k])
 
 

@@ -1,4 +1,4 @@
-"""In a scene, out sets of rows that may be new bodies (step 5): clusters."""
+"""Candidates for new bodies: clusters of rows that move alike (step 5)."""
 
 import numpy as np
 from scipy.cluster.hierarchy import linkage
@@ -20,7 +20,7 @@ _UNKNOWN = 3.0
 def cluster_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
     """Rows of every cluster that may be a new body.
 
-    One inside one hypothesis that has no unexplained member is not: it would only split what is explained.
+    A cluster of explained members of one hypothesis is left out: it would only split that hypothesis.
 
     Parameters
     ----------
@@ -28,13 +28,13 @@ def cluster_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
         bool [N], trajectories that no hypothesis explains.
     """
     frames = scene.frames
-    explained_by = np.where(unexplained, NO_HYPOTHESIS, scene.before)[frames.owner]
-    found = []
+    explained_by = np.where(unexplained, NO_HYPOTHESIS, scene.hypotheses)[frames.owner]
+    candidates = []
     for rows in clusters(frames, frames.rows_of(frames.current & scene.judged)):
-        by = explained_by[rows]
-        if (by == NO_HYPOTHESIS).any() or (by != by[0]).any():
-            found.append(rows)
-    return found
+        hypotheses = explained_by[rows]
+        if (hypotheses == NO_HYPOTHESIS).any() or (hypotheses != hypotheses[0]).any():
+            candidates.append(rows)
+    return candidates
 
 
 def clusters(frames: Frames, rows: Ints) -> list[Ints]:

@@ -1,9 +1,9 @@
-"""In the last result and what was observed since, out the same result now, where it explains that as well.
+"""Carries the last result over to the newest frames without a new fit, as long as it explains them.
 
-An update costs what is new. Known bodies get their poses in the new frames; what their members do there is
-compared with where they were in their body. Trajectories that are new join a body by place and by the little
-that they have moved, and again where they leave it if they were too young for the fit. Where something else
-is not explained, or much is new, all is fitted anew.
+This bounds the work of an update by the number of new observations. Known bodies get poses in the new
+frames, and the residuals of their members there are tested. New trajectories join a body by their position
+and their short motion; those that were too young at the fit may change their body. If other members
+are not explained, or many trajectories are new, all bodies are fitted anew.
 """
 
 from dataclasses import dataclass, replace
@@ -24,27 +24,27 @@ from .procrustes import Body, static_body
 from .resampling import extended
 from .tracks import Tracks
 
-# A result holds for this share of the window; twice as long as the one before that it confirms, but at most
-# for so large a share.
+# Shares of the window: a result is held for the first; twice as long as the previous one where it confirms
+# that, but at most for the second.
 _HELD_SHARE, _MOST_HELD = 0.04, 0.12
-# A fit confirms another where at most so large a share of the trajectories changes its body.
+# A fit confirms the previous one if at most this share of the trajectories changes its body.
 _CHANGED_SHARE = 0.02
-# It holds until so large a share of the trajectories is new.
+# A result is held until this share of the trajectories is new.
 _NEW_SHARE = 0.05
-# s before the new frames in which the place of a trajectory in its body is taken.
+# s before the new frames from which the place of a trajectory in its body is averaged.
 _REFERENCE_TIME = 1.0
-# New frames are at least as dense as the others, but for so much of a frame.
+# Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
 _ROUND_UP = 0.45
-# A trajectory that its body explains looks unexplained in one of so many updates.
+# Updates per false alarm: a trajectory that its body explains, but that looks unexplained by chance.
 _FALSE_ALARMS = 20.0
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What an update has found.
+    """The result of a fit, and for how long it may be carried over.
 
-    At `fitted_ns` all of it was fitted, and so many were :func:`judged`; it may be held for the share `holds`
-    of the window.
+    It was fitted at `fitted_ns`, when `judged` trajectories were old enough (:func:`judged`); it may be held
+    for the share `holds` of the window.
     """
 
     tracks: Tracks
@@ -56,7 +56,7 @@ class Fit:
 
 
 def held(
-    last: Fit, window: Window, now: Tracks, stamp_ns: int, odd: Stamps, config: RigidConfig
+    last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps, config: RigidConfig
 ) -> Fit | None:
     """The last result at the watermark, or None where all is to be fitted anew.
 
@@ -64,33 +64,34 @@ def held(
     ----------
     now
         The trajectories, without corrections of their sources.
-    odd
+    outlying
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    kept_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
-    if not frames.stamps[-1] < stamp_ns < last.fitted_ns + kept_ns:
+    longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
+    if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
         return None
     tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
-    # Trajectories stand by their keys. Where others of a large space are grouped than before, none is new.
+    # Frames are in the order of keys. A key below their last one is no new trajectory: in a large space,
+    # other trajectories are grouped now than at the fit.
     if fresh and (tracks.key[-fresh] < frames.key[-1] or _lost(last.result.assignment.labels, tracks)):
         return None
     stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
-    more = extended(frames, recent, stamps, window.gap_ns, config)
-    if more is None or judged(more, config) - last.judged > _NEW_SHARE * int(more.current.sum()):
+    longer = extended(frames, recent, stamps, window.gap_ns, config)
+    if longer is None or judged(longer, config) - last.judged > _NEW_SHARE * int(longer.current.sum()):
         return None
-    bodies = [_followed(more, body) for body in last.result.bodies]
+    bodies = [_followed(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
-    unexplained = _unexplained(more, result, len(frames.stamps), config) & ~np.isin(more.key, odd)
-    # What was too young for the fit joins another body than the one that it leaves.
-    if (unexplained & (more.life - (stamp_ns - last.fitted_ns) * 1e-9 >= config.min_life)).any():
+    unexplained = _unexplained(longer, result, len(frames.stamps), config) & ~np.isin(longer.key, outlying)
+    # Only a trajectory that was too young at the fit may leave its body without a new fit.
+    if (unexplained & (longer.life - (stamp_ns - last.fitted_ns) * 1e-9 >= config.min_life)).any():
         return None
-    again = np.flatnonzero(unexplained[: len(frames.key)])
-    if fresh or len(again):
-        result = joined(more, tracks.newest, result, again, config)
-    return replace(last, tracks=tracks, frames=more, result=result)
+    leaving = np.flatnonzero(unexplained[: len(frames.key)])
+    if fresh or len(leaving):
+        result = joined(longer, tracks.newest, result, leaving, config)
+    return replace(last, tracks=tracks, frames=longer, result=result)
 
 
 def judged(frames: Frames, config: RigidConfig) -> int:
@@ -102,11 +103,11 @@ def holding(last: Fit | None, frames: Frames, labels: Ints) -> float:
     """For what share of the window a new fit may be held, by its labels intp [N] and the last fit."""
     if last is None:
         return _HELD_SHARE
-    at = find(frames.key, last.frames.key)
-    then, now = last.result.assignment.labels[at[at >= 0]], labels[at >= 0]
-    count = now.max(initial=-1) + 1
-    heirs = continued(then, now, count, largest_total)
-    same = then == np.append([heirs.get(k, OUTLIER) for k in range(count)], OUTLIER)[now]
+    index = find(frames.key, last.frames.key)
+    old_labels, new_labels = last.result.assignment.labels[index[index >= 0]], labels[index >= 0]
+    count = new_labels.max(initial=-1) + 1
+    heirs = continued(old_labels, new_labels, count, largest_total)
+    same = old_labels == np.append([heirs.get(k, OUTLIER) for k in range(count)], OUTLIER)[new_labels]
     confirmed = np.count_nonzero(~same) <= _CHANGED_SHARE * len(same)
     return min(2 * last.holds, _MOST_HELD) if confirmed else _HELD_SHARE
 
@@ -144,8 +145,8 @@ def _unexplained(frames: Frames, result: SearchResult, first: int, config: Rigid
     Massart (2000).
     """
     labels = without_sliders(result.assignment.labels, result.evidence)
-    known = np.append(labels, np.full(len(frames.key) - len(labels), OUTLIER))
-    body = np.where(frames.current, known, OUTLIER)[frames.owner]
+    all_labels = np.append(labels, np.full(len(frames.key) - len(labels), OUTLIER))
+    body = np.where(frames.current, all_labels, OUTLIER)[frames.owner]
     squared, count = np.zeros(len(body)), np.zeros(len(body))
     span = max(first - round(_REFERENCE_TIME * config.frame_rate), 0), first
     poses, soft = stacked(result.bodies), result.evidence.soft

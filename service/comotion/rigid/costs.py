@@ -1,4 +1,4 @@
-"""In rows and bodies, out what each trajectory costs under each body, in nats (step 7)."""
+"""Costs of trajectories under bodies, in nats (step 7): negative log likelihoods, and prices of bodies."""
 
 from dataclasses import dataclass, replace
 
@@ -62,24 +62,24 @@ class Costs:
         )
 
 
-def updated(frames: Frames, bodies: list[Body], found: Costs, tracks: Ints, config: RigidConfig) -> Costs:
+def updated(frames: Frames, bodies: list[Body], costs: Costs, tracks: Ints, config: RigidConfig) -> Costs:
     """The costs, with those of `tracks` intp [n], ascending, computed anew; all that are new are among them.
 
     New trajectories are the last ones of `frames`, as are their rows.
     """
-    some, rows = frames.of(tracks), frames.rows_of(tracks)
-    body, squared = body_costs_of(some, bodies, found.soft, config)
-    new, shape = len(frames.key) - len(found.outlier), (len(frames.owner), len(bodies))
-    every = replace(
-        found,
-        body=np.concatenate([found.body, np.zeros((new, len(bodies)))]),
-        outlier=np.append(found.outlier, np.zeros(new)),
-        slides=np.concatenate([found.slides, np.zeros((new, len(bodies)), np.bool_)]),
-        squared=np.concatenate([found.squared, np.zeros((shape[0] - len(found.squared), shape[1]))]),
+    part, rows = frames.of(tracks), frames.rows_of(tracks)
+    body, squared = body_costs_of(part, bodies, costs.soft, config)
+    new_count, shape = len(frames.key) - len(costs.outlier), (len(frames.owner), len(bodies))
+    new_costs = replace(
+        costs,
+        body=np.concatenate([costs.body, np.zeros((new_count, len(bodies)))]),
+        outlier=np.append(costs.outlier, np.zeros(new_count)),
+        slides=np.concatenate([costs.slides, np.zeros((new_count, len(bodies)), np.bool_)]),
+        squared=np.concatenate([costs.squared, np.zeros((shape[0] - len(costs.squared), shape[1]))]),
     )
-    every.body[tracks], every.squared[rows] = body, squared
-    every.outlier[tracks], every.slides[tracks] = outlier_costs(some, config)[1], False
-    return every
+    new_costs.body[tracks], new_costs.squared[rows] = body, squared
+    new_costs.outlier[tracks], new_costs.slides[tracks] = outlier_costs(part, config)[1], False
+    return new_costs
 
 
 def body_costs_of(
@@ -88,7 +88,7 @@ def body_costs_of(
     """Cost of each trajectory, float64 [N, K], and mean squared residual of each row, [P, K]."""
     rows = np.arange(len(frames.owner))
     row_costs, squared = _residuals(frames, stacked(bodies), rows, soft, config)
-    return np.stack([frames.per_track(one) for one in row_costs.T], 1), squared
+    return np.stack([frames.per_track(column) for column in row_costs.T], 1), squared
 
 
 def outlier_costs(frames: Frames, config: RigidConfig) -> tuple[Floats, Floats]:
@@ -103,19 +103,19 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
     In standard deviations: half a squared residual per coordinate and frame is expected, and its variance
     is as large. Outliers (`labels` intp [N] below 0) have 0.
     """
-    found = np.zeros(len(labels))
+    excess = np.zeros(len(labels))
     expected = np.maximum(evidence.outlier / (config.outlier_share * config.residual_cap), 1e-9)
     for k in range(evidence.body.shape[1]):
         members = np.flatnonzero(labels == k)
         if len(members):
-            cost, due = evidence.body[members, k], expected[members]
-            usual = float(np.median(cost / due))
-            found[members] = (cost - usual * due) / np.sqrt(due)
-    return found
+            cost, usual_cost = evidence.body[members, k], expected[members]
+            usual = float(np.median(cost / usual_cost))
+            excess[members] = (cost - usual * usual_cost) / np.sqrt(usual_cost)
+    return excess
 
 
 def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
-    """Price of so many poses, nat."""
+    """Price of a number of poses, nat."""
     return 0.5 * dof * (1 + config.pose_price) * poses
 
 
@@ -144,15 +144,15 @@ def _residuals(
 
 
 def stacked(bodies: list[Body]) -> Floats:
-    """Poses of K bodies as kernels of costs take them, float64 [K, F, 13].
+    """Poses of K bodies in the layout of the cost kernels, float64 [K, F, 13].
 
     Each is R row by row, t, and whether the frame has a pose: 1 or 0.
     """
-    found = np.empty((len(bodies), len(bodies[0].t), 13))
+    poses = np.empty((len(bodies), len(bodies[0].t), 13))
     for k, body in enumerate(bodies):
-        found[k, :, :9], found[k, :, 9:12] = body.R.reshape(-1, 9), body.t
-        found[k, :, 12] = body.posed
-    return found
+        poses[k, :, :9], poses[k, :, 9:12] = body.R.reshape(-1, 9), body.t
+        poses[k, :, 12] = body.posed
+    return poses
 
 
 def deformation(frames: Frames, body: Body, config: RigidConfig) -> float:

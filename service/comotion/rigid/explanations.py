@@ -1,11 +1,10 @@
-"""In groups of a source and bodies of the reference, out the offset that explains both best (step 2).
+"""Finds the offset of a source that best explains its groups by the bodies of the reference (step 2).
 
-There are up to four explanations: the offset so far, fitted anew; no offset, fitted; a long delay, where no
-group matches but one has the speeds of a body at another time; and none at all. The groups of the source are
-matched with the bodies under each. The negative log evidence decides: what the matched groups gain, the prior
-of the whole offset, and the share of the prior that its fit uses up.
-Since nothing is carried over but a start, a wrong offset lasts only until the window shows motion that
-contradicts it.
+Up to four explanations are compared: the offset so far, fitted anew; no offset, fitted; a long delay, where
+no group matches but one has the speeds of a body at another time; and none at all. The groups of the source
+are matched with the bodies under each. The negative log evidence decides: what the matched groups gain, the
+prior of the whole offset, and the share of the prior that its fit uses up. Since nothing is carried over but
+a start, a wrong offset lasts only until the window shows motion that contradicts it.
 """
 
 from dataclasses import dataclass, replace
@@ -25,8 +24,8 @@ _ROTATION = float(np.radians(2.0))
 _SHIFT = 0.03
 _DELAY = 0.02
 # s; that of the delay of a source that stamps what it sees when it arrives, not when it was taken; and the
-# longest one. The speeds of a group and a body that are at least so alike, as a correlation, tell it. Chosen,
-# as the next one, on made-up scenes with delays of .1 to .3 s and on stress scenes in which a clock is set.
+# longest one. It is read from a group and a body whose speeds correlate at least so well. Chosen, as the next
+# one, on made-up scenes with delays of .1 to .3 s and on stress scenes in which a clock is set.
 _LATENCY, _LONGEST, _ALIKE = 0.2, 0.5, 0.8
 # Mean squared residual, in tolerances, up to which a group moves like a body with such a delay: after a clock
 # was set, a window holds two delays, and neither explains it all.
@@ -42,8 +41,8 @@ _MOST_RESIDUAL = 3.0
 _LEAST_FRAMES = 8
 # Unknowns of (rotation, shift, delay) that exist in 2-D.
 _PLANAR = np.array([2, 3, 4, 6])
-# nat; by so much the evidence must speak against what is in force before it is replaced, by the scale of
-# Kass and Raftery (1995), "Bayes factors": very strong.
+# nat; margin of the evidence against the offset in force before it is replaced; "very strong" on the scale of
+# Kass and Raftery (1995), "Bayes factors".
 _REPLACEMENT_MARGIN = 5.0
 # Fits of an offset; groups that contradict the first are left out of the next.
 _FITS = 2
@@ -138,28 +137,28 @@ class _Start:
     """An offset to fit from, and the equations at it of the groups that match a body."""
 
     offset: Offset
-    at: Floats
+    vector: Floats
     matched: list[Equations]
 
 
-def explained(view: View, before: Offset) -> Offset:
+def explained(view: View, applied: Offset) -> Offset:
     """The best explanation of what a source sees.
 
     Parameters
     ----------
-    before
+    applied
         The offset by which the frames of `view` are corrected.
     """
-    none, late = Offset.none(before.pivot), replace(view, delay=_LATENCY, residual=_LATE_RESIDUAL)
-    starts, margin = [(view, _start(view, before, before))], _REPLACEMENT_MARGIN
-    if before.vector.any():
-        starts, margin = [*starts, (view, _start(view, none, before))], -_REPLACEMENT_MARGIN
+    none, late = Offset.none(applied.pivot), replace(view, delay=_LATENCY, residual=_LATE_RESIDUAL)
+    starts, margin = [(view, _start(view, applied, applied))], _REPLACEMENT_MARGIN
+    if applied.vector.any():
+        starts, margin = [*starts, (view, _start(view, none, applied))], -_REPLACEMENT_MARGIN
     still = np.zeros(len(view.prior))
-    without = -sum(_gain(one, still) for one in starts[-1][1].matched)
-    if before.late:
-        starts.append((late, _start(late, before, before)))
+    without = -sum(_gain(match, still) for match in starts[-1][1].matched)
+    if applied.late:
+        starts.append((late, _start(late, applied, applied)))
     elif not starts[0][1].matched and (lag := _lag(view)):
-        starts.append((late, _start(late, replace(before, delay=before.delay - lag), before)))
+        starts.append((late, _start(late, replace(applied, delay=applied.delay - lag), applied)))
     offset, cost = min((_fit(*start) for start in starts), key=lambda fit: fit[1])
     return offset if cost + margin < without else none
 
@@ -170,14 +169,14 @@ def _lag(view: View) -> float:
     longest = min(round(_LONGEST / max(step, 1e-9)), count // 3)
     own = np.stack([_speed(frames, rows) for rows in view.groups.values()])
     other = np.stack([_speed(frames, body.rows) for body in view.bodies.values()])
-    alike = np.stack(
+    correlations = np.stack(
         [
             _correlation(own[:, max(k, 0) : count + min(k, 0)], other[:, max(-k, 0) : count - max(k, 0)])
             for k in range(-longest, longest + 1)
         ]
     )
-    best = int(np.argmax(alike.sum(1)))
-    return (best - longest) * step if alike[best].max() > _ALIKE else 0.0
+    best = int(np.argmax(correlations.sum(1)))
+    return (best - longest) * step if correlations[best].max() > _ALIKE else 0.0
 
 
 def _correlation(a: Floats, b: Floats) -> Floats:
@@ -186,10 +185,10 @@ def _correlation(a: Floats, b: Floats) -> Floats:
     x, y = np.where(u > 0, a, 0.0), np.where(v > 0, b, 0.0)
     count = np.maximum(u @ v.T, 1.0)
     mean_x, mean_y = x @ v.T / count, u @ y.T / count
-    both = x @ y.T / count - mean_x * mean_y
+    covariance = x @ y.T / count - mean_x * mean_y
     spread = (x**2 @ v.T / count - mean_x**2) * (u @ (y**2).T / count - mean_y**2)
-    found = both / np.sqrt(np.maximum(spread, 1e-300))
-    return np.asarray(np.where(count >= a.shape[1] / 2, found, 0.0).max(1))
+    correlation = covariance / np.sqrt(np.maximum(spread, 1e-300))
+    return np.asarray(np.where(count >= a.shape[1] / 2, correlation, 0.0).max(1))
 
 
 def _speed(frames: Frames, rows: Ints) -> Floats:
@@ -199,24 +198,24 @@ def _speed(frames: Frames, rows: Ints) -> Floats:
     return np.where(seen.any(0), (speed * seen).sum(0) / np.maximum(seen.sum(0), 1), np.nan)
 
 
-def _start(view: View, offset: Offset, before: Offset) -> _Start:
-    """Match groups and bodies under an offset; the frames are corrected by `before`."""
+def _start(view: View, offset: Offset, applied: Offset) -> _Start:
+    """Match groups and bodies under an offset; the frames are corrected by `applied`."""
     frames = view.frames
-    arrays = frames.arrays if offset is before else _moved(view, offset, before)
-    at = offset.vector[view.unknowns]
-    found = [_match(view, arrays, one, at, offset.pivot) for one in sorted(view.groups)]
-    return _Start(offset, at, [one for one in found if one is not None])
+    arrays = frames.arrays if offset is applied else _moved(view, offset, applied)
+    vector = offset.vector[view.unknowns]
+    matches = [_match(view, arrays, label, vector, offset.pivot) for label in sorted(view.groups)]
+    return _Start(offset, vector, [match for match in matches if match is not None])
 
 
-def _moved(view: View, offset: Offset, before: Offset) -> RowArrays:
+def _moved(view: View, offset: Offset, applied: Offset) -> RowArrays:
     """The rows as they would be under another offset."""
     frames = view.frames
-    (R, t), (R_before, t_before) = offset.transform(), before.transform()
-    turn = R @ R_before.T
+    (R, t), (R_applied, t_applied) = offset.transform(), applied.transform()
+    turn = R @ R_applied.T
     rows = np.concatenate(list(view.groups.values()))
     y, w = frames.y.copy(), frames.w.copy()
-    y[rows], w[rows] = _later(frames, rows, before.delay - offset.delay)
-    y[rows] = y[rows] @ turn.T + t - turn @ t_before
+    y[rows], w[rows] = _later(frames, rows, applied.delay - offset.delay)
+    y[rows] = y[rows] @ turn.T + t - turn @ t_applied
     return frames.arrays._replace(y=y, w=w)
 
 
@@ -224,9 +223,9 @@ def _later(frames: Frames, rows: Ints, delay: float) -> tuple[Floats, Floats]:
     """Positions and weights of rows some s later: by whole frames, and from there by their velocity."""
     count, step = len(frames.stamps), frames.step
     whole = round(delay / step)
-    at = np.arange(count) + whole
-    some = np.clip(at, 0, count - 1)
-    y, w = frames.y[rows][:, some], frames.w[rows][:, some] * (at == some)
+    shifted = np.arange(count) + whole
+    inside = np.clip(shifted, 0, count - 1)
+    y, w = frames.y[rows][:, inside], frames.w[rows][:, inside] * (shifted == inside)
     return y + (delay - whole * step) * velocities(y, w > 0, _seconds(frames)), w
 
 
@@ -238,60 +237,60 @@ def _fit(view: View, start: _Start) -> tuple[Offset, float]:
     P, used = view.prior, start.matched
     step, left = np.zeros(len(P)), np.zeros(P.shape)
     for _ in range(_FITS):
-        left = sum((one.left for one in used), np.zeros(P.shape))
-        right = sum((one.right for one in used), np.zeros(len(P)))
-        step = np.asarray(np.linalg.solve(left + P, right - P @ start.at), np.float64)
-        used = [one for one in used if _gain(one, step) > 0]
-    total = start.at + step
-    cost = 0.5 * (total @ P @ total) - sum(_gain(one, step) for one in start.matched)
+        left = sum((match.left for match in used), np.zeros(P.shape))
+        right = sum((match.right for match in used), np.zeros(len(P)))
+        step = np.asarray(np.linalg.solve(left + P, right - P @ start.vector), np.float64)
+        used = [match for match in used if _gain(match, step) > 0]
+    total = start.vector + step
+    cost = 0.5 * (total @ P @ total) - sum(_gain(match, step) for match in start.matched)
     cost += 0.5 * np.linalg.slogdet(np.eye(len(P)) + np.linalg.solve(P, left))[1]
     full = np.zeros(UNKNOWNS)
     full[view.unknowns] = np.linalg.solve(left + P, left @ step)
     return start.offset.after(full), float(cost)
 
 
-def _match(view: View, arrays: RowArrays, own: int, at: Floats, pivot: Floats) -> Equations | None:
+def _match(view: View, arrays: RowArrays, label: int, vector: Floats, pivot: Floats) -> Equations | None:
     """Equations of a group and the body that it moves with: that of its own label, else the best other."""
-    rows, bodies = view.groups[own], view.bodies
-    if own in bodies:
-        first = _best([_equations(view, arrays, rows, own, pivot)], at, view)
-        if first is not None:
-            return first
-    others = [k for k in bodies if k != own]
-    return _best([_equations(view, arrays, rows, k, pivot) for k in others], at, view)
+    rows, bodies = view.groups[label], view.bodies
+    if label in bodies:
+        own_match = _best([_equations(view, arrays, rows, label, pivot)], vector, view)
+        if own_match is not None:
+            return own_match
+    other_labels = [k for k in bodies if k != label]
+    return _best([_equations(view, arrays, rows, k, pivot) for k in other_labels], vector, view)
 
 
 def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> Equations:
     """Equations of rows and one body, in the unknowns that exist."""
-    frames, some = view.frames, view.unknowns
+    frames, unknowns = view.frames, view.unknowns
     terms = arrays, _seconds(frames), rows, view.bodies[k], view.information[k], pivot
-    found = normal_equations(*terms, frames.dim, _LEAST_FRAMES)
-    left, right = found.left[np.ix_(some, some)], found.right[some]
-    return found._replace(left=left, right=right)
+    equations = normal_equations(*terms, frames.dim, _LEAST_FRAMES)
+    left, right = equations.left[np.ix_(unknowns, unknowns)], equations.right[unknowns]
+    return equations._replace(left=left, right=right)
 
 
-def _gain(one: Equations, step: Floats) -> float:
+def _gain(match: Equations, step: Floats) -> float:
     """Nats that a step gains over a group that moves like no body."""
-    return max(_MOST_RESIDUAL * one.coordinates - _after(one, step), 0.0) / 2
+    return max(_MOST_RESIDUAL * match.coordinates - _after(match, step), 0.0) / 2
 
 
-def _after(one: Equations, step: Floats) -> float:
+def _after(match: Equations, step: Floats) -> float:
     """Squared residual after a step."""
-    return float(one.squared - 2 * step @ one.right + step @ one.left @ step)
+    return float(match.squared - 2 * step @ match.right + step @ match.left @ step)
 
 
 def _seconds(frames: Frames) -> Floats:
     return np.asarray((frames.stamps - frames.stamps[0]) * 1e-9, np.float64)
 
 
-def _best(candidates: list[Equations], at: Floats, view: View) -> Equations | None:
+def _best(candidates: list[Equations], vector: Floats, view: View) -> Equations | None:
     """The equations that gain most after their own step; None where none fits well enough."""
-    chosen, most, prior = None, 0.0, view.prior
-    for one in candidates:
-        step = np.asarray(np.linalg.solve(one.left + prior, one.right - prior @ at), np.float64)
-        penalty = float((at + step) @ prior @ (at + step))
-        gain = _gain(one, step) - penalty / 2
-        fits = penalty < _MOST_OFFSET and _after(one, step) < view.residual * one.coordinates
-        if gain > most and fits:
-            chosen, most = one, gain
-    return chosen
+    best, most_gain, prior = None, 0.0, view.prior
+    for match in candidates:
+        step = np.asarray(np.linalg.solve(match.left + prior, match.right - prior @ vector), np.float64)
+        penalty = float((vector + step) @ prior @ (vector + step))
+        gain = _gain(match, step) - penalty / 2
+        fits = penalty < _MOST_OFFSET and _after(match, step) < view.residual * match.coordinates
+        if gain > most_gain and fits:
+            best, most_gain = match, gain
+    return best

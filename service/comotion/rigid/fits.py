@@ -1,4 +1,4 @@
-"""Bodies that are fitted to rows of a scene, each once, and what they cost (steps 6 and 7)."""
+"""Fits bodies to rows of a scene and computes their costs (steps 6 and 7), once for the same rows."""
 
 from dataclasses import dataclass
 
@@ -19,19 +19,20 @@ class Fitted:
 
     Attributes
     ----------
-    body, kept
-        With a pose of its own in each frame, and as its costs are computed: :func:`~.rest.settled` or not.
+    body, costed
+        With a pose of its own in each frame, and the one of which the costs are: `body`, or
+        :func:`~.rest.settled`.
     owners
         intp [m], trajectories that it was fitted to; none for the static body.
     soft
         Variance of its deformation.
     cost, squared
-        float64 [N], what each trajectory costs under `kept`, nat; float64 [P], mean squared
+        float64 [N], what each trajectory costs under `costed`, nat; float64 [P], mean squared
         residual of each row.
     """
 
     body: Body
-    kept: Body
+    costed: Body
     owners: Ints
     soft: float
     cost: Floats
@@ -39,43 +40,45 @@ class Fitted:
 
 
 class Fits:
-    """The bodies of one scene. What was fitted to the same rows before is not fitted again."""
+    """The bodies of one scene; a second fit to the same rows is read from memory."""
 
     def __init__(self, frames: Frames, config: RigidConfig) -> None:
         self._frames, self._config = frames, config
         self._bodies: dict[bytes, Body] = {}
-        self._known: dict[tuple[bytes, bool], Fitted] = {}
+        self._fitted_by_rows: dict[tuple[bytes, bool], Fitted] = {}
 
     def of(self, rows: list[Ints], *, still: bool) -> list[Fitted]:
         """The static body, and one for each of `rows` intp [m], m > 1; `still`: settled."""
-        nobody = np.zeros(0, np.intp)
-        return [self._fitted(some, still=still) for some in [nobody, *rows] if len(some) != 1]
+        no_rows = np.zeros(0, np.intp)
+        return [self._fitted(group, still=still) for group in [no_rows, *rows] if len(group) != 1]
 
-    def costs(self, some: list[Fitted]) -> Costs:
+    def costs(self, fitted: list[Fitted]) -> Costs:
         """What all trajectories cost under some bodies, with those that slide on one."""
-        frames, config, bodies = self._frames, self._config, [one.kept for one in some]
+        frames, config, bodies = self._frames, self._config, [body.costed for body in fitted]
         seen, outlier = outlier_costs(frames, config)
-        body, slides = with_sliders(frames, bodies, np.stack([one.cost for one in some], 1), seen, config)
+        body_cost, slides = with_sliders(
+            frames, bodies, np.stack([body.cost for body in fitted], 1), seen, config
+        )
         return Costs(
-            body,
+            body_cost,
             outlier,
-            opening=np.array([opening_price(one, config) for one in bodies]),
-            restless=np.array([restless_price(one, config) for one in bodies]),
-            soft=np.array([one.soft for one in some]),
+            opening=np.array([opening_price(body, config) for body in bodies]),
+            restless=np.array([restless_price(body, config) for body in bodies]),
+            soft=np.array([body.soft for body in fitted]),
             slides=slides,
-            squared=np.stack([one.squared for one in some], 1),
+            squared=np.stack([body.squared for body in fitted], 1),
         )
 
     def _fitted(self, rows: Ints, *, still: bool) -> Fitted:
         key = rows.tobytes(), still
-        if key not in self._known:
+        if key not in self._fitted_by_rows:
             frames, config, body = self._frames, self._config, self._body(rows)
-            kept = settled(frames, body, config) if still else body
-            soft = deformation(frames, kept, config)
-            cost, squared = body_costs_of(frames, [kept], np.array([soft]), config)
+            costed = settled(frames, body, config) if still else body
+            soft = deformation(frames, costed, config)
+            cost, squared = body_costs_of(frames, [costed], np.array([soft]), config)
             owners = np.unique(frames.owner[rows])
-            self._known[key] = Fitted(body, kept, owners, soft, cost[:, 0], squared[:, 0])
-        return self._known[key]
+            self._fitted_by_rows[key] = Fitted(body, costed, owners, soft, cost[:, 0], squared[:, 0])
+        return self._fitted_by_rows[key]
 
     def _body(self, rows: Ints) -> Body:
         key = rows.tobytes()

@@ -1,4 +1,4 @@
-"""Rows of trajectories on common frames: what steps 4 to 10 of the method work on."""
+"""Rows of trajectories on common frames: the input of steps 4 to 10 of the method."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,10 +11,10 @@ from .kernels.records import RowArrays
 
 # Names of rows: the key of the trajectory times this, plus the place among its rows.
 _ROWS_PER_TRACK = 8
-# s; an ended trajectory counts only if it was observed for so long.
+# s; an ended trajectory counts only if it was observed for this long.
 _LEAST_ENDED = 0.5
 NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
-"""Attributes of :class:`Frames` that say how a row errs."""
+"""Attributes of :class:`Frames` that describe the noise and the motion of a row."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Frames:
 
     @cached_property
     def names(self) -> Stamps:
-        """A stable name for each row: its trajectory's key and its place among that one's rows, int64 [P]."""
+        """Stable names of the rows, int64 [P]: the key of the trajectory and the place among its rows."""
         return row_names(self.key, self.owner)
 
     @property
@@ -84,13 +84,13 @@ class Frames:
         return float(self.stamps[-1] - self.stamps[0]) * 1e-9 / max(len(self.stamps) - 1, 1)
 
     @property
-    def telling(self) -> Bools:
-        """Which trajectories tell how a body moves, bool [N]: those that go on, or were seen for a while."""
+    def informative(self) -> Bools:
+        """Which trajectories show how a body moves, bool [N]: the current ones, and long-lived ended ones."""
         return self.current | (self.life >= _LEAST_ENDED)
 
     @property
     def arrays(self) -> RowArrays:
-        """The rows as kernels take them."""
+        """The rows as arguments of kernels."""
         return RowArrays(self.y, self.w, self.tolerance, self.spectrum, self.metric)
 
     @property
@@ -112,8 +112,8 @@ class Frames:
     def of(self, tracks: Ints) -> "Frames":
         """The frames of some trajectories only, intp [n] ascending."""
         rows = self.rows_of(tracks)
-        columns: dict[str, Any] = {one: getattr(self, one)[rows] for one in ("y", "w", "weight", *NOISE)}
-        columns |= {one: getattr(self, one)[tracks] for one in ("key", "life", "current")}
+        columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in ("y", "w", "weight", *NOISE)}
+        columns |= {name: getattr(self, name)[tracks] for name in ("key", "life", "current")}
         return replace(self, owner=np.searchsorted(tracks, self.owner[rows]), **columns)
 
     def per_track(self, values: Floats) -> Floats:

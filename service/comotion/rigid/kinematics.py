@@ -1,4 +1,4 @@
-"""In the poses of a body over the frames, out its twist now and its pose since birth.
+"""Twist of a body now and its pose since birth, smoothed over its poses in the frames.
 
 A pose at one frame is as noisy as the observations of that frame. Poses are therefore those of a local
 cubic, by least squares over a short span: at the newest frame over the span before it, in the past over a
@@ -24,7 +24,7 @@ from .subset import FIT_ROWS
 # 1.6 s by 1.0 degrees and 5.9 %.
 _SPAN = 1.6
 _DEGREE = 3
-# rad; rotation vectors far from zero wrap and do not add. Frames that are turned further are left out.
+# rad; rotation vectors far from zero wrap and do not add. Frames that are rotated by more are left out.
 _TURN = 2.0
 
 
@@ -57,18 +57,18 @@ def local_motions(frames: Frames, bodies: list[Body], at_ns: int, points: list[F
     seconds, point = seconds[near], np.array(points)
     R, t = np.stack([body.R[near] for body in bodies]), np.stack([body.t[near] for body in bodies])
     used = np.stack([body.posed[near] for body in bodies])
-    away = np.where(used, np.abs(seconds), np.inf)
-    known = away.min(1) <= _SPAN
-    middle = R[np.arange(len(R)), away.argmin(1)]
+    distance = np.where(used, np.abs(seconds), np.inf)
+    has_pose = distance.min(1) <= _SPAN
+    middle = R[np.arange(len(R)), distance.argmin(1)]
     turns = rotation_vectors((R @ middle[:, None].swapaxes(2, 3)).reshape(-1, 3, 3)).reshape(t.shape)
     used &= np.linalg.norm(turns, axis=2) < _TURN
     places = np.einsum("kfij,kj->kfi", R, point) + t
     value, slope = _polynomials(seconds, np.concatenate([places, turns], 2), used)
-    found: list[Local | None] = [None] * len(bodies)
-    for k in np.flatnonzero(known).tolist():
+    motions: list[Local | None] = [None] * len(bodies)
+    for k in np.flatnonzero(has_pose).tolist():
         pose = rotation_matrix(value[k, 3:]) @ middle[k]
-        found[k] = Local(pose, value[k, :3] - pose @ point[k], slope[k, :3], slope[k, 3:])
-    return found
+        motions[k] = Local(pose, value[k, :3] - pose @ point[k], slope[k, :3], slope[k, 3:])
+    return motions
 
 
 def _polynomials(seconds: Floats, values: Floats, used: Bools) -> tuple[Floats, Floats]:
@@ -81,8 +81,8 @@ def _polynomials(seconds: Floats, values: Floats, used: Bools) -> tuple[Floats, 
     degree = np.minimum(_DEGREE, np.maximum((count - 1) // 2, count > 1))
     powers = np.arange(_DEGREE + 1)
     design = (seconds[:, None] / _SPAN) ** powers * (used[:, :, None] & (powers <= degree[:, None, None]))
-    found = np.linalg.pinv(design) @ values
-    return found[:, 0], found[:, 1] / _SPAN
+    coefficients = np.linalg.pinv(design) @ values
+    return coefficients[:, 0], coefficients[:, 1] / _SPAN
 
 
 def follow(
@@ -95,7 +95,8 @@ def follow(
     """Update a hypothesis' pose since birth from its body's poses.
 
     While the birth is in the window, the reference is the body's own pose at birth, which is better known at
-    each fit. After that it is what is left of the early members; without those, the last pose.
+    each fit. After that, the body is aligned with those early members that remain; without any, with its last
+    pose.
 
     Parameters
     ----------
@@ -124,10 +125,10 @@ def _referred(
         reference.rows, reference.points = names, body.template @ R.T + t
     else:
         # Sorting is faster than the table of all names between the least and the largest.
-        known = np.isin(names, reference.rows, assume_unique=True, kind="sort")
-        kept = np.isin(reference.rows, names, assume_unique=True, kind="sort")
-        reference.rows = np.concatenate([reference.rows[kept], names[~known]])
-        reference.points = np.concatenate([reference.points[kept], body.template[~known] @ R.T + t])
+        in_reference = np.isin(names, reference.rows, assume_unique=True, kind="sort")
+        in_body = np.isin(reference.rows, names, assume_unique=True, kind="sort")
+        reference.rows = np.concatenate([reference.rows[in_body], names[~in_reference]])
+        reference.points = np.concatenate([reference.points[in_body], body.template[~in_reference] @ R.T + t])
     return body.template, R, t
 
 
@@ -135,13 +136,13 @@ def _from_birth(
     reference: PoseReference, frames: Frames, body: Body, names: Stamps, local: Callable[[int], Local | None]
 ) -> tuple[Floats, Floats]:
     """Transform from body coordinates to the axes of the space at birth."""
-    if reference.born_ns >= int(frames.stamps[0]) and (then := local(reference.born_ns)) is not None:
-        return then.R, then.t
-    shared, mine, theirs = np.intersect1d(names, reference.rows, assume_unique=True, return_indices=True)
+    if reference.born_ns >= int(frames.stamps[0]) and (at_birth := local(reference.born_ns)) is not None:
+        return at_birth.R, at_birth.t
+    shared, own, other = np.intersect1d(names, reference.rows, assume_unique=True, return_indices=True)
     if len(shared) >= min(frames.dim, max(len(names), 2)):
-        # What the points leave open, as those of a pair do, is as it was.
+        # Rotations that the points leave open, such as that of a pair about its axis, stay as they were.
         near = body.R[np.argmin(np.abs(frames.stamps - reference.stamp_ns))]
-        return align(body.template[mine], reference.points[theirs], frames.dim, reference.R.T @ near)
+        return align(body.template[own], reference.points[other], frames.dim, reference.R.T @ near)
     last = local(reference.stamp_ns)
     if last is None:
         return np.eye(3), np.zeros(3)
@@ -163,7 +164,7 @@ def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
     return Twist(linear=linear.tolist(), angular=angular.tolist())
 
 
-def centroid_of(body: Body, here: Bools, newest: Floats) -> Floats:
+def centroid_of(body: Body, member_rows: Bools, newest: Floats) -> Floats:
     """Centroid of the members in body coordinates, float64 [3].
 
     The mean of those of their rows that the body was fitted to; of all rows it was fitted to if it was fitted
@@ -171,13 +172,13 @@ def centroid_of(body: Body, here: Bools, newest: Floats) -> Floats:
 
     Parameters
     ----------
-    here, newest
+    member_rows, newest
         bool [P], the rows of the members, and float64 [n, 3], their newest positions.
     """
     if body.static:
         return np.zeros(3)
-    if np.count_nonzero(here) > FIT_ROWS and body.posed.any():
+    if np.count_nonzero(member_rows) > FIT_ROWS and body.posed.any():
         last = np.flatnonzero(body.posed)[-1]
         return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])
-    chosen = here[body.rows]
+    chosen = member_rows[body.rows]
     return np.asarray(body.template[chosen if chosen.any() else slice(None)].mean(0))

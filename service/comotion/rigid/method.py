@@ -1,7 +1,7 @@
 """The default method (``method = "comotion"``): a hypothesis is a rigid body with a motion.
 
-Trajectories in, groups of them out. The steps of an update; all lengths are relative to the noise or to the
-extent of the scene, so that no parameter has a scale:
+The method groups trajectories by the rigid bodies that explain their motion. All lengths are relative to the
+noise or to the extent of the scene, so that no parameter has a scale. The steps of an update are:
 
 1.  Read the trajectories of the window (:mod:`.tracks`). Where the last fit explains what is new, it is held
     (:mod:`.continuation`), and step 10 follows.
@@ -70,8 +70,8 @@ from .subset import (
 )
 from .tracks import Tracks, read_tracks
 
-# Share of the window after which bodies are sought even where the known ones explain everything, and in which
-# the same unexplained trajectory is no cause for another search.
+# Share of the window after which bodies are searched even if the known ones explain all trajectories, and
+# within which the same unexplained trajectory does not cause another search.
 _SEARCH_SHARE = 0.1
 
 
@@ -98,15 +98,16 @@ class RigidMethod(Method):
         self._belief = Belief()
         self._chances: Floats = np.zeros((0, 1))
         self._last: Fit | None = None
-        # When bodies were sought last, and when what could not be explained, by key.
+        # When bodies were last searched; and by key of an unexplained trajectory, when it last caused a
+        # search.
         self._searched_ns = 0
-        self._odd: dict[int, int] = {}
+        self._searched_for: dict[int, int] = {}
 
     @property
     def delays_ns(self) -> Mapping[int, int]:
-        """What it adds to the times of sources that are late, by session number."""
-        found = self._registration.found.items()
-        return {one: round(offset.delay * 1e9) for one, offset in found if offset.late}
+        """Delay that is added to the times of each source that stamps late, ns, by session number."""
+        offsets = self._registration.offsets.items()
+        return {source: round(offset.delay * 1e9) for source, offset in offsets if offset.late}
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories.
@@ -125,9 +126,9 @@ class RigidMethod(Method):
         self._chances = chances = posterior(fit.result.assignment)[chosen]
         confidence = chances[np.arange(len(chosen)), labels[chosen] + 1]
         position = tracks.newest[chosen, : self._dim]
-        here = np.flatnonzero(tracks.stop > tracks.start)
-        deciding = np.ones(len(here), np.bool_)
-        return Partition(tracks.slot[here], labels[here], deciding, confidence, position, described)
+        observed = np.flatnonzero(tracks.stop > tracks.start)
+        deciding = np.ones(len(observed), np.bool_)
+        return Partition(tracks.slot[observed], labels[observed], deciding, confidence, position, described)
 
     def affinity(self) -> NDArray[np.float32]:
         """Probability that two trajectories belong to one body, [n, n] of the last update."""
@@ -142,9 +143,9 @@ class RigidMethod(Method):
         """
         if self._last is None:
             return {}
-        known = {one: (k, references[one]) for k, one in enumerate(ids.tolist()) if one in references}
+        bodies = {h: (k, references[h]) for k, h in enumerate(ids.tolist()) if h in references}
         terms = self._last.tracks, self._last.frames, self._last.result
-        return anchored_motions(*terms, {one: known[one] for one in wanted if one in known})
+        return anchored_motions(*terms, {h: bodies[h] for h in wanted if h in bodies})
 
     def state(self) -> dict[str, Any]:
         """The registration of the sources, and what is believed of hypotheses."""
@@ -158,11 +159,11 @@ class RigidMethod(Method):
             self._belief.load(state["belief"])
 
     def _held(self, window: Window, now: Tracks, stamp_ns: int) -> Fit | None:
-        """The last result, where it explains what is new."""
+        """The last result carried over, or None where it does not explain the new observations."""
         if self._last is None:
             return None
-        odd = np.array(sorted(self._odd), np.int64)
-        return held(self._last, window, now, stamp_ns, odd, self._config)
+        outlying_keys = np.array(sorted(self._searched_for), np.int64)
+        return held(self._last, window, now, stamp_ns, outlying_keys, self._config)
 
     def _fitted(self, window: Window, tracks: Tracks, stamp_ns: int, previous: Previous) -> Fit:
         """The result of steps 2 to 9."""
@@ -170,8 +171,8 @@ class RigidMethod(Method):
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
-        before = previous.labels[tracks.slot]
-        scene = self._belief.scene(frames, tracks.newest, before, static, self._config.min_life)
+        hypotheses = previous.labels[tracks.slot]
+        scene = self._belief.scene(frames, tracks.newest, hypotheses, static, self._config.min_life)
         result, due = self._grouped(scene)  # 5 to 9
         if due:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
@@ -183,35 +184,37 @@ class RigidMethod(Method):
             self._belief.learn(self._last.result, self._last.frames, previous.ids)
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
-        """The bodies and their trajectories, and whether others were sought."""
+        """The bodies and their trajectories, and whether new bodies were searched."""
         fits = Fits(scene.frames, self._config)
         followed = follow(scene, fits, self._config)
         excess = excess_costs(followed.evidence, followed.assignment.labels, self._config)
-        odd = unexplained(scene, followed.assignment.labels, excess)
-        if self.searching and self._due(scene, scene.frames.key[odd]):
-            return search(scene, fits, followed, odd, excess, self._config), True
+        outlying = unexplained(scene, followed.assignment.labels, excess)
+        if self.searching and self._due(scene, scene.frames.key[outlying]):
+            return search(scene, fits, followed, outlying, excess, self._config), True
         return followed, False
 
-    def _due(self, scene: Scene, odd: Stamps) -> bool:
-        """Whether to search for new bodies: where something is unexplained that was not lately, or seldom.
+    def _due(self, scene: Scene, outlying_keys: Stamps) -> bool:
+        """Whether to search for new bodies: if a trajectory is newly unexplained, and else now and then.
 
-        `odd` int64 [n] are the keys of what is unexplained.
+        `outlying_keys` int64 [n] are the keys of the unexplained trajectories.
         """
-        stamps, before = scene.frames.stamps, self._odd
+        stamps, searched = scene.frames.stamps, self._searched_for
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
-        self._odd = {key: at for key, at in before.items() if now_ns - at < _SEARCH_SHARE * span_ns}
+        self._searched_for = {
+            key: ns for key, ns in searched.items() if now_ns - ns < _SEARCH_SHARE * span_ns
+        }
         long_ago = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
-        if long_ago or not self._odd.keys() >= set(odd.tolist()):
+        if long_ago or not self._searched_for.keys() >= set(outlying_keys.tolist()):
             self._searched_ns = now_ns
-            self._odd |= dict.fromkeys(odd.tolist(), now_ns)
+            self._searched_for |= dict.fromkeys(outlying_keys.tolist(), now_ns)
             return True
         return False
 
     def _nothing(self) -> Partition:
         self._belief.forget()
         self._last, self._chances = None, np.zeros((0, 1))
-        nobody = np.zeros(0, np.intp)
-        return Partition(nobody, nobody, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
+        no_slots = np.zeros(0, np.intp)
+        return Partition(no_slots, no_slots, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
 
 
 def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
@@ -220,17 +223,18 @@ def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
 
 
 def search(
-    scene: Scene, fits: Fits, followed: SearchResult, odd: Bools, excess: Floats, config: RigidConfig
+    scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools, excess: Floats, config: RigidConfig
 ) -> SearchResult:
-    """Find the bodies of a scene, of which bool [N] `odd` and `excess` say what is unexplained: steps 5 to 9.
+    """Find the bodies of a scene: steps 5 to 9.
 
-    Bodies are found in the subset. Where no cluster is one, the followed ones stand; else all trajectories
-    are compared with what was found. In a small scene bodies are fitted to the trajectories that were
-    assigned to them, twice.
+    `outlying` bool [N] and `excess` float64 [N] describe what the known bodies do not explain. Bodies are
+    found in the subset. Where no cluster is a body, the followed ones stand; else all trajectories are
+    compared with what was found. In a small scene bodies are fitted to the trajectories that were assigned to
+    them, twice.
     """
-    subset = choose_subset(scene, odd, excess)
+    subset = choose_subset(scene, outlying, excess)
     count, labels, new = _first_bodies(scene, fits, subset, config)
-    if not (new or odd.any()):
+    if not (new or outlying.any()):
         return followed
     if not scene.small:
         rows = extended_rows(scene, subset, labels, count)
@@ -242,7 +246,7 @@ def search(
 
 
 def _decided(scene: Scene, result: SearchResult) -> SearchResult:
-    """The result, in which newborn features of which place tells nothing belong to nobody."""
+    """The result, with newborn features as outliers that may be a lost body's return (:mod:`.arrivals`)."""
     labels = undecided(scene, result.assignment.labels)
     return replace(result, assignment=replace(result.assignment, labels=labels))
 
@@ -251,32 +255,32 @@ def _first_bodies(scene: Scene, fits: Fits, subset: Subset, config: RigidConfig)
     """How many bodies the subset has, the cheapest for each of its trajectories [n], and if any is new."""
     part = scene if scene.small else scene.of(subset.tracks)
     fits = fits if scene.small else Fits(part.frames, config)
-    known, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
-    some = fits.of(known + clusters, still=False)  # 6
-    chosen, kept = select(part, some, fits.costs(some), config)  # 7, 8
-    labels = without_sliders(cheapest(kept.body, kept.outlier), kept)
-    return len(chosen), labels, max(chosen) > len(known)
+    previous_rows, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
+    fitted = fits.of(previous_rows + clusters, still=False)  # 6
+    chosen, costs = select(part, fitted, fits.costs(fitted), config)  # 7, 8
+    labels = without_sliders(cheapest(costs.body, costs.outlier), costs)
+    return len(chosen), labels, max(chosen) > len(previous_rows)
 
 
 def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
     """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
-    some = fits.of(rows, still=True)  # 6
-    found = fits.costs(some)  # 7
+    fitted = fits.of(rows, still=True)  # 6
+    costs = fits.costs(fitted)  # 7
     if not scene.small:
-        worth = supported(scene, some, found, config)
-        some, found = [some[k] for k in worth], found.of(worth)
-    chosen, kept = select(scene, some, found, config)  # 8
-    return _assigned(scene, [some[k] for k in chosen], kept, config)  # 9
+        columns = supported(scene, fitted, costs, config)
+        fitted, costs = [fitted[k] for k in columns], costs.of(columns)
+    chosen, chosen_costs = select(scene, fitted, costs, config)  # 8
+    return _assigned(scene, [fitted[k] for k in chosen], chosen_costs, config)  # 9
 
 
-def _assigned(scene: Scene, some: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
+def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
-    frames, before, bodies = scene.frames, scene.before, [one.body for one in some]
-    cost, prices = evidence.body + carried_costs(scene, some), membership_prices(scene, some, config)
+    frames, hypotheses, bodies = scene.frames, scene.hypotheses, [body.body for body in fitted]
+    cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
     rough = cheapest(cost + prices, evidence.outlier)
-    own = _own_columns(before, continued(before, rough, len(bodies), largest_total))
-    # Nothing tells what rests with a resting body from the background: its membership has a price here too.
-    resting = np.array([one.kept.rests for one in some])
+    own = _own_columns(hypotheses, continued(hypotheses, rough, len(bodies), largest_total))
+    # A resting member of a resting body looks like the background: its membership has a price here too.
+    resting = np.array([body.costed.rests for body in fitted])
     cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
     return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
@@ -288,20 +292,20 @@ def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
     Also those of separate hypotheses at rest: a body that is dropped later may displace them.
     """
     frames = scene.frames
-    # Newborn members hold poses where few others are left.
-    known = scene.judged | (scene.before != NO_HYPOTHESIS)
-    telling = known & frames.telling
-    found = [frames.rows_of((labels == k) & telling) for k in range(1, count)]
-    for one in np.unique(scene.before[scene.resting]).tolist():
-        rows = frames.rows_of((scene.before == one) & telling)
-        if not any(np.array_equal(rows, other) for other in found):
-            found.append(rows)
-    return found
+    # Newborn members would determine poses where few other members are left.
+    not_newborn = scene.judged | (scene.hypotheses != NO_HYPOTHESIS)
+    informative = not_newborn & frames.informative
+    groups = [frames.rows_of((labels == k) & informative) for k in range(1, count)]
+    for hypothesis in np.unique(scene.hypotheses[scene.resting]).tolist():
+        rows = frames.rows_of((scene.hypotheses == hypothesis) & informative)
+        if not any(np.array_equal(rows, group) for group in groups):
+            groups.append(rows)
+    return groups
 
 
-def _own_columns(before: Labels, heirs: dict[int, int]) -> Ints:
+def _own_columns(hypotheses: Labels, heirs: dict[int, int]) -> Ints:
     """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
-    found = np.full(len(before), -1, np.intp)
+    columns = np.full(len(hypotheses), -1, np.intp)
     for k, hypothesis in heirs.items():
-        found[before == hypothesis] = k
-    return found
+        columns[hypotheses == hypothesis] = k
+    return columns

@@ -1,4 +1,4 @@
-"""In bodies and their members, out what is published of each (step 10): state, twist, noise and pose."""
+"""Describes each body for publication (step 10): state, twist, noise and pose."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,37 +20,37 @@ from .tracks import Tracks
 _LEAST_STATIC_TIME = 1.0
 
 
-def describe_bodies(tracks: Tracks, frames: Frames, found: SearchResult) -> list[Group]:
+def describe_bodies(tracks: Tracks, frames: Frames, result: SearchResult) -> list[Group]:
     """Describe every body of a search; one without a trajectory is left undetermined."""
-    labels, bodies = found.assignment.labels, found.bodies
+    labels, bodies = result.assignment.labels, result.bodies
     current = np.where(tracks.current, labels, OUTLIER)
-    here = [current == k for k in range(len(bodies))]
+    memberships = [current == k for k in range(len(bodies))]
     points = [
-        centroid_of(body, mine[frames.owner], tracks.newest[mine])
-        for body, mine in zip(bodies, here, strict=True)
+        centroid_of(body, members[frames.owner], tracks.newest[members])
+        for body, members in zip(bodies, memberships, strict=True)
     ]
     motions = local_motions(frames, bodies, int(frames.stamps[-1]), points)
-    return [_described(frames, found, k, here[k], points[k], now) for k, now in enumerate(motions)]
+    return [_described(frames, result, k, memberships[k], points[k], now) for k, now in enumerate(motions)]
 
 
 def _described(
-    frames: Frames, found: SearchResult, k: int, here: Bools, point: Floats, now: Local | None
+    frames: Frames, result: SearchResult, k: int, members: Bools, point: Floats, now: Local | None
 ) -> Group:
     """One body, of which current trajectories bool [N] are members, with its motion now."""
-    body = found.bodies[k]
-    if not (found.assignment.labels == k).any():
+    body = result.bodies[k]
+    if not (result.assignment.labels == k).any():
         return Group()
-    since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
+    pose_since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
     if not body.static:
-        since = partial(_pose_since, frames, body, point, now)
-    if not here.any():
-        return Group(static=body.static, pose_since=since)
+        pose_since = partial(_pose_since, frames, body, point, now)
+    if not members.any():
+        return Group(static=body.static, pose_since=pose_since)
     return Group(
-        state=_state(frames, found, k),
+        state=_state(frames, result, k),
         static=body.static,
         twist=None if now is None else as_twist(now.linear, now.angular, frames.dim),
-        noise=_noise(found.evidence.squared[here[frames.owner], k], frames.dim),
-        pose_since=since,
+        noise=_noise(result.evidence.squared[members[frames.owner], k], frames.dim),
+        pose_since=pose_since,
     )
 
 
@@ -69,17 +69,17 @@ def _pose_since(
     return as_pose(reference.R, reference.t, frames.dim)
 
 
-def _state(frames: Frames, found: SearchResult, k: int) -> HypothesisState:
+def _state(frames: Frames, result: SearchResult, k: int) -> HypothesisState:
     """Static or moving where the costs of its members tell, else undetermined."""
-    members = found.assignment.labels == k
-    if found.bodies[k].static:
+    members = result.assignment.labels == k
+    if result.bodies[k].static:
         return "static" if frames.life[members].max(initial=0.0) >= _LEAST_STATIC_TIME else "undetermined"
-    costs = found.evidence
+    costs = result.evidence
     gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
     return "moving" if gain > costs.restless[k] else "undetermined"
 
 
 def _noise(squared: Floats, dim: int) -> float | None:
     """One-sigma residual of a coordinate of members by their mean squared residuals float64 [n]."""
-    known = squared[np.isfinite(squared)]
-    return float(np.sqrt(known.mean() / dim)) if len(known) else None
+    computed = squared[np.isfinite(squared)]
+    return float(np.sqrt(computed.mean() / dim)) if len(computed) else None

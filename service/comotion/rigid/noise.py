@@ -1,4 +1,4 @@
-"""In trajectories, out the noise of each (step 4): published, else from its own observations."""
+"""Covariance of the noise of each trajectory (step 4): published, else estimated from its observations."""
 
 import numpy as np
 from scipy.special import digamma, polygamma
@@ -11,7 +11,7 @@ from .kernels.resampling import mean_square
 from .tracks import Tracks
 
 MOST_DIFFERENCES = 60
-"""The noise of a trajectory is estimated from so many differences at most, over its newest observations."""
+"""Most differences from which the noise of a trajectory is estimated, over its newest observations."""
 # An estimate is renewed after this share of the time that it was made from.
 _RENEWED = 0.1
 # Share of the scene's extent: less noise than this is below the precision of float32, in which positions
@@ -20,12 +20,12 @@ _LEAST_NOISE = 1e-6
 # Share of the scene's extent that is taken for the noise before there is any estimate; chosen on the scenes
 # of docs/research/accuracy.md.
 _FIRST_GUESS = 1e-3
-# Noise is taken for the same in all directions where the largest variance is at most so many times the least:
-# a ratio of 1.5 of the standard deviations, which costs nothing. And the least variance, as a share of the
+# Ratio of the largest to the least variance up to which noise is taken for the same in all directions: 1.5 in
+# standard deviations, which costs nothing. And the least variance, as a share of the
 # largest, that an estimate may have in any direction.
 _ROUND, _FLATTEST = 2.25, 0.01
 # Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
-_CURVATURES = (0.0, *(side * one for one in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
+_CURVATURES = (0.0, *(side * curvature for curvature in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
 # Degrees of freedom that the prior of a source's variances has at least and at most.
 _LEAST_PRIOR, _MOST_PRIOR = 4.0, 1e4
 _HALF = np.sqrt(0.5)
@@ -33,7 +33,7 @@ DIRECTIONS = {
     2: np.array([[1.0, 0], [0, 1], [_HALF, _HALF]]),
     3: np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [_HALF, _HALF, 0], [_HALF, 0, _HALF], [0, _HALF, _HALF]]),
 }
-"""By dimension: the axes, then the directions between two of them, in which a difference may be wild."""
+"""By dimension: the axes, then the directions between two of them, along which wild differences are found."""
 
 
 class NoiseEstimates:
@@ -58,13 +58,13 @@ class NoiseEstimates:
         slot = tracks.slot
         self._grow(int(slot.max(initial=-1)) + 1)
         newest, oldest = tracks.times[tracks.stop - 1], tracks.times[tracks.start]
-        known = (self._key[slot] == tracks.key) & (self._made[slot] <= newest)
-        due = np.flatnonzero(~known | (newest - self._made[slot] > _RENEWED * (newest - oldest)))
-        some = slot[due]
-        self._covariance[some], self._count[some] = difference_covariances(
+        valid = (self._key[slot] == tracks.key) & (self._made[slot] <= newest)
+        due = np.flatnonzero(~valid | (newest - self._made[slot] > _RENEWED * (newest - oldest)))
+        due_slots = slot[due]
+        self._covariance[due_slots], self._count[due_slots] = difference_covariances(
             tracks.observations, gap_ns, due, DIRECTIONS[self._dim], MOST_DIFFERENCES
         )
-        self._key[some], self._made[some] = tracks.key[due], newest[due]
+        self._key[due_slots], self._made[due_slots] = tracks.key[due], newest[due]
         return self._covariance[slot], self._count[slot]
 
     def _grow(self, capacity: int) -> None:
@@ -80,8 +80,8 @@ class NoiseEstimates:
 def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints, *, on_arm: bool) -> Floats:
     """Covariance of the white noise of trajectories `own`, float64 [n, 3, 3].
 
-    The less the estimates of a source differ beyond their own error, the more each is drawn towards what is
-    usual there. Where that is about the same in all directions, so is the covariance. A published sigma or
+    The less the estimates of a source differ beyond their own error, the more each is drawn towards their
+    usual value. Where that is about the same in all directions, so is the covariance. A published sigma or
     covariance replaces it; but at the end of an arm it is only a lower bound, as the orientation is noisy
     too. In 2-D the third coordinate has the mean of the others.
 
@@ -94,23 +94,23 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
     on_arm
         Whether the differences are those of the ends of arms (see :mod:`comotion.rigid.resampling`).
     """
-    source, known = tracks.source[own], count > 0
+    sources, estimated = tracks.source[own], count > 0
     first = (_FIRST_GUESS * tracks.extent) ** 2
-    scene = np.median(estimate[known], 0) if known.any() else first * np.eye(tracks.dim)
-    found = np.zeros((len(own), 3, 3))
-    for one in np.unique(source).tolist():
-        mine = np.flatnonzero(source == one)
-        found[mine] = _covariances(estimate[mine], count[mine], scene, tracks.newest[own[mine]])
+    scene = np.median(estimate[estimated], 0) if estimated.any() else first * np.eye(tracks.dim)
+    covariance = np.zeros((len(own), 3, 3))
+    for source in np.unique(sources).tolist():
+        group = np.flatnonzero(sources == source)
+        covariance[group] = _covariances(estimate[group], count[group], scene, tracks.newest[own[group]])
     published = mean_square(tracks.sigma, tracks.start[own], tracks.stop[own])
-    told = np.isfinite(published)
+    has_sigma = np.isfinite(published)
     if on_arm:
-        published = np.maximum(published, np.trace(found, axis1=1, axis2=2) / 3)
-    found[told] = published[told, None, None] * np.eye(3)
+        published = np.maximum(published, np.trace(covariance, axis1=1, axis2=2) / 3)
+    covariance[has_sigma] = published[has_sigma, None, None] * np.eye(3)
     if not on_arm:
-        told = np.isfinite(tracks.covariance[own, 0])
-        found[told] = symmetric(tracks.covariance[own[told]])
-        found[told, 2, 2] += 0.0 if tracks.dim == 3 else np.trace(found[told], axis1=1, axis2=2) / 2
-    return np.asarray(found + (_LEAST_NOISE * tracks.extent) ** 2 * np.eye(3))
+        full = np.isfinite(tracks.covariance[own, 0])
+        covariance[full] = symmetric(tracks.covariance[own[full]])
+        covariance[full, 2, 2] += 0.0 if tracks.dim == 3 else np.trace(covariance[full], axis1=1, axis2=2) / 2
+    return np.asarray(covariance + (_LEAST_NOISE * tracks.extent) ** 2 * np.eye(3))
 
 
 def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Floats) -> Floats:
@@ -126,8 +126,8 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
     position
         float64 [n, 3].
     """
-    known = count > 0
-    pooled, dim = np.median(estimate[known], 0) if known.any() else scene, len(scene)
+    estimated = count > 0
+    pooled, dim = np.median(estimate[estimated], 0) if estimated.any() else scene, len(scene)
     size, axes = np.linalg.eigh(pooled)
     total = np.trace(estimate, axis1=1, axis2=2)
     if size[-1] <= _ROUND * size[0]:
@@ -138,24 +138,24 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
     across = np.maximum((total - along) / (dim - 1), _FLATTEST * total)
     least, most = float(size[:-1].mean()), float(size[-1])
     along, across = shrunk(along, count, most), shrunk(across, (dim - 1) * count, least)
-    found = np.zeros((len(ray), 3, 3))
-    found[:] = across[:, None, None] * np.eye(3)
-    found[:, :dim, :dim] += (along - across)[:, None, None] * ray[:, :, None] * ray[:, None]
-    return found
+    covariance = np.zeros((len(ray), 3, 3))
+    covariance[:] = across[:, None, None] * np.eye(3)
+    covariance[:, :dim, :dim] += (along - across)[:, None, None] * ray[:, :, None] * ray[:, None]
+    return covariance
 
 
 def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
-    """Posterior variances [n] of estimates [n] with so many degrees of freedom [n] (Smyth 2004).
+    """Posterior variances [n] of estimates [n] with degrees of freedom [n] (Smyth 2004).
 
     Their prior, a scaled inverse chi-squared distribution, is fitted to the logarithms of all: they vary by
     the error of the estimates and by what the true variances differ. `otherwise` is taken where there are no
     estimates.
     """
-    known = (freedom > 0) & (variance > 0)
-    if not known.any():
+    usable = (freedom > 0) & (variance > 0)
+    if not usable.any():
         return np.full(len(variance), otherwise)
-    half = freedom[known] / 2
-    logs = np.log(variance[known]) - digamma(half) + np.log(half)
+    half = freedom[usable] / 2
+    logs = np.log(variance[usable]) - digamma(half) + np.log(half)
     weight = 1 / polygamma(1, half)
     mean = float(weight @ logs / weight.sum())
     beyond = float(weight @ ((logs - mean) ** 2 - 1 / weight) / weight.sum())

@@ -1,4 +1,4 @@
-"""In rows and a body's poses, out equations for the source's rotation, shift and delay."""
+"""Normal equations of the rotation, shift and delay of a source, from its rows and a body's poses."""
 
 from typing import NamedTuple
 
@@ -55,8 +55,8 @@ def normal_equations(
         2 or 3; rows with fewer frames are left out.
     """
     seen = (arrays.w[rows] > 0) & body.posed
-    kept = seen.sum(1) >= least
-    rows, seen = rows[kept], seen[kept]
+    enough = seen.sum(1) >= least
+    rows, seen = rows[enough], seen[enough]
     y, inverse = arrays.y[rows], 1 / arrays.tolerance[rows]
     # The last column is the residual.
     design = np.zeros((*seen.shape, 3, UNKNOWNS + 1))
@@ -103,9 +103,9 @@ def velocities(y: Floats, seen: Bools, seconds: Floats) -> Floats:
     return np.asarray(rise + (later / np.maximum(after, 1e-300))[..., None] * (y[row, high] - y))
 
 
-def _eliminated(before: Floats, added: Floats, cross: Floats) -> tuple[Floats, float]:
-    """What the errors of poses [F, 6] take of the equations, float64 [8, 8], and of the coordinates."""
-    pose = before + added
+def _eliminated(information: Floats, added: Floats, cross: Floats) -> tuple[Floats, float]:
+    """Part of the equations, float64 [8, 8], and of the coordinates that errors of poses [F, 6] absorb."""
+    pose = information + added
     ridge = _SINGULAR_RIDGE * np.trace(pose, axis1=1, axis2=2) / pose.shape[1]
     regular = pose + ridge[:, None, None] * np.eye(pose.shape[1])
     solved = np.linalg.solve(regular, np.concatenate([cross, added], 2))

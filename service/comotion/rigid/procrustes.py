@@ -1,4 +1,4 @@
-"""In rows, out the rigid body that fits them: a template and its poses over the frames (step 6)."""
+"""Fits a rigid body to rows: a template and its poses over the frames (step 6)."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ class Body:
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
-        As many poses it is free to take; where it is settled (:mod:`.rest`), a rest has one.
+        Number of poses that it is free to take; where it is settled (:mod:`.rest`), each rest has one.
     rests
         Whether it is settled, and rests in the newest frame.
     """
@@ -47,7 +47,7 @@ class Body:
 
     @property
     def poses(self) -> PoseArrays:
-        """The poses as kernels take them."""
+        """The poses as arguments of kernels."""
         return PoseArrays(self.R, self.t, self.posed)
 
     @property
@@ -129,7 +129,7 @@ def pose_information(frames: Frames, rows: Ints, template: Floats, tolerance: Fl
     Parameters
     ----------
     rows, template, tolerance
-        intp [m], float64 [m, 3] and [m], the rows that the body was fitted to, where they are in it, and
+        intp [m], float64 [m, 3] and [m]: the rows that the body was fitted to, their places in the body, and
         their variances.
     """
     J = pose_columns(template, frames.dim)

@@ -1,9 +1,8 @@
-"""In trajectories of several sources, out one space for all (step 2): corrects extrinsics and clocks.
+"""Registers the sources of a space (step 2): corrects their extrinsics and clocks.
 
 A body that two sources see moves by the same motion in both, up to a constant rigid transform and a
-delay. Bodies are fitted to one source, the reference. For each other source we find the small rotation,
-shift and delay that make its trajectories constant in the frames of those bodies
-(:mod:`.explanations`).
+delay. Bodies are fitted to one source, the reference. For each other source, :mod:`.explanations` finds the
+small rotation, shift and delay that make its trajectories constant in the frames of those bodies.
 """
 
 from typing import Any
@@ -18,10 +17,10 @@ from .procrustes import fit_body
 from .subset import SUBSET_ROWS, representatives
 from .tracks import Tracks
 
-# In a large scene so many trajectories of a group take part. This bounds the work of an update; chosen on
+# Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
 # made-up crowds of thousands of features.
 _REPRESENTATIVES = 12
-# s; a trajectory takes part if it is observed for so long.
+# s; a trajectory takes part if it is observed for this long.
 _LEAST_LIFE = 0.5
 # Mean squared displacement of a group, in tolerances and per dimension, below which it does not move: the
 # poses of a body at rest are noise, which would look like motion that constrains an offset.
@@ -33,18 +32,18 @@ class Registration:
 
     def __init__(self) -> None:
         self.reference: int | None = None
-        self.found: dict[int, Offset] = {}
+        self.offsets: dict[int, Offset] = {}
 
     def correct(self, tracks: Tracks) -> Tracks:
         """The same trajectories as the reference would have seen them."""
-        known = [s for s in np.unique(tracks.source).tolist() if s in self.found]
-        if not known:
+        sources = [s for s in np.unique(tracks.source).tolist() if s in self.offsets]
+        if not sources:
             return tracks
         delay, turn, shift = tracks.delay_ns.copy(), tracks.turn.copy(), tracks.shift.copy()
-        for source in known:
-            offset, mine = self.found[source], tracks.source == source
-            delay[mine] = round(offset.delay * 1e9)
-            turn[mine], shift[mine] = offset.transform()
+        for source in sources:
+            offset, members = self.offsets[source], tracks.source == source
+            delay[members] = round(offset.delay * 1e9)
+            turn[members], shift[members] = offset.transform()
         return tracks.moved(delay, turn, shift)
 
     def learn(self, tracks: Tracks, frames: Frames, labels: Ints) -> None:
@@ -66,39 +65,39 @@ class Registration:
             frames, groups = _excerpt(frames, groups)
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
         extent, pivot = tracks.extent, np.median(tracks.newest, 0)
-        for source, mine in groups.items():
-            if bodies and mine and source != self.reference:
-                before = self.found.get(source) or Offset.none(pivot)
-                offset = explained(View(frames, mine, bodies, extent), before)
-                self.found.pop(source, None)
+        for source, source_groups in groups.items():
+            if bodies and source_groups and source != self.reference:
+                applied = self.offsets.get(source) or Offset.none(pivot)
+                offset = explained(View(frames, source_groups, bodies, extent), applied)
+                self.offsets.pop(source, None)
                 if offset.vector.any():
-                    self.found[source] = offset
+                    self.offsets[source] = offset
 
     def state(self) -> dict[str, Any]:
         """As plain values and arrays."""
         return {
             "reference": self.reference,
-            "found": [[s, o.rotation, o.shift, o.pivot, o.delay] for s, o in self.found.items()],
+            "found": [[s, o.rotation, o.shift, o.pivot, o.delay] for s, o in self.offsets.items()],
         }
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`."""
         self.reference = state["reference"]
-        self.found = {int(s): Offset(r, x, p, float(d)) for s, r, x, p, d in state["found"]}
+        self.offsets = {int(s): Offset(r, x, p, float(d)) for s, r, x, p, d in state["found"]}
 
 
 def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) -> Groups:
     """Rows of one source on each moving body, where they are enough for a pose."""
-    found = {}
+    groups = {}
     for k in range(1, int(labels.max(initial=0)) + 1):
         members = (labels == k) & (tracks.source == source) & (frames.life >= _LEAST_LIFE)
         if members.sum() >= frames.dim:
             large = len(frames.owner) > SUBSET_ROWS
-            some = representatives(frames, tracks.newest, members, _REPRESENTATIVES) if large else members
-            rows = frames.rows_of(some)
+            chosen = representatives(frames, tracks.newest, members, _REPRESENTATIVES) if large else members
+            rows = frames.rows_of(chosen)
             if _moves(frames, rows):
-                found[k] = rows
-    return found
+                groups[k] = rows
+    return groups
 
 
 def _moves(frames: Frames, rows: Ints) -> bool:
@@ -114,6 +113,6 @@ def _excerpt(frames: Frames, groups: dict[int, Groups]) -> tuple[Frames, dict[in
         np.concatenate([np.zeros(0, np.intp), *(r for g in groups.values() for r in g.values())])
     )
     tracks = np.unique(frames.owner[rows])
-    kept = frames.rows_of(tracks)
-    found = {s: {k: np.searchsorted(kept, r) for k, r in g.items()} for s, g in groups.items()}
-    return frames.of(tracks), found
+    kept_rows = frames.rows_of(tracks)
+    excerpts = {s: {k: np.searchsorted(kept_rows, r) for k, r in g.items()} for s, g in groups.items()}
+    return frames.of(tracks), excerpts

@@ -1,4 +1,4 @@
-"""In trajectories of any rate and phase, out rows on common frames (step 3), their tolerance (step 4)."""
+"""Resamples trajectories of any rate and phase on common frames (step 3), with their tolerance (step 4)."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -72,8 +72,8 @@ def make_frames(
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, resting, config)
     terms = noise, tolerance, squared / tracks.dim, metric, spectrum
-    who = tracks.key, life, tracks.current
-    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *who, tracks.extent)
+    per_track = tracks.key, life, tracks.current
+    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *per_track, tracks.extent)
 
 
 def extended(
@@ -81,7 +81,7 @@ def extended(
 ) -> Frames | None:
     """The frames and newer ones, with rows of the trajectories that are new; these have noise as usual.
 
-    None where nothing is known of the noise of a source.
+    None where the noise of a source is unknown.
 
     Parameters
     ----------
@@ -99,26 +99,26 @@ def extended(
     names, count = row_names(tracks.key, owner), len(frames.owner)
     order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
     at = find(frames.names, names[order])
-    known = np.flatnonzero(at >= 0)
-    like = _usual_rows(frames, tracks.source, owner[new])
-    if like is None:
+    old = np.flatnonzero(at >= 0)
+    usual = _usual_rows(frames, tracks.source, owner[new])
+    if usual is None:
         return None
-    total, before = count + len(new), len(frames.stamps)
-    every_y, every_w = np.zeros((total, before + len(stamps), 3)), np.zeros((total, before + len(stamps)))
-    every_y[:count, :before], every_w[:count, :before] = frames.y, frames.w
-    every_y[known, before:], every_w[known, before:] = y[order[at[known]]], w[order[at[known]]]
-    every_y[count:, before:], every_w[count:, before:] = y[new], w[new]
+    total, past = count + len(new), len(frames.stamps)
+    all_y, all_w = np.zeros((total, past + len(stamps), 3)), np.zeros((total, past + len(stamps)))
+    all_y[:count, :past], all_w[:count, :past] = frames.y, frames.w
+    all_y[old, past:], all_w[old, past:] = y[order[at[old]]], w[order[at[old]]]
+    all_y[count:, past:], all_w[count:, past:] = y[new], w[new]
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
     step = float(stamps[-1] - frames.stamps[-1]) * 1e-9 / len(stamps)
     np.maximum.at(seen := np.zeros(len(life), np.intp), owner, (w > 0).sum(1))
     alike: dict[str, Any] = {
-        one: np.concatenate([getattr(frames, one), getattr(frames, one)[like]]) for one in NOISE
+        name: np.concatenate([getattr(frames, name), getattr(frames, name)[usual]]) for name in NOISE
     }
     return replace(
         frames,
         stamps=np.append(frames.stamps, stamps),
-        y=every_y,
-        w=every_w,
+        y=all_y,
+        w=all_w,
         owner=np.append(frames.owner, owner[new]),
         weight=np.append(frames.weight, weight[new]),
         key=tracks.key,
@@ -128,15 +128,15 @@ def extended(
     )
 
 
-def _usual_rows(frames: Frames, source: Ints, wanted: Ints) -> Ints | None:
+def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints | None:
     """A row of usual noise of the source of each wanted trajectory, intp [n]; None where there is none."""
-    found = np.zeros(len(wanted), np.intp)
-    for one in np.unique(source[wanted]).tolist():
-        rows = np.flatnonzero(source[frames.owner] == one)
+    usual = np.zeros(len(wanted), np.intp)
+    for source in np.unique(sources[wanted]).tolist():
+        rows = np.flatnonzero(sources[frames.owner] == source)
         if not len(rows):
             return None
-        found[source[wanted] == one] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
-    return found
+        usual[sources[wanted] == source] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
+    return usual
 
 
 def _owners(curves: list[_Curves]) -> tuple[Ints, Floats]:
@@ -152,15 +152,15 @@ def _mean_variance(covariance: Floats, dim: int) -> Floats:
 
 def _metrics(covariance: Floats, dim: int) -> Floats:
     """Inverse covariances in units of the inverse mean variance, [P, 6]."""
-    found = np.tile(ROUND, (len(covariance), 1))
+    metrics = np.tile(ROUND, (len(covariance), 1))
     flat = covariance[:, *np.triu_indices(3)]
-    odd = np.flatnonzero(
+    rows = np.flatnonzero(
         (flat[:, [1, 2, 4]] != 0).any(1) | (flat[:, 0] != flat[:, 3]) | (flat[:, 0] != flat[:, 5])
     )
-    if len(odd):
-        inverse = np.linalg.inv(covariance[odd]) * _mean_variance(covariance[odd], dim)[:, None, None]
-        found[odd] = inverse[:, *np.triu_indices(3)]
-    return found
+    if len(rows):
+        inverse = np.linalg.inv(covariance[rows]) * _mean_variance(covariance[rows], dim)[:, None, None]
+        metrics[rows] = inverse[:, *np.triu_indices(3)]
+    return metrics
 
 
 def _with_slow_noise(
@@ -178,16 +178,16 @@ def _with_slow_noise(
     deformation.
     """
     wider, spectrum = tolerance.copy(), np.tile([1.0, 0.0, 0.0], (len(owner), 1))
-    source = tracks.source[owner]
-    for one in np.unique(source).tolist():
+    sources = tracks.source[owner]
+    for source in np.unique(sources).tolist():
         usual = SlowNoise()
-        for mine in source == one, (source == one) & resting:
-            rows = np.flatnonzero(mine & tracks.current[owner])
-            found = slow_noise(y, w, tolerance, rows, config.frame_rate)
-            if found.factor(w.shape[1]) > usual.factor(w.shape[1]):
-                usual, factor = found, found.factor(w.shape[1])
-                wider[mine] = tolerance[mine] * factor
-                spectrum[mine] = found.white / factor, found.slow / factor, found.persistence
+        for members in sources == source, (sources == source) & resting:
+            rows = np.flatnonzero(members & tracks.current[owner])
+            noise = slow_noise(y, w, tolerance, rows, config.frame_rate)
+            if noise.factor(w.shape[1]) > usual.factor(w.shape[1]):
+                usual, factor = noise, noise.factor(w.shape[1])
+                wider[members] = tolerance[members] * factor
+                spectrum[members] = noise.white / factor, noise.slow / factor, noise.persistence
     return wider, spectrum
 
 
@@ -222,25 +222,25 @@ def _interpolated(
         resample(c.observations, stamps, own_limits, variance[rows], y[rows], w[rows])
         # The ends of arms are corrected already.
         if not c.on_arm and corrected.any():
-            some = np.flatnonzero(corrected[own])
-            turned = np.einsum("nfi,nji->nfj", y[rows][some], tracks.turn[own[some]])
-            seen = w[rows][some, :, None] > 0
-            y[rows][some] = turned + tracks.shift[own[some], None] * seen
+            corrected_rows = np.flatnonzero(corrected[own])
+            turned = np.einsum("nfi,nji->nfj", y[rows][corrected_rows], tracks.turn[own[corrected_rows]])
+            seen = w[rows][corrected_rows, :, None] > 0
+            y[rows][corrected_rows] = turned + tracks.shift[own[corrected_rows], None] * seen
     return y, w
 
 
 def _noise(tracks: Tracks, estimates: NoiseEstimates, curves: list[_Curves], gap: Stamps) -> Floats:
     """Covariance of the noise of all rows, float64 [P, 3, 3]."""
     estimate, count = estimates.read(tracks, gap)
-    found = []
+    covariances = []
     for c in curves:
         terms = estimate[c.own], count[c.own]
         if c.on_arm:
-            every = np.arange(len(c.own))
-            noise = gap[c.own], every, DIRECTIONS[3], MOST_DIFFERENCES
+            all_curves = np.arange(len(c.own))
+            noise = gap[c.own], all_curves, DIRECTIONS[3], MOST_DIFFERENCES
             terms = difference_covariances(c.observations, *noise)
-        found.append(noise_covariances(tracks, *terms, c.own, on_arm=c.on_arm))
-    return np.concatenate(found)
+        covariances.append(noise_covariances(tracks, *terms, c.own, on_arm=c.on_arm))
+    return np.concatenate(covariances)
 
 
 def _curves(tracks: Tracks, extent: float) -> list[_Curves]:

@@ -1,8 +1,9 @@
-"""In a body, out the same with one pose for each rest of it (step 6).
+"""Gives a body one pose for each of its rests, so that its poses do not fit noise (step 6).
 
-A body has a pose in each frame, also while it rests. Those poses fit the noise of whatever takes part in the
-fit, so that a resting feature next to nothing of the body may cost less under it than at rest. With one pose
-for each rest, both cost the same, and place and memory decide; and a rest has the price of one pose.
+A body has a pose in each frame, also while it rests. Those poses fit the noise of the rows that the body was
+fitted to, so that a resting feature that is no part of the body may cost less under it than at rest. With one
+pose for each rest, both costs are the same, and position and memory decide; and a rest has the price of one
+pose.
 """
 
 from dataclasses import replace
@@ -24,7 +25,7 @@ def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
         return body
     still = replace(body, R=body.R.copy(), t=body.t.copy())
     w = np.ascontiguousarray(frames.w[body.rows].T)
-    # Not the tolerance: what moves slowly, within its slack, does not rest.
+    # Not the tolerance: a body that moves slowly, within its slack, does not rest.
     noise = 1 / frames.noise[body.rows], frames.metric[body.rows]
     template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
     least = _LEAST_REST * config.frame_rate

@@ -1,4 +1,4 @@
-"""In costs, out the bodies to open (step 8): facility location, the least cost of trajectories and bodies."""
+"""Selects the bodies that explain the trajectories at least total cost (step 8): facility location."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ STATIC = 0
 """Column of the static body, which is always open, at no price."""
 
 
-def select(scene: Scene, some: list[Fitted], found: Costs, config: RigidConfig) -> tuple[list[int], Costs]:
+def select(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig) -> tuple[list[int], Costs]:
     """Columns to open, and the costs of those.
 
     A trajectory of a moving body pays for its membership: among many trajectories with correlated noise
@@ -21,9 +21,9 @@ def select(scene: Scene, some: list[Fitted], found: Costs, config: RigidConfig) 
     leaving it.
     """
     judged: Bools = scene.judged
-    body = found.body + past_evidence(scene, some, found, config) + membership_prices(scene, some, config)
-    chosen = cheapest_bodies(body[judged], found.outlier[judged], found.opening)
-    return chosen, found.of(chosen)
+    body = costs.body + past_evidence(scene, fitted, costs, config) + membership_prices(scene, fitted, config)
+    chosen = cheapest_bodies(body[judged], costs.outlier[judged], costs.opening)
+    return chosen, costs.of(chosen)
 
 
 def cheapest_bodies(body: Floats, outlier: Floats, opening: Floats) -> list[int]:
@@ -46,25 +46,25 @@ def cheapest_bodies(body: Floats, outlier: Floats, opening: Floats) -> list[int]
         paid = np.minimum(outlier, body[:, chosen].min(1))
 
 
-def supported(scene: Scene, some: list[Fitted], found: Costs, config: RigidConfig) -> list[int]:
+def supported(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig) -> list[int]:
     """Columns of the static body and of the bodies that the trajectories pay for that they were fitted to.
 
-    Among very many at rest some, with more noise than is known, would gain by any body.
+    Among very many trajectories at rest, some have more noise than was estimated and would gain by any body.
     """
-    prices, owners = membership_prices(scene, some, config), [one.owners for one in some]
+    prices, owners = membership_prices(scene, fitted, config), [body.owners for body in fitted]
     gains = [
-        float((found.body[own, STATIC] - found.body[own, k] - prices[k]).sum())
+        float((costs.body[own, STATIC] - costs.body[own, k] - prices[k]).sum())
         for k, own in enumerate(owners)
     ]
-    return [k for k, gain in enumerate(gains) if k == STATIC or gain > found.opening[k]]
+    return [k for k, gain in enumerate(gains) if k == STATIC or gain > costs.opening[k]]
 
 
-def membership_prices(scene: Scene, some: list[Fitted], config: RigidConfig) -> Floats:
-    """Price of a membership in each body, [K]: that of the nats that it takes to say which they are.
+def membership_prices(scene: Scene, fitted: list[Fitted], config: RigidConfig) -> Floats:
+    """Price of a membership in each body, [K]: the nats that it takes to encode its members.
 
     These are 1 + log(N / m) for m of N trajectories; the static body, without owners, has none.
     """
-    counts = np.array([len(one.owners) for one in some], np.intp)
+    counts = np.array([len(body.owners) for body in fitted], np.intp)
     nats = 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(counts, 1), 1.0))
     return np.where(counts > 0, config.membership_price * nats, 0.0)
 
@@ -76,8 +76,8 @@ def _superfluous(body: Floats, outlier: Floats, opening: Floats) -> int | None:
     paid = np.column_stack([outlier, body])
     least = np.partition(paid, 1, axis=1)
     # Without its body a trajectory takes the next best.
-    more = np.bincount(paid.argmin(1), least[:, 1] - least[:, 0], len(opening) + 1)[1:]
-    loss = more - opening
+    added_cost = np.bincount(paid.argmin(1), least[:, 1] - least[:, 0], len(opening) + 1)[1:]
+    loss = added_cost - opening
     loss[STATIC] = np.inf
     worst = int(np.argmin(loss))
     return worst if loss[worst] < 0 else None

@@ -1,4 +1,4 @@
-"""In the costs of trajectories, out lower ones for features that slide along a line on a body (step 7).
+"""Lowers the costs of features that slide along a line on a body (step 7).
 
 A corner where an edge of a body meets the background slides along the edge as the view turns. Several such
 features often move alike, and would make a body of their own. A slider has one degree of freedom per frame
@@ -13,12 +13,12 @@ from .frames import Frames
 from .kernels.residuals import LEAST_COVERED
 from .procrustes import Body
 
-# A body is a host of sliders, and explains trajectories so well that they do not slide, if it was fitted to
-# so many of them, and they cost at most so many times what the noise does.
+# Fewest trajectories that a host of sliders was fitted to; and the cost of a trajectory under it, in the cost
+# of the noise, up to which it does not slide.
 _LEAST_OWNERS, _EXPLAINED = 4, 1.5
 # Half nats that the degree of freedom of a frame must gain beyond the noise that it fits: the more, the more
-# limbs with two markers stay bodies. s that this takes at least: bodies that begin to move slide on each
-# other at first.
+# limbs with two markers stay bodies. Least s of sliding: bodies that begin to move slide on each other
+# at first.
 _PRICE, _LEAST_TIME = 1.6, 1.45
 # Most that a feature slides, rms, in rms radii of its host, and its variance across the line, in that of the
 # noise. All were chosen on stress scenes of even seeds, so that the markers keep their figures.
@@ -30,7 +30,7 @@ _MOST = 128
 def with_sliders(
     frames: Frames, bodies: list[Body], body: Floats, seen: Floats, config: RigidConfig
 ) -> tuple[Floats, Bools]:
-    """Lower the costs of trajectories that no larger body explains to those of sliding, where that is less.
+    """Costs of trajectories that no larger body explains, lowered to those of sliding where that is less.
 
     Parameters
     ----------
@@ -41,15 +41,15 @@ def with_sliders(
     -------
     Costs, float64 [N, K], and where they are those of sliding, bool [N, K].
     """
-    # What slides on a body at rest would slide on the static one, which hosts none.
-    hosts = [k for k, one in enumerate(bodies) if one.free > 1 and _count(frames, one) >= _LEAST_OWNERS]
+    # Sliding on a body at rest would be sliding on the static one, which is no host.
+    hosts = [k for k, host in enumerate(bodies) if host.free > 1 and _count(frames, host) >= _LEAST_OWNERS]
     rows = _unexplained(frames, bodies, hosts, body, seen, config)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)
-    mine, found = frames.owner[rows], body.copy()
+    tracks, costs = frames.owner[rows], body.copy()
     for k in hosts:
-        found[mine, k] = np.minimum(body[mine, k], _slides(frames, bodies[k], rows, config))
-    return found, found < body
+        costs[tracks, k] = np.minimum(body[tracks, k], _slides(frames, bodies[k], rows, config))
+    return costs, costs < body
 
 
 def _count(frames: Frames, body: Body) -> int:
@@ -60,11 +60,11 @@ def _unexplained(
     frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats, config: RigidConfig
 ) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
-    large = [k for k, one in enumerate(bodies) if one.static or k in hosts]
+    large = [k for k, candidate in enumerate(bodies) if candidate.static or k in hosts]
     due = 0.5 * _EXPLAINED * frames.dim * seen
-    asked = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_TIME * config.frame_rate)
-    asked &= np.bincount(frames.owner, minlength=len(seen)) == 1
-    return frames.rows_of(thinned(np.flatnonzero(asked), _MOST))
+    unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_TIME * config.frame_rate)
+    unexplained &= np.bincount(frames.owner, minlength=len(seen)) == 1
+    return frames.rows_of(thinned(np.flatnonzero(unexplained), _MOST))
 
 
 def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floats:

@@ -1,7 +1,7 @@
-"""In rows, out what their differences cannot show: slow noise (step 4).
+"""Estimates slow noise, which differences of successive observations do not show (step 4).
 
-Drift, slip of features, and noise that is correlated over time vanish in differences of neighbours in time.
-They show in the distances of features that lie side by side: most such pairs are on one body.
+Drift, slip of features, and noise that is correlated over time cancel in those differences. They show in the
+distances of features that lie side by side: most such pairs are on one body.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from scipy.special import gammaincinv
 
 from ..arrays import Floats, Ints, last_true, thinned
 
-# Rows of a source that are looked at, evenly drawn, and nearest rows to compare each with: a median needs no
-# more, and beyond three pairs more and more span two bodies.
+# Most rows of a source that are examined, evenly drawn, and nearest rows to compare each with: a median needs
+# no more, and beyond three pairs more and more span two bodies.
 _ROWS, _NEAREST = 64, 3
 # Fewest differences of a pair at a lag, and fewest pairs of a source.
 _LEAST_FRAMES, _LEAST_PAIRS = 8, 8
@@ -25,7 +25,7 @@ _QUANTILE = 0.4
 _LAGS, _LEAST_LAGS = np.array([1, 2, 4, 8, 16, 32, 64]) / 15, 3
 # s; correlation times that are tried: octaves up to half of the usual window, and two beyond it.
 _TIMES = np.array([2, 4, 8, 16, 32, 64, 256, 1024]) / 15
-# Least white noise, in tolerances: interpolation and rounding leave at least so much.
+# Least white noise, in tolerances: interpolation and rounding leave at least this.
 _LEAST_WHITE = 0.05
 
 
@@ -47,7 +47,7 @@ class SlowNoise:
         return float(np.exp(-1 / self.time)) if self.slow > 0 else 0.0
 
     def factor(self, frames: int) -> float:
-        """Variance about the mean of so many frames."""
+        """Variance about the mean over a number of frames."""
         return self.white + self.slow * float(1 - np.exp(-frames / 3 / self.time))
 
 
@@ -68,19 +68,19 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     """
     if len(rows) <= _NEAREST:
         return SlowNoise()
-    some = thinned(rows, _ROWS)
-    first = np.repeat(some, _NEAREST)
-    second = _nearest(y, w, rows, some).ravel()
+    drawn = thinned(rows, _ROWS)
+    first = np.repeat(drawn, _NEAREST)
+    second = _nearest(y, w, rows, drawn).ravel()
     lags = np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp))
-    found = variograms(y, w, first, second, lags)
-    known = np.isfinite(found).sum(0) >= _LEAST_PAIRS
-    if known.sum() < _LEAST_LAGS:
+    measured = variograms(y, w, first, second, lags)
+    measurable = np.isfinite(measured).sum(0) >= _LEAST_PAIRS
+    if measurable.sum() < _LEAST_LAGS:
         return SlowNoise()
-    found = found[:, known] / (tolerance[first] + tolerance[second])[:, None]
-    usual = _usual(found)
+    measured = measured[:, measurable] / (tolerance[first] + tolerance[second])[:, None]
+    usual = _usual(measured)
     if usual.min() <= 0:  # pairs at rest without any noise
         return SlowNoise()
-    noise = _fitted(lags[known], _TIMES * frame_rate, usual, w.shape[1])
+    noise = _fitted(lags[measurable], _TIMES * frame_rate, usual, w.shape[1])
     return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
 
 
@@ -104,14 +104,14 @@ def variograms(y: Floats, w: Floats, first: Ints, second: Ints, lags: Ints) -> F
     """
     both = (w[first] > 0) & (w[second] > 0)
     apart = np.sqrt(((y[first] - y[second]) ** 2).sum(2))
-    found = np.full((len(first), len(lags)), np.nan)
+    values = np.full((len(first), len(lags)), np.nan)
     for k, lag in enumerate(lags.tolist()):
         seen = both[:, lag:] & both[:, :-lag]
         change = (apart[:, lag:] - apart[:, :-lag]) * seen
         count = seen.sum(1)
         enough = count >= _LEAST_FRAMES
-        found[enough, k] = 0.5 * (change[enough] ** 2).sum(1) / count[enough]
-    return found
+        values[enough, k] = 0.5 * (change[enough] ** 2).sum(1) / count[enough]
+    return values
 
 
 def _fitted(lags: Ints, times: Floats, usual: Floats, frames: int) -> SlowNoise:
@@ -121,8 +121,8 @@ def _fitted(lags: Ints, times: Floats, usual: Floats, frames: int) -> SlowNoise:
     differences of white noise are independent, and those of slow noise that overlap by less than a third.
     """
     best, least = SlowNoise(), np.inf
-    every = _variograms(tuple(lags.tolist()), tuple(times.tolist()), frames)
-    for time, variogram in zip(times, every, strict=True):
+    curves = _variograms(tuple(lags.tolist()), tuple(times.tolist()), frames)
+    for time, variogram in zip(times, curves, strict=True):
         (a, b), error = nnls(variogram / usual[:, None], np.ones(len(lags)))
         if error < least:
             best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), float(time)), error
@@ -132,23 +132,23 @@ def _fitted(lags: Ints, times: Floats, usual: Floats, frames: int) -> SlowNoise:
 @lru_cache(maxsize=64)
 def _variograms(lags: tuple[int, ...], times: tuple[float, ...], frames: int) -> list[Floats]:
     """Variograms of white and of slow noise of variance 1 by correlation time, float64 [n, 2] each."""
-    at = np.array(lags)
-    white = _typical(np.full(len(at), 0.67 * frames))
+    k = np.array(lags)
+    white = _typical(np.full(len(k), 0.67 * frames))
     return [
-        np.column_stack([white, (1 - np.exp(-at / time)) * _typical(1.5 * frames / np.minimum(at, 2 * time))])
+        np.column_stack([white, (1 - np.exp(-k / time)) * _typical(1.5 * frames / np.minimum(k, 2 * time))])
         for time in times
     ]
 
 
-def _usual(found: Floats) -> Floats:
+def _usual(values: Floats) -> Floats:
     """The quantile of each column of float64 [n, m] over what is not NaN, float64 [m]."""
     # As np.nanquantile, which takes longer than all the rest.
-    found = np.sort(found, axis=0)
-    at = _QUANTILE * (np.isfinite(found).sum(0) - 1)
-    low = at.astype(np.intp)
-    columns = np.arange(found.shape[1])
-    below, above = found[low, columns], found[np.minimum(low + 1, len(found) - 1), columns]
-    share = at - low
+    values = np.sort(values, axis=0)
+    position = _QUANTILE * (np.isfinite(values).sum(0) - 1)
+    low = position.astype(np.intp)
+    columns = np.arange(values.shape[1])
+    below, above = values[low, columns], values[np.minimum(low + 1, len(values) - 1), columns]
+    share = position - low
     return np.asarray(np.where(share > 0, below + (above - below) * share, below))
 
 
@@ -158,8 +158,8 @@ def _typical(freedom: Floats) -> Floats:
     return np.asarray(2 * gammaincinv(freedom / 2, _QUANTILE) / freedom)
 
 
-def _nearest(y: Floats, w: Floats, rows: Ints, some: Ints) -> Ints:
-    """The rows whose newest positions are nearest to those of each of `some`, intp [n, 3]."""
-    at = y[rows, last_true(w[rows] > 0)]
-    found = cKDTree(at).query(at[np.searchsorted(rows, some)], _NEAREST + 1)[1]
-    return np.asarray(rows[found[:, 1:]], np.intp)
+def _nearest(y: Floats, w: Floats, rows: Ints, drawn: Ints) -> Ints:
+    """The rows whose newest positions are nearest to those of each of `drawn`, intp [n, 3]."""
+    positions = y[rows, last_true(w[rows] > 0)]
+    indices = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], _NEAREST + 1)[1]
+    return np.asarray(rows[indices[:, 1:]], np.intp)

@@ -1,8 +1,7 @@
-"""In rows and earlier hypotheses, out the trajectories that are searched for bodies: all of a small scene.
+"""Chooses the trajectories that are searched for bodies, so that the work of a search is bounded (step 5).
 
-In a large scene they are what no hypothesis explains, and a few representatives of each hypothesis. Their
-number is bounded, so that the search costs the same however many trajectories a scene has. All trajectories
-are then compared with the bodies that are found.
+In a small scene they are all. In a large one they are those that no hypothesis explains, and a few
+representatives of each hypothesis. All trajectories are then compared with the bodies that are found.
 """
 
 from dataclasses import dataclass, replace
@@ -23,14 +22,14 @@ SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
 # Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
 _MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
-# So many unexplained members of hypotheses are taken first, by their excess. The rest is drawn, so that
-# lasting outliers leave room for others.
+# Unexplained members of hypotheses that are taken first, by their excess. The others are drawn at
+# random, so that lasting outliers do not exclude them.
 _LARGEST_EXCESS = 32
 FIT_ROWS = 64
 """Most rows that a body is fitted to in a large scene."""
-# Share of representatives that may be ended trajectories: they hold the poses from before others were born.
+# Share of representatives that may be ended trajectories: they determine poses before others were born.
 _ENDED_SHARE = 0.25
-# Representatives are chosen among so many times as many, the ones with the longest life.
+# Representatives are chosen among the longest-lived trajectories, this many for each.
 _LONGEST_LIVED = 4
 # Label of a trajectory that is not in the subset.
 _OUTSIDE = -2
@@ -38,7 +37,7 @@ _OUTSIDE = -2
 
 @dataclass(frozen=True)
 class Scene:
-    """What is searched for bodies: N trajectories, and what is known of them from the last update.
+    """N trajectories of an update, and what earlier updates found out about them.
 
     Attributes
     ----------
@@ -48,7 +47,7 @@ class Scene:
         float64 [N, 3], newest position.
     judged
         bool [N], observed in enough frames to be searched.
-    before
+    hypotheses
         int64 [N], hypothesis of each trajectory; these hypotheses are candidates again.
     static
         Hypothesis that was the static one.
@@ -63,7 +62,7 @@ class Scene:
     frames: Frames
     newest: Floats
     judged: Bools
-    before: Labels
+    hypotheses: Labels
     static: int | None
     separate: Bools
     resting: Bools
@@ -76,8 +75,8 @@ class Scene:
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
-        every = "newest", "judged", "before", "separate", "resting", "clear"
-        columns = {one: getattr(self, one)[tracks] for one in every}
+        names = "newest", "judged", "hypotheses", "separate", "resting", "clear"
+        columns = {name: getattr(self, name)[tracks] for name in names}
         return replace(self, frames=self.frames.of(tracks), **columns)
 
 
@@ -86,53 +85,53 @@ class Subset:
     """Trajectories that are searched for bodies.
 
     `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them. In a small
-    scene, everyone is in it and counts as unexplained, so that every cluster is a candidate.
+    scene, all trajectories are in it and count as unexplained, so that every cluster is a candidate.
     """
 
     tracks: Ints
     unexplained: Bools
 
 
-def choose_subset(scene: Scene, odd: Bools, excess: Floats) -> Subset:
+def choose_subset(scene: Scene, outlying: Bools, excess: Floats) -> Subset:
     """Choose the trajectories that are searched for bodies.
 
     Parameters
     ----------
-    odd, excess
+    outlying, excess
         bool [N], what the known bodies do not explain, and float64 [N], by how much.
     """
-    frames, before = scene.frames, scene.before
+    frames, hypotheses = scene.frames, scene.hypotheses
     if scene.small:
-        return Subset(np.arange(len(before)), np.ones(len(before), np.bool_))
-    explained = scene.judged & ~odd
-    hypotheses = np.setdiff1d(before[explained], NO_HYPOTHESIS).tolist()
+        return Subset(np.arange(len(hypotheses)), np.ones(len(hypotheses), np.bool_))
+    explained = scene.judged & ~outlying
+    explaining = np.setdiff1d(hypotheses[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
-    each = int(np.clip(most // max(len(hypotheses), 1), _LEAST_OF_EACH, _MOST_OF_EACH))
-    found = [representatives(frames, scene.newest, explained & (before == h), each) for h in hypotheses]
-    left = max(SUBSET_ROWS - sum(len(some) for some in found), SUBSET_ROWS - most)
-    found.append(_drawn(np.flatnonzero(odd), before, excess, int(frames.stamps[-1]), left))
-    tracks = np.unique(np.concatenate(found))
-    return Subset(tracks, odd[tracks])
+    each = int(np.clip(most // max(len(explaining), 1), _LEAST_OF_EACH, _MOST_OF_EACH))
+    groups = [representatives(frames, scene.newest, explained & (hypotheses == h), each) for h in explaining]
+    remaining = max(SUBSET_ROWS - sum(len(group) for group in groups), SUBSET_ROWS - most)
+    groups.append(_drawn(np.flatnonzero(outlying), hypotheses, excess, int(frames.stamps[-1]), remaining))
+    tracks = np.unique(np.concatenate(groups))
+    return Subset(tracks, outlying[tracks])
 
 
 def unexplained(scene: Scene, labels: Ints, excess: Floats) -> Bools:
-    """Which current trajectories belong to nobody, or exceed the usual by more than chance, bool [N].
+    """Which current trajectories are outliers, or exceed the usual cost by more than chance, bool [N].
 
     That is three standard deviations, and more among many: the largest of n normal deviates is about the
     root of 2 log n. `labels` intp [N] are those of followed bodies, `excess` float64 [N] that of
     :func:`~comotion.rigid.costs.excess_costs`.
     """
-    asked = scene.judged & scene.frames.current
-    most = max(3.0, float(np.sqrt(2 * np.log(max(int(asked.sum()), 1)))))
-    return np.asarray(asked & ((labels == OUTLIER) | (excess > most)), np.bool_)
+    eligible = scene.judged & scene.frames.current
+    most = max(3.0, float(np.sqrt(2 * np.log(max(int(eligible.sum()), 1)))))
+    return np.asarray(eligible & ((labels == OUTLIER) | (excess > most)), np.bool_)
 
 
 def known_rows(scene: Scene) -> list[Ints]:
     """Rows to fit each known hypothesis but the static one to; two at least."""
-    known = np.setdiff1d(scene.before, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
-    telling = scene.frames.telling
-    found = [_rows_of_representatives(scene, (scene.before == one) & telling) for one in known.tolist()]
-    return [rows for rows in found if len(rows) >= 2]
+    hypotheses = np.setdiff1d(scene.hypotheses, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
+    usable = scene.frames.informative
+    groups = [_rows_of_representatives(scene, (scene.hypotheses == h) & usable) for h in hypotheses.tolist()]
+    return [rows for rows in groups if len(rows) >= 2]
 
 
 def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> list[Ints]:
@@ -148,34 +147,34 @@ def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> li
     bodies
         Number of bodies in the subset, with the static one.
     """
-    before = scene.before[subset.tracks]
+    hypotheses = scene.hypotheses[subset.tracks]
     # Of the subset only explained trajectories are drawn in proportion to their hypotheses.
-    fair = (labels > 0) & ~subset.unexplained & (before != scene.static)
-    heirs = continued(before[fair], labels[fair], bodies, largest_total)
-    column = np.full(len(scene.before), _OUTSIDE)
+    fair = (labels > 0) & ~subset.unexplained & (hypotheses != scene.static)
+    heirs = continued(hypotheses[fair], labels[fair], bodies, largest_total)
+    column = np.full(len(scene.hypotheses), _OUTSIDE)
     column[subset.tracks] = labels
     groups = [
-        (column == k) | ((column == _OUTSIDE) & (scene.before == heirs.get(k, _OUTSIDE)))
+        (column == k) | ((column == _OUTSIDE) & (scene.hypotheses == heirs.get(k, _OUTSIDE)))
         for k in range(1, bodies)
     ]
-    done = {scene.static, NO_HYPOTHESIS, *heirs.values()}
-    groups += [scene.before == h for h in np.unique(scene.before).tolist() if h not in done]
+    covered = {scene.static, NO_HYPOTHESIS, *heirs.values()}
+    groups += [scene.hypotheses == h for h in np.unique(scene.hypotheses).tolist() if h not in covered]
     return [_rows_of_representatives(scene, group & scene.judged) for group in groups]
 
 
 def representatives(frames: Frames, newest: Floats, members: Bools, count: int) -> Ints:
-    """At most so many of `members` bool [N], intp [n]: spread in space, long-lived, a few of them ended.
+    """At most `count` of `members` bool [N], intp [n]: spread in space, long-lived, a few of them ended.
 
     An ended trajectory must have been observed long enough.
     """
-    telling = members & frames.telling
-    current, ended = np.flatnonzero(telling & frames.current), np.flatnonzero(telling & ~frames.current)
+    usable = members & frames.informative
+    current, ended = np.flatnonzero(usable & frames.current), np.flatnonzero(usable & ~frames.current)
     if len(current) + len(ended) <= count:
-        return np.flatnonzero(telling)
-    some = _longest_lived(frames, ended, max(int(_ENDED_SHARE * count), count - len(current)))
-    pool, left = _longest_lived(frames, current, _LONGEST_LIVED * count), count - len(some)
-    spread = pool[farthest_points(newest[pool], left)] if len(pool) > left else pool
-    return np.concatenate([spread, some])
+        return np.flatnonzero(usable)
+    chosen_ended = _longest_lived(frames, ended, max(int(_ENDED_SHARE * count), count - len(current)))
+    pool, left = _longest_lived(frames, current, _LONGEST_LIVED * count), count - len(chosen_ended)
+    chosen_current = pool[farthest_points(newest[pool], left)] if len(pool) > left else pool
+    return np.concatenate([chosen_current, chosen_ended])
 
 
 def _rows_of_representatives(scene: Scene, members: Bools) -> Ints:
@@ -186,17 +185,17 @@ def _rows_of_representatives(scene: Scene, members: Bools) -> Ints:
     return scene.frames.rows_of(representatives(scene.frames, scene.newest, members, FIT_ROWS))
 
 
-def _drawn(odd: Ints, before: Labels, excess: Floats, seed: int, count: int) -> Ints:
-    """At most so many of `odd`: members of hypotheses by largest excess, then others by lot, intp [n].
+def _drawn(outlying: Ints, hypotheses: Labels, excess: Floats, seed: int, count: int) -> Ints:
+    """At most `count` of `outlying`, intp [n]: members of hypotheses by their excess, then others at random.
 
     The draw depends on the time of the update alone.
     """
-    if len(odd) <= count:
-        return odd
-    members = odd[before[odd] != NO_HYPOTHESIS]
+    if len(outlying) <= count:
+        return outlying
+    members = outlying[hypotheses[outlying] != NO_HYPOTHESIS]
     first = members[np.argsort(-excess[members], kind="stable")[:_LARGEST_EXCESS]]
-    rest = np.setdiff1d(odd, first)
-    draw = np.random.default_rng(seed).permutation(rest)
+    others = np.setdiff1d(outlying, first)
+    draw = np.random.default_rng(seed).permutation(others)
     return np.concatenate([first, draw[: count - len(first)]])
 
 

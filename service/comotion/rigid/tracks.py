@@ -1,4 +1,4 @@
-"""In a window, out every trajectory that has an observation in it (step 1), without a copy."""
+"""Reads the trajectories that have an observation in a window (step 1), without a copy."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,16 +11,16 @@ from ..trajectories.window import Window
 from .kernels.records import Observations
 from .kernels.resampling import stop_at
 
-# The period of a source with more trajectories than the first number is taken from so many of them, the
-# oldest: all trajectories of a source have the same period.
+# All trajectories of a source have the same period. Where there are more than the first number of them, it is
+# taken from the oldest, as many as the second number.
 _MANY_TRACKS, _PERIOD_TRACKS = 128, 16
 
 
-# How many times the width of a source another position may be away to count for the scale of the scene:
-# less than millimetres among metres. And the trajectories that tell the width of a source.
-_FAR, _TELLING = 300.0, 4
-# Observations before a time that tell an error from motion there.
-_BEFORE = 4
+# Positions count for the scale of the scene up to this many widths of a source away: fewer than millimetres
+# in a metre. And the fewest trajectories from which the width of a source is taken.
+_FAR, _LEAST_FOR_WIDTH = 300.0, 4
+# Observations before a time that are needed to distinguish a gross error from motion there.
+_EARLIER = 4
 
 
 _PER_TRACK = (
@@ -78,15 +78,15 @@ class Tracks:
 
     @property
     def observations(self) -> Observations:
-        """The observations as kernels take them."""
+        """The observations as arguments of kernels."""
         return Observations(self.times, self.positions, self.start, self.stop)
 
     @cached_property
     def extent(self) -> float:
         """Root mean square distance of the current trajectories from their median: the scale of the scene.
 
-        One source must not set the scale of all: what is hundreds of times farther out than the smallest of
-        the sources is wide, such as outliers or a source in another unit, does not count.
+        One source must not set the scale of all: positions that are hundreds of times farther out than the
+        narrowest source is wide, such as outliers or a source in another unit, do not count.
         """
         newest = self.newest[self.current] if self.current.any() else self.newest
         squares = ((newest - np.median(newest, 0)) ** 2).sum(1)
@@ -98,14 +98,14 @@ class Tracks:
         return spread if spread > 0 else float(np.abs(newest).max(initial=0.0)) + 1e-9
 
     def _near(self, newest: Floats) -> Bools:
-        """Which positions [n, 3] of the current trajectories tell the scale, bool [n]."""
-        source = self.source[self.current] if self.current.any() else self.source
+        """Which positions [n, 3] of the current trajectories count for the scale, bool [n]."""
+        sources = self.source[self.current] if self.current.any() else self.source
         width, centre = np.inf, np.zeros(3)
-        for one in np.unique(source).tolist():
-            mine = newest[source == one]
-            middle = np.median(mine, 0)
-            half = float(np.median(np.sqrt(((mine - middle) ** 2).sum(1))))
-            if len(mine) >= _TELLING and 0 < half < width:
+        for source in np.unique(sources).tolist():
+            positions = newest[sources == source]
+            middle = np.median(positions, 0)
+            half = float(np.median(np.sqrt(((positions - middle) ** 2).sum(1))))
+            if len(positions) >= _LEAST_FOR_WIDTH and 0 < half < width:
                 width, centre = half, middle
         near = np.asarray(np.sqrt(((newest - centre) ** 2).sum(1)) <= _FAR * width)
         return near if near.any() else np.ones(len(newest), np.bool_)
@@ -116,36 +116,37 @@ class Tracks:
         return np.asarray((self.shift != 0).any(1) | (self.turn != np.eye(3)).any((1, 2)), np.bool_)
 
     def since(self, window: Window, stamp_ns: int) -> "Tracks":
-        """The same trajectories with their observations from some before a time on."""
+        """The same trajectories without the observations long before a time; a few before it are kept."""
         older = stop_at(window.times, self.slot, window.start, window.stop, stamp_ns)
-        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - _BEFORE)
+        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - _EARLIER)
         return replace(self, start=np.minimum(start, self.stop))
 
     def joined(self, now: "Tracks") -> "Tracks":
-        """These trajectories as they are now, those that are gone too, and then the new ones.
+        """These trajectories as they are now, also those that are gone, and then the new ones.
 
-        What is gone has no observations. Who was here keeps the correction of its source; `now` has none.
+        Those that are gone have no observations. The others keep the correction of their source, which `now`
+        does not have.
         """
-        at = find(self.key, now.key)
+        index = find(self.key, now.key)
         new = np.flatnonzero(find(now.key, self.key) < 0)
-        here, count = np.flatnonzero(at >= 0), len(self.key)
+        continuing, count = np.flatnonzero(index >= 0), len(self.key)
         columns: dict[str, Any] = {
-            one: np.concatenate([getattr(self, one), getattr(now, one)[new]]) for one in _PER_TRACK
+            name: np.concatenate([getattr(self, name), getattr(now, name)[new]]) for name in _PER_TRACK
         }
-        for one in ("start", "stop", "slot", "current"):
-            columns[one][:count] = 0
-        for one in ("start", "stop", "slot", "current", "newest", "covariance"):
-            columns[one][here] = getattr(now, one)[at[here]]
-        source, mine = columns["source"], np.arange(count + len(new))
+        for name in ("start", "stop", "slot", "current"):
+            columns[name][:count] = 0
+        for name in ("start", "stop", "slot", "current", "newest", "covariance"):
+            columns[name][continuing] = getattr(now, name)[index[continuing]]
+        source, donor = columns["source"], np.arange(count + len(new))
         _, first, inverse = np.unique(source, return_index=True, return_inverse=True)
         # A new trajectory has the period and the correction of the oldest one of its source.
-        mine[count:] = first[inverse[count:]]
-        for one in ("period", "delay_ns", "turn", "shift"):
-            columns[one] = columns[one][mine]
-        turned = np.append(here, np.arange(count, count + len(new)))
-        columns["newest"][turned] = (
-            np.einsum("nij,nj->ni", columns["turn"][turned], columns["newest"][turned])
-            + columns["shift"][turned]
+        donor[count:] = first[inverse[count:]]
+        for name in ("period", "delay_ns", "turn", "shift"):
+            columns[name] = columns[name][donor]
+        placed = np.append(continuing, np.arange(count, count + len(new)))
+        columns["newest"][placed] = (
+            np.einsum("nij,nj->ni", columns["turn"][placed], columns["newest"][placed])
+            + columns["shift"][placed]
         )
         return replace(now, **columns)
 
@@ -197,19 +198,19 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
 def ranges(start: Ints, stop: Ints) -> Ints:
     """Indices start[0]:stop[0], start[1]:stop[1] and so on, in one intp array."""
     counts = stop - start
-    before = np.cumsum(counts) - counts
-    return np.asarray(np.arange(int(counts.sum())) + np.repeat(start - before, counts), np.intp)
+    first = np.cumsum(counts) - counts
+    return np.asarray(np.arange(int(counts.sum())) + np.repeat(start - first, counts), np.intp)
 
 
-def _periods(times: Stamps, start: Ints, stop: Ints, source: Slots) -> Floats:
+def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     """Median time between observations of each trajectory's source, s; 0 where nothing was observed twice."""
-    found = np.zeros(len(source))
-    for one in np.unique(source).tolist():
-        mine = np.flatnonzero(source == one)
-        some = mine[:_PERIOD_TRACKS] if len(mine) > _MANY_TRACKS else mine
-        observed = ranges(start[some], stop[some])
+    period = np.zeros(len(sources))
+    for source in np.unique(sources).tolist():
+        members = np.flatnonzero(sources == source)
+        drawn = members[:_PERIOD_TRACKS] if len(members) > _MANY_TRACKS else members
+        observed = ranges(start[drawn], stop[drawn])
         steps = np.diff(times[observed])
         within = np.ones(len(steps), np.bool_)
-        within[np.cumsum(stop[some] - start[some])[:-1] - 1] = False
-        found[mine] = np.median(steps[within] * 1e-9) if within.any() else 0.0
-    return found
+        within[np.cumsum(stop[drawn] - start[drawn])[:-1] - 1] = False
+        period[members] = np.median(steps[within] * 1e-9) if within.any() else 0.0
+    return period

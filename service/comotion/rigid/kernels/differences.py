@@ -1,4 +1,4 @@
-"""Compiled: in observations of each trajectory, out the covariance of their noise.
+"""Compiled: covariance of the noise of each trajectory, by contrasts of successive observations.
 
 The contrast sum_j c_j x_j of four successive observations, with c_j proportional to
 1 / prod_{k != j} (t_j - t_k) and sum_j c_j^2 = 1, vanishes on any quadratic motion whatever the
@@ -11,8 +11,8 @@ from ...arrays import Floats, Ints, Stamps
 from ...compiled import compiled
 from .records import Observations
 
-# Median of a chi-squared variable with one degree of freedom; so many medians are three standard deviations,
-# and the mean of what is below them in all directions.
+# Median of a chi-squared variable with one degree of freedom. In these medians, the bound of wild differences
+# is three standard deviations; _BELOW_WILD is the mean square of the differences below it in all directions.
 _CHI2_MEDIAN = 0.4549364231195727
 # Sum of the squared autocorrelations of third differences that begin one, two, three or more observations
 # apart.
@@ -26,8 +26,8 @@ def difference_covariances(
 ) -> tuple[Floats, Floats]:
     """Covariance of the noise: the mean square of third differences without the wild ones.
 
-    One is wild if it is in any direction. Each direction is judged by its own median: where the noise is not
-    round, the median of a sum over coordinates would be wrong.
+    A difference is wild if it is wild in any direction. Each direction is judged by its own median: where the
+    noise is not round, the median of a sum over coordinates would be wrong.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def difference_covariances(
     directions
         float64 [D, dim], unit vectors.
     most
-        Differences at most: as many, evenly drawn, of the newest four times as many observations.
+        Most differences of a trajectory: that many, evenly drawn from the newest 4 * `most` observations.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def difference_covariances(
     """
     times, positions, start, stop = observations
     dim = positions.shape[1]
-    found, count = np.zeros((len(chosen), dim, dim)), np.zeros(len(chosen))
+    covariance, count = np.zeros((len(chosen), dim, dim)), np.zeros(len(chosen))
     contrasts, squares = np.empty((most + 4, dim)), np.empty((len(directions), most + 4))
     for n in range(len(chosen)):
         i = chosen[n]
@@ -61,8 +61,8 @@ def difference_covariances(
         count[n] = k / _OVERLAP[min(step, 4) - 1]
         if k > 0:
             _squares_along(contrasts[:k], directions, squares)
-            _mean_square(contrasts[:k], squares[:, :k], found[n])
-    return found, count
+            _mean_square(contrasts[:k], squares[:, :k], covariance[n])
+    return covariance, count
 
 
 @compiled()
@@ -79,7 +79,7 @@ def _squares_along(contrasts: Floats, directions: Floats, squares: Floats) -> No
 
 
 @compiled()
-def _mean_square(contrasts: Floats, squares: Floats, found: Floats) -> None:
+def _mean_square(contrasts: Floats, squares: Floats, mean: Floats) -> None:
     """Mean of the outer products of contrasts [k, dim] that are wild in no direction, to [dim, dim]."""
     count = 0
     for j in range(len(contrasts)):
@@ -87,9 +87,9 @@ def _mean_square(contrasts: Floats, squares: Floats, found: Floats) -> None:
             count += 1
             for c in range(contrasts.shape[1]):
                 for d in range(contrasts.shape[1]):
-                    found[c, d] += contrasts[j, c] * contrasts[j, d]
+                    mean[c, d] += contrasts[j, c] * contrasts[j, d]
     if count > 0:
-        found /= _BELOW_WILD * count
+        mean /= _BELOW_WILD * count
 
 
 @compiled()

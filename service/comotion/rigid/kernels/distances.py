@@ -1,4 +1,4 @@
-"""Compiled: in points or rows of points, out distances: their deviation, and their least."""
+"""Compiled: deviations of the distances of pairs of rows, and points that are far from one another."""
 
 import numpy as np
 
@@ -20,11 +20,11 @@ def distance_deviation(y: Floats, w: Floats) -> Floats:
     float64 [n, n], symmetric; NaN where a pair shares fewer than two frames, and on the diagonal.
     """
     n = len(w)
-    found = np.full((n, n), np.nan)
+    deviation = np.full((n, n), np.nan)
     for i in range(n):
         for j in range(i + 1, n):
-            found[i, j] = found[j, i] = _deviation(y[i], y[j], w[i], w[j])
-    return found
+            deviation[i, j] = deviation[j, i] = _deviation(y[i], y[j], w[i], w[j])
+    return deviation
 
 
 @compiled()
@@ -48,14 +48,14 @@ def _deviation(a: Floats, b: Floats, wa: Floats, wb: Floats) -> float:
 @compiled()
 def farthest_points(x: Floats, count: int) -> Ints:
     """Indices of `count` of the points x [n, 3]: the first, then always the farthest from those before."""
-    found = np.zeros(count, np.intp)
+    farthest = np.zeros(count, np.intp)
     nearest = np.full(len(x), np.inf)
     for k in range(1, count):
-        best, last = 0, found[k - 1]
+        best, last = 0, farthest[k - 1]
         for i in range(len(x)):
             squared = (x[i, 0] - x[last, 0]) ** 2 + (x[i, 1] - x[last, 1]) ** 2 + (x[i, 2] - x[last, 2]) ** 2
             nearest[i] = min(nearest[i], squared)
             if nearest[i] > nearest[best]:
                 best = i
-        found[k] = best
-    return found
+        farthest[k] = best
+    return farthest

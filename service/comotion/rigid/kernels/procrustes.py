@@ -1,4 +1,4 @@
-"""Compiled: in rows of points, out a template and its poses: generalised Procrustes with missing data."""
+"""Compiled: fits a template and its poses to rows, by generalised Procrustes with missing data."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from .records import PoseArrays
 from .rotation import planar_rotation, rotation_matrix, spatial_rotation
 
 SOFT = 9.0
-"""A squared residual of so many tolerances per dimension halves the weight of an observation."""
+"""Squared residual, in tolerances per dimension, that halves the weight of an observation."""
 # Pull towards the neighbouring frame's rotation, as a share of the moments. It settles what the points
 # leave open, such as the turn of a pair about its own axis. Chosen on the scenes of
 # docs/research/accuracy.md.
@@ -31,9 +31,10 @@ def fit_poses(
 ) -> None:
     """Fit a template b and poses x = R b + t to rows, in place.
 
-    Grows from the frame with most rows, newest frame first: poses from what is known of the template, then
-    the template from the poses, with weights 1 / (1 + r^2 / (9 dim v)). Where the noise of a row is not the
-    same in all directions, a step of Gauss-Newton with its metric ends the fit of each pose.
+    The template begins as the frame with most rows. Each iteration fits the poses to the rows of the
+    template, newest frame first, then the template to the poses, with weights 1 / (1 + r^2 / (9 dim v)).
+    Where the noise of a row is not the same in all directions, a step of Gauss-Newton with its metric ends
+    the fit of each pose.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ def fit_poses(
     """
     R, t, posed = poses
     count, m = w.shape
-    known = np.zeros(m)
-    _seed(y, w, b, known)
+    in_template = np.zeros(m)
+    _seed(y, w, b, in_template)
     need = 2 if (dim == 2 or m <= 2) else 3
     started = np.zeros(count, np.bool_)
     weights, soft, identity = np.zeros(m), 1.0 / (SOFT * dim), np.eye(3)
@@ -58,7 +59,7 @@ def fit_poses(
         sums, neighbour = np.zeros((4, m)), -1
         for f in range(count - 1, -1, -1):
             robust = soft if iteration > 0 and posed[f] else 0.0
-            posed[f] = _weigh(y[f], w[f], inverse, b, known, R[f], t[f], robust, weights) >= need
+            posed[f] = _weigh(y[f], w[f], inverse, b, in_template, R[f], t[f], robust, weights) >= need
             if posed[f]:
                 near = R[neighbour] if neighbour >= 0 else identity
                 # The frame's own rotation of the last iteration is nearer still than its neighbour's.
@@ -68,10 +69,10 @@ def fit_poses(
                 neighbour = f
                 if weighed:
                     _step(y[f], weights, metric, b, dim, R[f], t[f])
-                _collect(y[f], w[f], inverse, metric, b, known, R[f], t[f], soft, not weighed, sums)
-        _update(sums, b, known)
+                _collect(y[f], w[f], inverse, metric, b, in_template, R[f], t[f], soft, not weighed, sums)
+        _update(sums, b, in_template)
         if iteration < iterations - 1:
-            _bridge(y, w, inverse, dim, need, b, known, poses)
+            _bridge(y, w, inverse, dim, need, b, in_template, poses)
 
 
 @compiled()
@@ -108,7 +109,7 @@ def _bridge(
     dim: int,
     need: int,
     b: Floats,
-    known: Floats,
+    in_template: Floats,
     poses: PoseArrays,
 ) -> None:
     """Carry the template over a frame in which too few of its rows are seen, in place.
@@ -125,11 +126,11 @@ def _bridge(
         seen, held = 0, 0
         for i in range(m):
             seen += w[f, i] > 0
-            held += w[f, i] > 0 and known[i] > 0
+            held += w[f, i] > 0 and in_template[i] > 0
         if seen < need or held == 0 or held >= need:
             continue
         weights = np.zeros(m)
-        _weigh(y[f], w[f], inverse, b, known, R[f], t[f], 0.0, weights)
+        _weigh(y[f], w[f], inverse, b, in_template, R[f], t[f], 0.0, weights)
         if held == 1:
             # One point has no moments to pull.
             H, centres = np.zeros((3, 3)), np.zeros((2, 3))
@@ -139,8 +140,8 @@ def _bridge(
         else:
             frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
         for i in range(m):
-            if w[f, i] > 0 and known[i] == 0:
-                known[i] = 1.0
+            if w[f, i] > 0 and in_template[i] == 0:
+                in_template[i] = 1.0
                 for c in range(3):
                     b[c, i] = 0.0
                     for d in range(3):
@@ -172,24 +173,24 @@ def continue_poses(
     """
     R, t, posed = poses
     m = w.shape[1]
-    known, weights = np.ones(m), np.zeros(m)
+    in_template, weights = np.ones(m), np.zeros(m)
     need = 2 if (dim == 2 or m <= 2) else 3
     soft, all_round = 1.0 / (SOFT * dim), True
     for i in range(m):
         all_round &= is_round_metric(metric[i])
     for f in range(len(w)):
-        now, before = first + f, first + f - 1
-        R[now], t[now] = R[before], t[before]
+        now, previous = first + f, first + f - 1
+        R[now], t[now] = R[previous], t[previous]
         for robust in (0.0, soft, soft):
-            posed[now] = _weigh(y[f], w[f], inverse, b, known, R[now], t[now], robust, weights) >= need
+            posed[now] = _weigh(y[f], w[f], inverse, b, in_template, R[now], t[now], robust, weights) >= need
             if posed[now]:
-                frame_pose(y[f], b, weights, dim, R[before], R[before], True, R[now], t[now])
+                frame_pose(y[f], b, weights, dim, R[previous], R[previous], True, R[now], t[now])
         if posed[now] and not all_round:
             _step(y[f], weights, metric, b, dim, R[now], t[now])
 
 
 @compiled()
-def _seed(y: Floats, w: Floats, b: Floats, known: Floats) -> None:
+def _seed(y: Floats, w: Floats, b: Floats, in_template: Floats) -> None:
     """Template of the rows that are observed in the frame with most rows, the newest of equals."""
     best, most = 0, 0
     for f in range(len(w) - 1, -1, -1):
@@ -200,7 +201,7 @@ def _seed(y: Floats, w: Floats, b: Floats, known: Floats) -> None:
             best, most = f, count
     for i in range(w.shape[1]):
         if w[best, i] > 0:
-            known[i] = 1.0
+            in_template[i] = 1.0
             for c in range(3):
                 b[c, i] = y[best, c, i]
 
@@ -211,7 +212,7 @@ def _weigh(
     w: Floats,
     inverse: Floats,
     b: Floats,
-    known: Floats,
+    in_template: Floats,
     R: Floats,
     t: Floats,
     soft: float,
@@ -224,7 +225,7 @@ def _weigh(
         r0 = y0[i] - t[0] - R[0, 0] * b0[i] - R[0, 1] * b1[i] - R[0, 2] * b2[i]
         r1 = y1[i] - t[1] - R[1, 0] * b0[i] - R[1, 1] * b1[i] - R[1, 2] * b2[i]
         r2 = y2[i] - t[2] - R[2, 0] * b0[i] - R[2, 1] * b1[i] - R[2, 2] * b2[i]
-        a = w[i] * inverse[i] * known[i]
+        a = w[i] * inverse[i] * in_template[i]
         weights[i] = a / (1.0 + soft * a * (r0 * r0 + r1 * r1 + r2 * r2))
         count += a > 0
     return count
@@ -292,7 +293,7 @@ def _collect(
     inverse: Floats,
     metric: Floats,
     b: Floats,
-    known: Floats,
+    in_template: Floats,
     R: Floats,
     t: Floats,
     soft: float,
@@ -310,7 +311,7 @@ def _collect(
         x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
         r2 = squared_length(metric[i], flat, x0 - b0[i], x1 - b1[i], x2 - b2[i], is_round)
         a = w[i] * inverse[i]
-        a /= 1.0 + soft * known[i] * r2 * a
+        a /= 1.0 + soft * in_template[i] * r2 * a
         s0[i] += a * x0
         s1[i] += a * x1
         s2[i] += a * x2
@@ -318,11 +319,11 @@ def _collect(
 
 
 @compiled()
-def _update(sums: Floats, b: Floats, known: Floats) -> None:
+def _update(sums: Floats, b: Floats, in_template: Floats) -> None:
     """Template from the weighted sums, in place."""
     for i in range(sums.shape[1]):
         if sums[3, i] > 0:
-            known[i] = 1.0
+            in_template[i] = 1.0
             for c in range(3):
                 b[c, i] = sums[c, i] / sums[3, i]
 

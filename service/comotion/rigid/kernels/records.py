@@ -1,4 +1,4 @@
-"""Arrays that kernels take together: NamedTuples, which compiled code takes apart at no cost."""
+"""Groups of arrays as arguments of kernels: NamedTuples, which compiled code unpacks at no cost."""
 
 from typing import NamedTuple
 

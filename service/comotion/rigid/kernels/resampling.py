@@ -1,4 +1,4 @@
-"""Compiled: in observations of each trajectory, out its positions at common frames."""
+"""Compiled: interpolates trajectories at common frames, without their gross errors."""
 
 import numpy as np
 
@@ -7,8 +7,9 @@ from ...compiled import compiled
 from ...trajectories.kernels import newest_from, segment_at
 from .records import Limits, Observations
 
-# Observations on either side of which the median is taken, and fewest of them; so many standard deviations
-# from it, squared, an observation is gross; and so many medians of the absolute deviation are one of those.
+# Observations on either side of one from which the median is taken; fewest observations of a trajectory;
+# squared distance of a gross error from the median, in variances; and the standard deviation in
+# medians of the absolute deviation.
 _BESIDE, _LEAST_BESIDE, _GROSS, _MAD = 3, 5, 36.0, 1.4826
 
 
@@ -41,7 +42,7 @@ def resample(
             if left < 0:
                 continue
             if gross[left - first] or gross[right - first]:
-                # The first and the last observation are none.
+                # The first and the last observation are never gross errors.
                 while gross[left - first]:
                     left -= 1
                 while gross[right - first]:
@@ -58,28 +59,28 @@ def resample(
 def _gross_errors(times: Stamps, positions: Floats, start: int, stop: int, variance: float) -> Bools:
     """Which observations of a trajectory leave it and come back, bool [stop - start] (Hampel 1974).
 
-    What moves goes on or stays: only an error is far from the median of what is before and after it.
+    A feature that moves goes on or stays: only an error is far from the median of the observations around it.
     """
     count, dim = stop - start, positions.shape[1]
-    found, bend = np.zeros(count, np.bool_), np.zeros((count, dim))
+    gross, bend = np.zeros(count, np.bool_), np.zeros((count, dim))
     if count < _LEAST_BESIDE or not np.isfinite(variance):
-        return found
+        return gross
     for k in range(1, count - 1):
         j = start + k
         a = (times[j] - times[j - 1]) / (times[j + 1] - times[j - 1])
         for c in range(dim):
             bend[k, c] = positions[j, c] - (1 - a) * positions[j - 1, c] - a * positions[j + 1, c]
     for k in range(1, count - 1):
-        squared, before, after = 0.0, 0.0, 0.0
+        squared, bend_before, bend_after = 0.0, 0.0, 0.0
         for c in range(dim):
             squared += bend[k, c] * bend[k, c]
-            before += bend[k, c] * bend[k - 1, c]
-            after += bend[k, c] * bend[k + 1, c]
+            bend_before += bend[k, c] * bend[k - 1, c]
+            bend_after += bend[k, c] * bend[k + 1, c]
         # A path that bends, bends on; beside an error it bends the other way.
-        if squared > _GROSS * variance and (before < 0 or after < 0):
+        if squared > _GROSS * variance and (bend_before < 0 or bend_after < 0):
             first, last = start + max(k - _BESIDE, 0), start + min(k + _BESIDE + 1, count)
-            found[k] = _far_from_median(positions[first:last], start + k - first, variance)
-    return found
+            gross[k] = _far_from_median(positions[first:last], start + k - first, variance)
+    return gross
 
 
 @compiled()
@@ -127,14 +128,14 @@ def spread(y: Floats, w: Floats, count: Ints, squared: Floats) -> None:
 @compiled()
 def mean_square(values: Floats, start: Ints, stop: Ints) -> Floats:
     """Mean square of values[start[i]:stop[i]] for each i, float64 [N]; NaN where one of them is."""
-    found = np.zeros(len(start))
+    mean = np.zeros(len(start))
     for i in range(len(start)):
         for m in range(start[i], stop[i]):
-            found[i] += values[m] * values[m]
-            if np.isnan(found[i]):
+            mean[i] += values[m] * values[m]
+            if np.isnan(mean[i]):
                 break
-        found[i] /= stop[i] - start[i]
-    return found
+        mean[i] /= stop[i] - start[i]
+    return mean
 
 
 @compiled()
@@ -154,11 +155,11 @@ def stop_at(times: Stamps, slots: Slots, start: Slots, stop: Slots, stamp_ns: in
     -------
     intp [N], column in `times`.
     """
-    found = np.zeros(len(slots), np.intp)
+    stops = np.zeros(len(slots), np.intp)
     for n in range(len(slots)):
         s = slots[n]
         k = stop[s]
         while k > start[s] and times[s, k - 1] > stamp_ns:
             k -= 1
-        found[n] = k
-    return found
+        stops[n] = k
+    return stops

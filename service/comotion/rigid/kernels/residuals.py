@@ -1,4 +1,4 @@
-"""Compiled: in rows and the poses of bodies, out the cost of each row under each body."""
+"""Compiled: cost of each row under each body, from its residuals in the frame of the body."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Compiled: in a moment matrix, out the rotation that fits it best; and conversions of rotations."""
+"""Compiled: the rotation that fits a moment matrix best, and conversions of rotations."""
 
 import numpy as np
 
@@ -129,14 +129,14 @@ def _from_quaternion(w: float, x: float, y: float, z: float, R: Floats) -> None:
 @compiled()
 def rotation_vectors(R: Floats) -> Floats:
     """Rotation vectors of R [n, 3, 3], [n, 3]; at half a turn the axis is undetermined and may be zero."""
-    found = np.zeros((len(R), 3))
+    vectors = np.zeros((len(R), 3))
     for n in range(len(R)):
         x, y, z = R[n, 2, 1] - R[n, 1, 2], R[n, 0, 2] - R[n, 2, 0], R[n, 1, 0] - R[n, 0, 1]
         sine = 0.5 * np.sqrt(x * x + y * y + z * z)
         angle = np.arctan2(sine, 0.5 * (R[n, 0, 0] + R[n, 1, 1] + R[n, 2, 2] - 1.0))
         scale = 0.5 * angle / sine if sine > 0 else 0.5
-        found[n, 0], found[n, 1], found[n, 2] = scale * x, scale * y, scale * z
-    return found
+        vectors[n, 0], vectors[n, 1], vectors[n, 2] = scale * x, scale * y, scale * z
+    return vectors
 
 
 @compiled()
