@@ -93,18 +93,18 @@ def assign(
     x = np.ascontiguousarray(position[:, : frames.dim])
     distance = _spacing(x[weight > 0])
     # In the first round a trajectory has weight in its body only as far as its evidence is clear.
-    heeded = weight * (1 - np.exp(-margin))
+    counted = weight * (1 - np.exp(-margin))
     cost = evidence
     for _ in range(_ROUNDS):
         prior = np.maximum(
-            _log_prior(x, unclear, labels, heeded, body.shape[1], distance), -config.prior_floor
+            _log_prior(x, unclear, labels, counted, body.shape[1], distance), -config.prior_floor
         )
         cost = evidence.copy()
         cost[unclear, 1:] -= config.prior_weight * prior
         new_labels = np.asarray(np.argmin(cost, 1) - 1)
         if np.array_equal(new_labels, labels):
             break
-        labels, heeded = new_labels, weight
+        labels, counted = new_labels, weight
     return Assignment(labels, cost)
 
 

@@ -20,7 +20,7 @@ class Clusters:
     """Labels of n trajectories, intp [n], 0, 1, 2... in the order in which clusters first appear.
 
     `cohesion` is the mean affinity of each to the other members of its cluster, float64 [n], 0.5 for
-    one that has no company: there is nothing to tell by.
+    a cluster of one.
     """
 
     labels: Labels
@@ -42,12 +42,12 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     # They import scikit-learn, which takes half a second and the default does not need.
     from .alternatives import best_mixture, cut_spectrum  # noqa: PLC0415
 
-    known: dict[Clustering, Callable[[Floats], Labels]] = {
+    alternatives: dict[Clustering, Callable[[Floats], Labels]] = {
         "gmm-bic": best_mixture,
         "eigengap": partial(cut_spectrum, normalized=False),
         "eigengap-normalized": partial(cut_spectrum, normalized=True),
     }
-    choice = known[name]
+    choice = alternatives[name]
 
     def cluster(affinity: Floats32, rows: Slots) -> Clusters:
         dense = affinity[np.ix_(rows, rows)].astype(np.float64)
@@ -64,8 +64,8 @@ def _sums_inside(affinity: Floats, labels: Labels) -> Floats:
 
 
 def _named(labels: Labels, sums: Floats) -> Clusters:
-    others = np.bincount(labels)[labels] - 1 if len(labels) else labels
-    cohesion = np.where(others > 0, (sums - 1) / np.maximum(others, 1), INCOMPARABLE)
+    companions = np.bincount(labels)[labels] - 1 if len(labels) else labels
+    cohesion = np.where(companions > 0, (sums - 1) / np.maximum(companions, 1), INCOMPARABLE)
     return Clusters(by_appearance(labels), cohesion)
 
 

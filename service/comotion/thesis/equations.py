@@ -1,7 +1,7 @@
 """Affinity of two trajectories: equations (3.2) to (3.5) of the thesis, as they stand.
 
-The thesis is "Inferring Object Hypotheses Based on Feature Motion from Different Sources". Nothing is carried
-along from one update to the next here: :mod:`~comotion.thesis.pair_sums` computes the same for all pairs,
+The thesis is "Inferring Object Hypotheses Based on Feature Motion from Different Sources". Nothing is kept
+from update to update here: :mod:`~comotion.thesis.pair_sums` computes the same for all pairs,
 step by step, and the tests hold the two together. Integrals over time become sums over the samples of (3.5).
 """
 

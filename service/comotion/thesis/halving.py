@@ -22,9 +22,9 @@ Product = Callable[[NDArray[Any]], Floats]
 _MAX_STEPS = 100
 # A split of n members has settled when fewer than n / 64 change sides: the means would hardly move.
 _SETTLED_SHARE = 64
-# Starts of 2-means up to so many members; of more members fewer starts take as long. On recordings, one split
-# in five ended at a worse 2-means from two or three starts than from scikit-learn's ten random ones; from 24
-# starts, one in a hundred.
+# Starts of 2-means, and the number of members up to which all are made; fewer starts of more members take as
+# long. On recordings, one split in five ended at a worse 2-means from two or three starts than from
+# scikit-learn's ten random ones; from 24 starts, one in a hundred.
 _STARTS, _MANY_STARTS_SIZE = 24, 128
 
 
@@ -56,24 +56,24 @@ class DivisiveKMeans:
         labels, inside
             intp [n], and float64 [n]: the sum of affinities of each inside its cluster.
         """
-        labels, inside, everyone = np.zeros(len(affinity), np.intp), np.zeros(len(affinity)), np.sort(rows)
+        labels, inside, all_rows = np.zeros(len(affinity), np.intp), np.zeros(len(affinity)), np.sort(rows)
         # Members of a cluster, the sum of affinities of each inside it, and how often it was split off.
-        pending = [(everyone, _times(affinity, everyone, np.ones(len(rows))), 0)] if len(rows) else []
-        before, self._sides = self._sides, []
-        found = 0
+        pending = [(all_rows, _times(affinity, all_rows, np.ones(len(rows))), 0)] if len(rows) else []
+        last_sides, self._sides = self._sides, []
+        count = 0
         while pending:
             members, sums, depth = pending.pop()
             if not holds_weak_edge(affinity, members, self._stop_affinity):
-                labels[members], inside[members] = found, sums
-                found += 1
+                labels[members], inside[members] = count, sums
+                count += 1
                 continue
             guess = np.zeros(len(affinity), np.int8)
-            if depth < len(before):
-                guess[: len(before[depth])] = before[depth][: len(guess)]
-            of = affinity, members, sums, guess[members]
-            second, to_second = _confirmed(*of) or _searched(*of)
+            if depth < len(last_sides):
+                guess[: len(last_sides[depth])] = last_sides[depth][: len(guess)]
+            cluster = affinity, members, sums, guess[members]
+            second, to_second = _confirmed(*cluster) or _searched(*cluster)
             if 2 * np.count_nonzero(second) > len(members):
-                # Of the smaller half, the next guess costs less.
+                # The next guess costs less with the indicator of the smaller half.
                 second, to_second = ~second, sums - to_second
             if depth == len(self._sides):
                 self._sides.append(np.zeros(len(affinity), np.int8))
@@ -85,8 +85,8 @@ class DivisiveKMeans:
 
 def _times(affinity: Floats32, members: Ints, factors: NDArray[Any]) -> Floats:
     """Product of the rows and columns of m members with factors, float64 [m]; rows times 0 are not read."""
-    out, some = np.zeros(len(affinity)), np.flatnonzero(factors)
-    combine_rows(affinity, members[some], factors[some].astype(np.float64), out)
+    out, nonzero = np.zeros(len(affinity)), np.flatnonzero(factors)
+    combine_rows(affinity, members[nonzero], factors[nonzero].astype(np.float64), out)
     return out[members]
 
 
@@ -105,8 +105,8 @@ def _confirmed(
     if n <= _MANY_STARTS_SIZE or not 0 < count < n or np.count_nonzero(guess == 0) > settled:
         return None
     half = _times(affinity, members, high)
-    mean, other = (sums - half) / (n - count), half / count
-    closer: Bools = _times(affinity, members, other - mean) > (other @ other - mean @ mean) / 2
+    mean, other_mean = (sums - half) / (n - count), half / count
+    closer: Bools = _times(affinity, members, other_mean - mean) > (other_mean @ other_mean - mean @ mean) / 2
     moved = closer.astype(np.float64) - high
     if np.count_nonzero(moved * guess) > settled or closer.all() or not closer.any():
         return None
@@ -126,10 +126,10 @@ def _searched(
         return np.asarray(rows @ of.astype(rows.dtype), np.float64)
 
     starts = _around_rows(rows, sums, _STARTS if many else max(_STARTS * _MANY_STARTS_SIZE // n, 2))
-    known = np.column_stack([guess < 0, guess > 0])
-    if known.any(0).all():
-        # What is not known yet is where it is nearer.
-        halves = product(known) / known.sum(0)
+    guessed = np.column_stack([guess < 0, guess > 0])
+    if guessed.any(0).all():
+        # Members without a guess go to the nearer half.
+        halves = product(guessed) / guessed.sum(0)
         nearer = product(halves[:, 1:] - halves[:, :1]) > np.diff(np.square(halves).sum(0)) / 2
         starts = np.hstack([nearer, starts])
     return _two_means(product, sums, starts[:, starts.any(0) & ~starts.all(0)])
@@ -165,15 +165,15 @@ def _two_means(product: Product, sums: Floats, second: Bools) -> tuple[Bools, Fl
     settled = 0 if n <= _MANY_STARTS_SIZE else n // _SETTLED_SHARE
     for _ in range(_MAX_STEPS):
         count, to_second = second.sum(0), product(second)
-        mean, other = (sums[:, None] - to_second) / (n - count), to_second / count
-        lengths = np.square(mean).sum(0), np.square(other).sum(0)
+        mean, other_mean = (sums[:, None] - to_second) / (n - count), to_second / count
+        lengths = np.square(mean).sum(0), np.square(other_mean).sum(0)
         # What (3.6) minimises, less the same constant for every split.
         scatter = -(n - count) * lengths[0] - count * lengths[1]
-        closer = product(other - mean) > (lengths[1] - lengths[0]) / 2
+        closer = product(other_mean - mean) > (lengths[1] - lengths[0]) / 2
         closer = np.where(closer.all(0) | ~closer.any(0), second, closer)
-        before, second = second, closer
-        if (second != before).sum(0).max() <= settled:
+        previous, second = second, closer
+        if (second != previous).sum(0).max() <= settled:
             break
     best = int(scatter.argmin())
-    moved = second[:, [best]].astype(np.float64) - before[:, [best]]
+    moved = second[:, [best]].astype(np.float64) - previous[:, [best]]
     return second[:, best], (to_second[:, [best]] + product(moved))[:, 0]

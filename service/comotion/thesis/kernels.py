@@ -15,18 +15,18 @@ STRIP = 128
 """Rows that are worked on together: the sums of 128 x 128 pairs are 524 kB, which the L2 cache holds."""
 SAMPLE_PLANES = 8
 X, Y, Z, WEIGHT, BOTH, OBSERVED, CHANGING, HELD = range(SAMPLE_PLANES)
-"""What a sample holds of a trajectory at an instant: its place (0 beyond the space's dimension), its weight,
+"""Planes of a sample of a trajectory at an instant: its place (0 beyond the space's dimension), its weight,
 and as 1 or 0 whether it has a state (`HELD`), was observed then, its state comes or goes, or `BOTH`."""
 PLANES = 4
 WEIGHTS, FIRST, SECOND, SAMPLES = range(PLANES)
-"""What a block holds of each pair: Σw, Σwd, Σwd², and how many samples."""
+"""Planes of a block, for each pair: Σw, Σwd, Σwd², and the number of samples."""
 COMPARABLE_SAMPLES = 2
 """Samples from which on a pair can be compared: one has no variance."""
 INCOMPARABLE = 0.5
 """Affinity of a pair with fewer than two common samples: neither high nor low."""
 # No affinity is smaller than exp(-40): products with less would be subnormal, and a hundred times as slow.
 _MIN_LOG = -40.0
-# exp(x) is exp(x / 256) squared so often. Six terms of its series leave 1e-8 of the smallest affinity.
+# exp(x) is exp(x / 256) squared eight times. Six terms of its series leave 1e-8 of the smallest affinity.
 _SQUARINGS = 8
 
 
@@ -56,31 +56,34 @@ def update_pairs(
         c = number - r * (r + 1) // 2
         _add_samples(sums[number], samples[r], samples[c], signs, present[c])
         if len(affinity):
-            found = np.empty((STRIP, STRIP), np.float32)
-            _compare(sums[number], rate, found)
+            block = np.empty((STRIP, STRIP), np.float32)
+            _compare(sums[number], rate, block)
             rows, columns = slice(r * STRIP, (r + 1) * STRIP), slice(c * STRIP, (c + 1) * STRIP)
-            affinity[rows, columns] = found
-            affinity[columns, rows] = found.T
+            affinity[rows, columns] = block
+            affinity[columns, rows] = block.T
 
 
 @compiled(fastmath={"contract"})
-def _add_samples(sums: Floats, mine: Floats, theirs: Floats, signs: Floats, present: Bools) -> None:
-    """Add to the sums of a block what its rows (`mine`) and its columns (`theirs`) are at some instants."""
+def _add_samples(
+    sums: Floats, row_samples: Floats, column_samples: Floats, signs: Floats, present: Bools
+) -> None:
+    """Add the samples of the rows and the columns of a block at some instants to its sums."""
     for i in range(STRIP):
         row = sums[i]
         for t in range(len(signs)):
-            my, their, sign = mine[t], theirs[t], signs[t]
-            # Both have a state, one is observed, and that of one comes or goes: what i lacks, j needs.
-            need = BOTH + int(2 * my[OBSERVED, i] + my[CHANGING, i])
-            if my[HELD, i] == 0.0 or not present[t, need]:
+            own, other, sign = row_samples[t], column_samples[t], signs[t]
+            # A pair has a sample if both have a state, either is observed, and the state of either comes or
+            # goes. What the row does not fulfil, the column must.
+            need = BOTH + int(2 * own[OBSERVED, i] + own[CHANGING, i])
+            if own[HELD, i] == 0.0 or not present[t, need]:
                 continue
-            x, y, z, weight, counted = my[X, i], my[Y, i], my[Z, i], my[WEIGHT, i], their[need]
+            x, y, z, weight, counted = own[X, i], own[Y, i], own[Z, i], own[WEIGHT, i], other[need]
             for j in range(STRIP):
-                dx, dy, dz = x - their[X, j], y - their[Y, j], z - their[Z, j]
+                dx, dy, dz = x - other[X, j], y - other[Y, j], z - other[Z, j]
                 d = np.sqrt(dx * dx + dy * dy + dz * dz)
                 count = sign * counted[j]
                 # w of (3.2) grows with v: the larger of two weights is that of the larger speed.
-                w = count * max(weight, their[WEIGHT, j])
+                w = count * max(weight, other[WEIGHT, j])
                 row[WEIGHTS, j] += w
                 row[FIRST, j] += w * d
                 row[SECOND, j] += w * d * d
@@ -97,11 +100,11 @@ def _compare(sums: Floats, rate: float, affinity: Floats32) -> None:
             mean = eta * row[FIRST, j]
             variance = max(eta * row[SECOND, j] - mean * mean, 0.0)
             y = max(rate * variance, _MIN_LOG) * (1 / 2**_SQUARINGS)
-            # As a series, not by a call: so the loop is one of vector instructions.
-            found = 1 + y * (1 + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120)))))
+            # A series instead of a call, so that the loop is compiled to vector instructions.
+            value = 1 + y * (1 + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120)))))
             for _ in range(_SQUARINGS):
-                found *= found
-            affinity[i, j] = found if row[SAMPLES, j] >= COMPARABLE_SAMPLES else INCOMPARABLE
+                value *= value
+            affinity[i, j] = value if row[SAMPLES, j] >= COMPARABLE_SAMPLES else INCOMPARABLE
 
 
 @compiled(fastmath={"contract"})

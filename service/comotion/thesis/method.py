@@ -48,7 +48,7 @@ class ThesisMethod(Method):
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         v_move = config.thesis.v_move_for(spec.unit)
-        # With equal weights there still is a speed from which on a hypothesis is said to move.
+        # With equal weights there still is a speed from which on a hypothesis counts as moving.
         self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
         self._pair_sums = PairSums(v_move, config.thesis.switch_for(spec.unit))
         self._cluster = make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
@@ -87,7 +87,7 @@ class ThesisMethod(Method):
         return self._affinity[np.ix_(self._rows, self._rows)]
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
-        """Whether each cluster moves; the thesis tells no more of its motion."""
+        """Whether each cluster moves; the thesis estimates no more of its motion."""
         sizes = np.bincount(groups)
         step, elapsed = recent_steps(window, current, _VELOCITY_SPAN_NS)
         velocity = step / np.where(elapsed > 0, elapsed * 1e-9, 1.0)[:, None]

@@ -2,9 +2,9 @@
 
 At an instant at which trajectory i was observed, i and j have one distance sample if j has a state there: it
 is observed too, or inside a segment (between two observations) that is short enough to interpolate (3.5).
-What an instant brings follows from what the window holds and from how much of it has been taken in already;
-what eviction takes away is subtracted again. The samples wait until affinities are wanted: then one pass
-takes them into the sums of (3.3) of all pairs.
+The new samples of an instant follow from the observations in the window and from those already summed;
+samples of evicted observations are subtracted again. The samples are queued until affinities are wanted: then
+one pass adds them to the sums of (3.3) of all pairs.
 """
 
 import math
@@ -24,10 +24,10 @@ from .rows import Rows
 # Times before and after all others.
 _NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _MIN_OBSERVATIONS = 2
-# Instants that wait for a pass at most: bounds the memory that their samples take.
+# Most instants that are queued for a pass: bounds the memory of their samples.
 _MAX_INSTANTS = 64
-# What a squared distance leaves in a sum when it is subtracted again is 1e-16 of it. For places so many times
-# sigma_switch apart that is 1e-4 of a variance at which affinities are 0.5.
+# Subtracting a squared distance from a sum again leaves an error of 1e-16 of it. For positions this many
+# sigma_switch apart, that is 1e-4 of the variance at which affinities are 0.5.
 _FAR = 1e6
 _NONE = np.zeros((0, 0), np.float32)
 
@@ -35,8 +35,9 @@ _NONE = np.zeros((0, 0), np.float32)
 class PairSums:
     """Keeps the sums of all pairs of trajectories in step with the window.
 
-    A trajectory has samples from its second observation on: with one it has at most one with any other, which
-    cannot be compared, and its speed is not known yet. One that its source has given up takes part no more.
+    A trajectory has samples from its second observation on: with a single observation it has at most one
+    sample with any other trajectory, too few to compare, and no speed. Trajectories that their source has
+    ended have no samples.
 
     Parameters
     ----------
@@ -58,10 +59,11 @@ class PairSums:
         self._sigma_switch = sigma_switch
         self.rows = Rows(STRIP)
         self.sums: Floats = untouched_zeros((0, STRIP, PLANES, STRIP), np.float64)
-        # By row: how many observations have been taken in, and the time of the newest of them.
-        self._held: Slots = np.zeros(0, np.intp)
-        self._known: Stamps = np.zeros(0, np.int64)
-        # Samples at the instants that wait, of which there are so many, and whether they come or go.
+        # By row: number of observations that are summed or queued, and the time of the newest of them.
+        self._summed: Slots = np.zeros(0, np.intp)
+        self._summed_ns: Stamps = np.zeros(0, np.int64)
+        # Samples at queued instants; 1 for those to add, -1 for those to subtract; and the number of
+        # instants.
         self._samples: Floats = np.zeros((0, _MAX_INSTANTS, SAMPLE_PLANES, STRIP))
         self._signs: Floats = np.zeros(_MAX_INSTANTS)
         self._waiting = 0
@@ -74,20 +76,20 @@ class PairSums:
         interval begins there now.
         """
         self._take_in(window)
-        part = self.rows.of[slots] >= 0
-        slots, counts = slots[part], counts[part]
-        stay = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
-        if stay.any():
-            self._shorten(window, slots[stay], counts[stay])
-        self.forget(slots[~stay])
-        self._held[self.rows.of[slots[stay]]] -= counts[stay]
+        has_row = self.rows.of[slots] >= 0
+        slots, counts = slots[has_row], counts[has_row]
+        shortened = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
+        if shortened.any():
+            self._shorten(window, slots[shortened], counts[shortened])
+        self.forget(slots[~shortened])
+        self._summed[self.rows.of[slots[shortened]]] -= counts[shortened]
 
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories; those that the window still holds come in again."""
         slots = slots[slots < len(self.rows.of)]
         slots = slots[self.rows.of[slots] >= 0]
         rows = self.rows.of[slots]
-        self._held[rows] = 0
+        self._summed[rows] = 0
         for strip, inside in zip(*(part.tolist() for part in np.divmod(rows, STRIP)), strict=True):
             self._samples[strip, :, :, inside] = 0.0
             self.sums[_blocks(strip) : _blocks(strip + 1), inside] = 0.0
@@ -105,48 +107,48 @@ class PairSums:
             than two common samples. Overwritten by the next call.
         """
         self._take_in(window)
-        if len(self._affinity) != len(self._held):
-            self._affinity = untouched_zeros((len(self._held), len(self._held)), np.float32)
+        if len(self._affinity) != len(self._summed):
+            self._affinity = untouched_zeros((len(self._summed), len(self._summed)), np.float32)
         self._pass(self._affinity)
         np.fill_diagonal(self._affinity, 1.0)
         return self._affinity
 
     def _take_in(self, window: Window) -> None:
-        """Note the samples that observations have brought since the last time."""
+        """Queue the samples of observations that are new since the last call."""
         self._begin(window)
         rows = np.flatnonzero(self._sampled(window))
-        slots, known = self.rows.slots[rows], self._known[rows]
-        first, newest = window.start[slots] + self._held[rows], window.times[slots, window.stop[slots] - 1]
+        slots, summed_ns = self.rows.slots[rows], self._summed_ns[rows]
+        first, newest = window.start[slots] + self._summed[rows], window.times[slots, window.stop[slots] - 1]
         fresh = first < window.stop[slots]
         if not fresh.any():
             return
         # The segment that ends with the first new observation is new as well.
         begin = window.times[slots[fresh], first[fresh]]
-        follows = (self._held[rows[fresh]] > 0) & (begin - known[fresh] <= window.gap_ns)
-        since = np.where(follows, known[fresh], begin - 1)
-        after, until = np.full((2, len(self._held)), _LATEST)
+        follows = (self._summed[rows[fresh]] > 0) & (begin - summed_ns[fresh] <= window.gap_ns)
+        since = np.where(follows, summed_ns[fresh], begin - 1)
+        after, until = np.full((2, len(self._summed)), _LATEST)
         after[rows[fresh]] = since
         self._enqueue(window, after, until, 1.0)
-        self._known[rows], self._held[rows] = newest, window.counts(slots)
+        self._summed_ns[rows], self._summed[rows] = newest, window.counts(slots)
 
     def _sampled(self, window: Window) -> Bools:
         """Which rows have samples, bool [rows]."""
-        there, slots = self.rows.slots >= 0, self.rows.slots
-        return np.asarray(there & window.used[slots] & (window.counts(slots) >= _MIN_OBSERVATIONS), np.bool_)
+        taken, slots = self.rows.slots >= 0, self.rows.slots
+        return np.asarray(taken & window.used[slots] & (window.counts(slots) >= _MIN_OBSERVATIONS), np.bool_)
 
     def _begin(self, window: Window) -> None:
-        """Give rows, and room for the sums, to trajectories that take part from now on."""
+        """Assign rows to new trajectories, and allocate their sums."""
         self.rows.fit(window.capacity)
         self.forget(np.flatnonzero(window.ended | self._late(window)))
-        there = window.used & ~window.ended & (window.stop > window.start)
-        slots = np.flatnonzero(there & (self.rows.of < 0))
+        observed = window.used & ~window.ended & (window.stop > window.start)
+        slots = np.flatnonzero(observed & (self.rows.of < 0))
         self.rows.take(slots, window.source[slots])
-        extra = len(self.rows.slots) - len(self._held)
+        extra = len(self.rows.slots) - len(self._summed)
         if not extra:
             return
         self._pass()
-        self._held, self._known = np.pad(self._held, (0, extra)), np.pad(self._known, (0, extra))
-        strips = len(self._held) // STRIP
+        self._summed, self._summed_ns = np.pad(self._summed, (0, extra)), np.pad(self._summed_ns, (0, extra))
+        strips = len(self._summed) // STRIP
         self._samples = np.zeros((strips, *self._samples.shape[1:]))
         if _blocks(strips) > len(self.sums):
             # Twice as many at once: growing copies everything.
@@ -155,30 +157,32 @@ class PairSums:
             self.sums = grown
 
     def _late(self, window: Window) -> Bools:
-        """Which slots have observations older than what was taken in, of which they change segments."""
-        rows = np.flatnonzero(self._held > 0)
+        """Which slots got observations older than those already summed, which changes summed segments."""
+        rows = np.flatnonzero(self._summed > 0)
         slots = self.rows.slots[rows]
         late = np.zeros(window.capacity, np.bool_)
-        late[slots] = window.times[slots, window.start[slots] + self._held[rows] - 1] != self._known[rows]
+        late[slots] = (
+            window.times[slots, window.start[slots] + self._summed[rows] - 1] != self._summed_ns[rows]
+        )
         return late
 
     def _far(self, window: Window, slots: Slots, counts: Slots) -> Bools:
-        """Which slots were so far away, at an observation that goes, that subtracting it leaves a trace."""
-        first, now = window.start[slots], window.positions[slots, window.stop[slots] - 1]
-        gone = (first + np.minimum(k, counts - 1) for k in range(counts.max(initial=0)))
-        away = [np.abs(window.positions[slots, at] - now).max(axis=1) for at in gone]
+        """Which slots were so far away at an evicted observation that subtracting it leaves an error."""
+        first, newest = window.start[slots], window.positions[slots, window.stop[slots] - 1]
+        columns = (first + np.minimum(k, counts - 1) for k in range(counts.max(initial=0)))
+        away = [np.abs(window.positions[slots, column] - newest).max(axis=1) for column in columns]
         return np.asarray(np.max(away, axis=0, initial=0.0) > _FAR * self._sigma_switch)
 
     def _shorten(self, window: Window, slots: Slots, counts: Slots) -> None:
-        """Note the samples that go with the oldest observations of each slot."""
+        """Queue the removal of the samples of the oldest observations of each slot."""
         first = window.start[slots]
         begin, gone = window.times[slots, first + counts], window.times[slots, first + counts - 1]
-        after, until = np.full((2, len(self._held)), _NEVER)
+        after, until = np.full((2, len(self._summed)), _NEVER)
         until[self.rows.of[slots]] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
         self._enqueue(window, after, until, -1.0)
 
     def _enqueue(self, window: Window, after: Stamps, until: Stamps, sign: float) -> None:
-        """Have samples wait for the next pass; a full buffer makes one.
+        """Queue samples for the next pass; a full buffer starts one.
 
         Of each row, int64 [rows] each, the states later than `after` and no later than `until` come or go.
         """
@@ -195,7 +199,7 @@ class PairSums:
             first += len(stamps)
 
     def _fill(self, window: Window, stamps: Stamps, changing: Bools, samples: Floats) -> None:
-        """Write what all rows are at instants [T] to samples, [strips, T, SAMPLE_PLANES, STRIP]."""
+        """Write the samples of all rows at instants [T] to [strips, T, SAMPLE_PLANES, STRIP]."""
         states = states_at(window, self.rows.slots, stamps)
         held = states.held & self._sampled(window)
         for c in range(window.dim):
@@ -207,7 +211,7 @@ class PairSums:
         samples[:, :, HELD] = _by_strip(held)
 
     def _pass(self, affinity: Floats32 = _NONE) -> None:
-        """Take what waits into the sums; write affinities where they are wanted."""
+        """Add the queued samples to the sums; write affinities where they are wanted."""
         rate = math.log(AFFINITY_AT_SWITCH) / self._sigma_switch**2
         present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
         update_pairs(self.sums, self._samples, self._signs[: self._waiting], present, rate, affinity)
@@ -220,5 +224,5 @@ def _by_strip(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _blocks(strips: Any) -> Any:
-    """Blocks of so many strips."""
+    """Number of blocks of a number of strips."""
     return strips * (strips + 1) // 2

@@ -1,10 +1,10 @@
-"""Which row of the sums of all pairs each trajectory has."""
+"""Assigns each trajectory a row of the sums of all pairs."""
 
 import numpy as np
 
 from ..arrays import Slots
 
-_NOBODY = -1
+_NONE = -1
 
 
 class Rows:
@@ -34,29 +34,29 @@ class Rows:
         self._source: Slots = np.zeros(0, np.intp)
 
     def fit(self, capacity: int) -> None:
-        """Hold so many slots."""
-        self.of = np.pad(self.of, (0, capacity - len(self.of)), constant_values=_NOBODY)
+        """Grow to a number of slots."""
+        self.of = np.pad(self.of, (0, capacity - len(self.of)), constant_values=_NONE)
 
     def take(self, slots: Slots, sources: Slots) -> None:
         """Give rows to slots that have none, intp [n], each of a source, intp [n]."""
         for source in np.unique(sources).tolist():
-            wanting = slots[sources == source]
-            while len(free := self._free(source)) < len(wanting):
+            rowless = slots[sources == source]
+            while len(free := self._free(source)) < len(rowless):
                 self._open(source)
-            self.of[wanting], self.slots[free[: len(wanting)]] = free[: len(wanting)], wanting
+            self.of[rowless], self.slots[free[: len(rowless)]] = free[: len(rowless)], rowless
 
     def _free(self, source: int) -> Slots:
-        return np.flatnonzero((self.slots == _NOBODY) & (np.repeat(self._source, self._strip) == source))
+        return np.flatnonzero((self.slots == _NONE) & (np.repeat(self._source, self._strip) == source))
 
     def _open(self, source: int) -> None:
-        """Let a strip that nobody uses, or a new one, be a source's."""
-        if not (self._source == _NOBODY).any():
-            self._source = np.append(self._source, _NOBODY)
-            self.slots = np.pad(self.slots, (0, self._strip), constant_values=_NOBODY)
-        self._source[np.flatnonzero(self._source == _NOBODY)[0]] = source
+        """Assign an unused strip, or a new one, to a source."""
+        if not (self._source == _NONE).any():
+            self._source = np.append(self._source, _NONE)
+            self.slots = np.pad(self.slots, (0, self._strip), constant_values=_NONE)
+        self._source[np.flatnonzero(self._source == _NONE)[0]] = source
 
     def give_back(self, slots: Slots) -> None:
         """Free the rows of slots that have one."""
-        self.slots[self.of[slots]] = _NOBODY
-        self.of[slots] = _NOBODY
-        self._source[(self.slots == _NOBODY).reshape(-1, self._strip).all(1)] = _NOBODY
+        self.slots[self.of[slots]] = _NONE
+        self.of[slots] = _NONE
+        self._source[(self.slots == _NONE).reshape(-1, self._strip).all(1)] = _NONE

@@ -1,7 +1,7 @@
-"""Finds trajectories that jump: from there on the id stands for another feature.
+"""Finds trajectories that jump, where a tracker continues an id on another feature.
 
-Trackers exchange features now and then, and slip from one to the next that looks alike. A trajectory across
-such a jump moves as no body does.
+Trackers exchange features now and then, or slip to a neighbour that looks alike. No body moves like a
+trajectory across such a jump.
 """
 
 from bisect import bisect_right
@@ -12,27 +12,29 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
 from .window import Window
 
-# Steps before and after a jump, and how many times as far as each of these it is from their mean velocity.
+# Steps before and after a jump that are compared with it; and the least ratio of its difference from their
+# mean velocity to theirs.
 _BEFORE, _AFTER, _FARTHER = 3, 2, 8.0
-# Least length of a jump, as a share of the extent of all. Markers that are reconstructed jump by less, and
-# what was known of them is worth more: with a fiftieth the recordings of docs/research/accuracy.md lose .004.
+# Least length of a jump, as a share of the extent of all. Reconstructed markers jump by less, and their
+# hypotheses should not be lost: with a fiftieth the recordings of docs/research/accuracy.md lose .004.
 _LEAST = 0.1
 # Jumps of one source at one instant are alike where they differ by less than this share of their length:
 # then a body has moved. So it has, or the whole scene, where more than a share of all features jump at once.
 _ALIKE, _MOST = 0.5, 0.25
-# ns within which observations confirm a jump, and newest ones of a trajectory that are looked at.
+# ns within which observations confirm a jump, and newest observations of a trajectory that are examined.
 _CONFIRMED_NS, _OBSERVATIONS = 500_000_000, 64
 
 
 def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     """Find the trajectories that have jumped alone, as observations after `since_ns` confirm.
 
-    They are sought among those with a long step; what that is from now on, the window is told (`far`).
+    Only those with a long step are examined. The length of a long step is set in the window (`far`), for the
+    observations to come.
 
     Parameters
     ----------
     slots
-        intp [n], trajectories to look at.
+        intp [n], trajectories to examine.
 
     Returns
     -------
@@ -44,20 +46,20 @@ def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     newest = window.positions[slots, window.stop[slots] - 1]
     window.far = _LEAST * float(np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean()))
     recent = since_ns - _CONFIRMED_NS
-    some = (window.far_ns[slots] > recent) & (window.counts(slots) > _BEFORE + _AFTER + 1)
-    if not some.any():
+    candidates = (window.far_ns[slots] > recent) & (window.counts(slots) > _BEFORE + _AFTER + 1)
+    if not candidates.any():
         return slots[:0], slots[:0]
-    every, slots = slots, slots[some]
+    all_slots, slots = slots, slots[candidates]
     width = min(len(window.instants) - bisect_right(window.instants, recent), _OBSERVATIONS) + _BEFORE
-    at = window.stop[slots, None] + np.arange(-width - _AFTER - 1, 0)
-    held, at = at >= window.start[slots, None], np.maximum(at, 0)
-    positions = window.positions[slots[:, None], at]
-    times = window.times[slots[:, None], at]
+    columns = window.stop[slots, None] + np.arange(-width - _AFTER - 1, 0)
+    held, columns = columns >= window.start[slots, None], np.maximum(columns, 0)
+    positions = window.positions[slots[:, None], columns]
+    times = window.times[slots[:, None], columns]
     sudden = _sudden(times, positions, held)
-    who, when = np.nonzero(sudden & (times[:, _BEFORE + _AFTER + 1 :] > since_ns))
-    last = np.append(who[1:] != who[:-1], True)[: len(who)]
-    jumping, first = slots[who[last]], at[who[last], when[last] + _BEFORE + 1]
-    return _alone(window, every, jumping, first)
+    row, step = np.nonzero(sudden & (times[:, _BEFORE + _AFTER + 1 :] > since_ns))
+    last = np.append(row[1:] != row[:-1], True)[: len(row)]
+    jumping, first = slots[row[last]], columns[row[last], step[last] + _BEFORE + 1]
+    return _alone(window, all_slots, jumping, first)
 
 
 def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
@@ -77,7 +79,7 @@ def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
 
 
 def _alone(window: Window, slots: Slots, jumping: Slots, first: Ints) -> tuple[Slots, Ints]:
-    """Those of `jumping` that go far, and elsewhere than others do at that time, and the `first` of each.
+    """Those of `jumping` that jump far and unlike others at that time, and the `first` of each.
 
     `slots` intp [n] are all trajectories.
     """

@@ -1,7 +1,7 @@
 """Compiled loops over the observations of a window: storing, searching, interpolating.
 
 Every function works on the columns of :class:`~comotion.trajectories.window.Window`: `times` int64 [S, M] ns,
-`positions` float64 [S, M, dim], `speed` and `sigma` float64 [S, M], for S slots with room for M observations
+`positions` float64 [S, M, dim], `speed` and `sigma` float64 [S, M], for S slots of up to M observations
 each, of which ``start[s]:stop[s]`` (intp [S]) are in use.
 """
 
@@ -10,10 +10,10 @@ import numpy as np
 from ..arrays import Bools, Floats, Slots, Stamps
 from ..compiled import compiled
 
-# Full rows are compacted at one of so many moments, spread over the slots: 16 keep the work of one instant
+# Number of moments at which full rows are compacted, spread over the slots: 16 keep the work of one instant
 # below a tenth of what it is if slots that were opened together are compacted together.
 _COMPACTION_PHASES = 16
-# Most searches are for the newest or the oldest observations: so many steps from there before a bisection.
+# Most searches are for the newest or the oldest observations: steps from either end before a bisection.
 _LINEAR_STEPS = 4
 _SECONDS_PER_NS = 1e-9
 
@@ -36,8 +36,8 @@ def append(
 ) -> Slots:
     """Store observations, each behind the newest of its slot, in place; `stop` moves on.
 
-    Returns where each is in its slot, intp [n]. `far_ns` int64 [S] becomes the stamp of one that is farther
-    than `far` from the one before.
+    Returns the index of each in its slot, intp [n]. `far_ns` int64 [S] becomes the stamp of an observation
+    that is farther than `far` from the previous one.
 
     Speed is the backward difference. The first observation of a trajectory takes the second's, while it is
     still in the window (`complete`, bool [S]).
@@ -77,7 +77,8 @@ def count_older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop:
 def due_for_compaction(slots: Slots, start: Slots, stop: Slots, rows: int, more: int) -> Slots:
     """Those of `slots` whose observations should move to the beginning of their rows.
 
-    They have no room for some more at the end of their `rows`, or are near it with a quarter to win.
+    Those cannot take `more` observations at the end of their `rows`, or are near the end with a quarter of
+    the rows free at the beginning.
     """
     due = np.empty(len(slots), np.intp)
     count = 0
@@ -246,5 +247,5 @@ def fill_states(
                 continue
             observed[t, n], held[t, n], pace[t, n] = left == right, True, speed[s, right]
             for c in range(positions.shape[2]):
-                before = positions[s, left, c]
-                position[t, n, c] = before + share * (positions[s, right, c] - before)
+                left_value = positions[s, left, c]
+                position[t, n, c] = left_value + share * (positions[s, right, c] - left_value)

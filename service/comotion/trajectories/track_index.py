@@ -8,7 +8,7 @@ import numpy as np
 from ..arrays import Bools, Slots, find
 from .window import Ids, Window
 
-# Ids that a session has declared lost and that are remembered, the newest: those of some generations.
+# Most lost ids that are remembered of a session, the newest: those of some generations.
 MAX_ENDED = 10_000
 
 
@@ -30,13 +30,13 @@ class TrackIndex:
 
     def find(self, ids: Ids, session: int) -> Slots:
         """Slots of the ids of a session, intp [n]; -1 where there is none."""
-        found = self._sorted.get(session)
-        if found is None:
-            mine = np.flatnonzero(self._window.used & (self._window.source == session))
-            mine = mine[np.argsort(self._window.id[mine])]
-            found = self._sorted[session] = self._window.id[mine], mine
-        known, slots = found
-        return np.append(slots, -1)[find(ids, known)]
+        entry = self._sorted.get(session)
+        if entry is None:
+            own_slots = np.flatnonzero(self._window.used & (self._window.source == session))
+            own_slots = own_slots[np.argsort(self._window.id[own_slots])]
+            entry = self._sorted[session] = self._window.id[own_slots], own_slots
+        sorted_ids, slots = entry
+        return np.append(slots, -1)[find(ids, sorted_ids)]
 
     def knows(self, session: int) -> bool:
         """Whether a session has sent anything."""
@@ -45,7 +45,7 @@ class TrackIndex:
     def has_ended(self, ids: Ids, session: int) -> Bools:
         """Which of the ids a session has declared lost for good, bool [n]."""
         ended = self._ended.get(session, {})
-        return np.array([one in ended for one in ids.tolist()], np.bool_)
+        return np.array([feature in ended for feature in ids.tolist()], np.bool_)
 
     def open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""
@@ -68,8 +68,8 @@ class TrackIndex:
         self._window.ended[slots[slots >= 0]] = True
         ended = self._ended.setdefault(session, {})
         ended |= dict.fromkeys(ids.tolist())
-        for one in list(islice(ended, max(len(ended) - MAX_ENDED, 0))):
-            del ended[one]
+        for feature in list(islice(ended, max(len(ended) - MAX_ENDED, 0))):
+            del ended[feature]
 
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session as ended for good."""

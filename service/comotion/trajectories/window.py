@@ -1,7 +1,7 @@
 """The observations of every trajectory of one space that lie inside the window.
 
-A trajectory lives in a slot. Its observations are contiguous and ordered by time, so that whoever
-reads a trajectory gets plain array views. Slots are reused after a trajectory is forgotten; `key`,
+A trajectory lives in a slot. Its observations are contiguous and ordered by time, so that
+a trajectory is read as plain array views. Slots are reused after a trajectory is forgotten; `key`,
 its birth number, never is.
 """
 
@@ -53,14 +53,15 @@ class Window:
     instants
         Times at which anything in the window was observed, ns, ascending and distinct.
     live
-        bool [capacity], slots of the trajectories that are current, as far as the caller says; new ones are.
+        bool [capacity], slots of the trajectories that are current, as set by the caller; new ones are.
     id
-        uint64 [capacity], what the source calls the feature in each slot.
+        uint64 [capacity], id that the source gave to the feature in each slot.
     label, label_ns, established
-        int64 [capacity] each, what :mod:`comotion.hypotheses` knows of the trajectories: the hypothesis of
-        each, since when, and the one in which it became an established member; negative for none.
+        int64 [capacity] each, set by :mod:`comotion.hypotheses`: the hypothesis of each trajectory, since
+        when, and the hypothesis in which it became an established member; negative for none.
     far, far_ns
-        A long step, as the caller says, and int64 [capacity], when each trajectory made one last.
+        Length of a long step, set by the caller, and int64 [capacity], time of the last one of each
+        trajectory.
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
@@ -70,7 +71,7 @@ class Window:
         self.capacity = 0
         self._rows = _FIRST_ROWS
         self._free: list[int] = []
-        # Most slots in use since the columns are as they are: so many have memory behind them.
+        # Most slots in use at once since the columns were made: that many have memory behind them.
         self._written = 0
         self._next_key = 0
         self.instants: list[int] = []
@@ -87,7 +88,7 @@ class Window:
         self.source: Slots = np.zeros(0, np.intp)
         self.key: Stamps = np.zeros(0, np.int64)
         self.last_ns: Stamps = np.zeros(0, np.int64)
-        # xx, xy, xz, yy, yz, zz of the newest observation as its source says; NaN: it does not.
+        # xx, xy, xz, yy, yz, zz of the newest observation, published by its source; NaN: not published.
         self.covariance: Floats = np.zeros((0, 6))
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
@@ -137,7 +138,7 @@ class Window:
         self._give_back()
 
     def _give_back(self) -> None:
-        """Renew the columns when most of the memory behind them holds nothing any more."""
+        """Renew the columns when most of the memory behind them is unused."""
         in_use, rows = self.capacity - len(self._free), _FIRST_ROWS
         longest = int(self.counts(np.flatnonzero(self.used)).max(initial=0))
         while longest > _STILL_USED * rows:
@@ -210,8 +211,8 @@ class Window:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
         slots = self.slots()
         counts = count_older(slots, before_ns, self.times, self.start, self.stop)
-        some = counts > 0
-        return slots[some], counts[some]
+        affected = counts > 0
+        return slots[affected], counts[affected]
 
     def evict(self, slots: Slots, counts: Slots) -> None:
         """Drop the oldest observations of slots."""
@@ -291,7 +292,7 @@ class Window:
         self.capacity += extra
 
     def _renew_columns(self, slots: int, rows: int) -> None:
-        """Put what is in use into new columns of a size: memory that nobody writes to costs nothing."""
+        """Copy the slots in use into new columns of a size; memory that is never written costs nothing."""
         used = np.flatnonzero(self.used)
         for name in _COLUMNS:
             column = getattr(self, name)
