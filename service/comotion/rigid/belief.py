@@ -96,7 +96,7 @@ class Belief:
     def scene(
         self, frames: Frames, newest: Floats, hypotheses: Labels, static: int | None, least: float
     ) -> Scene:
-        """The scene of an update, with what is remembered of its trajectories.
+        """The scene of an update, with the memory of its trajectories.
 
         Parameters
         ----------

@@ -95,12 +95,12 @@ def held(
 
 
 def judged(frames: Frames, config: RigidConfig) -> int:
-    """How many trajectories were observed for so long that they take part in finding hypotheses."""
+    """Number of trajectories that were observed for long enough to be searched for hypotheses."""
     return int(np.count_nonzero(frames.life >= config.min_life))
 
 
 def holding(last: Fit | None, frames: Frames, labels: Ints) -> float:
-    """For what share of the window a new fit may be held, by its labels intp [N] and the last fit."""
+    """Share of the window for which a new fit may be held, by its labels intp [N] and the last fit."""
     if last is None:
         return _HELD_SHARE
     index = find(frames.key, last.frames.key)

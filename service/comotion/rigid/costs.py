@@ -36,8 +36,8 @@ class Costs:
     body, outlier
         float64 [N, K] and [N].
     opening, restless
-        float64 [K]; the latter is what opening would cost if the body had never rested: what it must gain to
-        move clearly.
+        float64 [K], price of each body, and its price if it had never rested: the gain over rest from which
+        on it clearly moves.
     soft
         float64 [K], variance of the deformation of each body.
     slides
@@ -63,9 +63,9 @@ class Costs:
 
 
 def updated(frames: Frames, bodies: list[Body], costs: Costs, tracks: Ints, config: RigidConfig) -> Costs:
-    """The costs, with those of `tracks` intp [n], ascending, computed anew; all that are new are among them.
+    """The costs, with those of `tracks` intp [n], ascending, computed anew.
 
-    New trajectories are the last ones of `frames`, as are their rows.
+    They include all new trajectories, which are the last ones of `frames`, as are their rows.
     """
     part, rows = frames.of(tracks), frames.rows_of(tracks)
     body, squared = body_costs_of(part, bodies, costs.soft, config)
@@ -98,7 +98,7 @@ def outlier_costs(frames: Frames, config: RigidConfig) -> tuple[Floats, Floats]:
 
 
 def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
-    """By how much the cost of each trajectory exceeds what is usual in its hypothesis, float64 [N].
+    """Excess of the cost of each trajectory over the usual cost in its hypothesis, float64 [N].
 
     In standard deviations: half a squared residual per coordinate and frame is expected, and its variance
     is as large. Outliers (`labels` intp [N] below 0) have 0.

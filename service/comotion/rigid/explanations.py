@@ -19,13 +19,14 @@ from .kernels.records import RowArrays
 from .offset_equations import UNKNOWNS, Equations, normal_equations, velocities
 from .procrustes import Body, pose_information
 
-# Prior standard deviations, what a careful calibration leaves: rad, share of the scene's extent, s.
+# Prior standard deviations, those of a careful calibration: rad, share of the scene's extent, s.
 _ROTATION = float(np.radians(2.0))
 _SHIFT = 0.03
 _DELAY = 0.02
-# s; that of the delay of a source that stamps what it sees when it arrives, not when it was taken; and the
-# longest one. It is read from a group and a body whose speeds correlate at least so well. Chosen, as the next
-# one, on made-up scenes with delays of .1 to .3 s and on stress scenes in which a clock is set.
+# Of a source that stamps observations on arrival, not when they were made: prior standard deviation of its
+# delay and longest delay, s, and least correlation of the speeds of a group and a body from which a delay is
+# read. Chosen, as the next one, on made-up scenes with delays of .1 to .3 s and on stress scenes in which a
+# clock is set.
 _LATENCY, _LONGEST, _ALIKE = 0.2, 0.5, 0.8
 # Mean squared residual, in tolerances, up to which a group moves like a body with such a delay: after a clock
 # was set, a window holds two delays, and neither explains it all.
@@ -70,12 +71,12 @@ class Offset:
 
     @property
     def late(self) -> bool:
-        """Whether its delay is that of a source that stamps what arrives."""
+        """Whether its delay is that of a source that stamps observations on arrival."""
         return abs(self.delay) > _MOST_DELAY
 
     @property
     def vector(self) -> Floats:
-        """Float64 [7], rotation, shift and minus the delay: what the steps of :meth:`after` add up to."""
+        """Float64 [7], rotation, shift and minus the delay: the sum of the steps of :meth:`after`."""
         return np.concatenate([self.rotation, self.shift, [-self.delay]])
 
     def transform(self) -> tuple[Floats, Floats]:
@@ -90,7 +91,7 @@ class Offset:
             self,
             rotation=(turn * Rotation.from_rotvec(self.rotation)).as_rotvec(),
             shift=turn.apply(self.shift) + step[3:6],
-            # y(t + delay) ~ y + ydot delay: what the fit adds to y, the times lose.
+            # y(t + delay) ~ y + ydot delay: a positive step in y is a negative one of the times.
             delay=self.delay - float(step[6]),
         )
 
@@ -142,7 +143,7 @@ class _Start:
 
 
 def explained(view: View, applied: Offset) -> Offset:
-    """The best explanation of what a source sees.
+    """The best explanation of the motion that a source sees.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ class RigidMethod(Method):
         return anchored_motions(*terms, {h: bodies[h] for h in wanted if h in bodies})
 
     def state(self) -> dict[str, Any]:
-        """The registration of the sources, and what is believed of hypotheses."""
+        """The offsets of the sources, and the memory of hypotheses."""
         return {"offsets": self._registration.state(), "belief": self._belief.state()}
 
     def load(self, state: dict[str, Any], window: Window) -> None:

@@ -16,7 +16,7 @@ from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_mot
 from .procrustes import Body
 from .tracks import Tracks
 
-# s; a hypothesis at rest is static only if it was observed for so long, as what will move may rest at first.
+# s; a hypothesis at rest is static only if it was observed for this long, as it may begin to move later.
 _LEAST_STATIC_TIME = 1.0
 
 

@@ -147,9 +147,9 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
 def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
     """Posterior variances [n] of estimates [n] with degrees of freedom [n] (Smyth 2004).
 
-    Their prior, a scaled inverse chi-squared distribution, is fitted to the logarithms of all: they vary by
-    the error of the estimates and by what the true variances differ. `otherwise` is taken where there are no
-    estimates.
+    Their prior, a scaled inverse chi-squared distribution, is fitted to the logarithms of all: their spread
+    is the error of the estimates plus the spread of the true variances. `otherwise` is taken where there are
+    no estimates.
     """
     usable = (freedom > 0) & (variance > 0)
     if not usable.any():

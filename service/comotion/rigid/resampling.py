@@ -174,8 +174,7 @@ def _with_slow_noise(
 ) -> tuple[Floats, Floats]:
     """Tolerance with the slow noise of each source, [P], and its spectrum, [P, 3].
 
-    What rests, bool [P] `resting`, may show more of it: the tolerance of what moves is mostly that of its
-    deformation.
+    Rows at rest, bool [P] `resting`, may show more of it: the tolerance of moving rows is mostly deformation.
     """
     wider, spectrum = tolerance.copy(), np.tile([1.0, 0.0, 0.0], (len(owner), 1))
     sources = tracks.source[owner]
@@ -192,7 +191,7 @@ def _with_slow_noise(
 
 
 def _stamps(tracks: Tracks, stamp_ns: int, span_ns: int, config: RigidConfig) -> Stamps:
-    """Times of the frames: the whole window, less what lies before the first observation; at least one."""
+    """Times of the frames: the whole window, without the part before the first observation; at least one."""
     step = round(1e9 / config.frame_rate)
     count = max(int(span_ns // step), 2)
     stamps = stamp_ns - step * np.arange(count - 1, -1, -1, dtype=np.int64)
@@ -275,9 +274,9 @@ def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
 def _deformation(squared: Floats, extent: float, config: RigidConfig) -> tuple[Floats, Bools]:
     """Variance that the deformation of a body adds to a coordinate, [P], and whether it is that of contact.
 
-    Real bodies bend and skin slides, in proportion to how they move (`squared` [P], the mean squared
-    displacement) and up to a share of the scene's extent. What hardly moves is pressed and pushed by what
-    moves: it bends by a share of the root mean square of all.
+    Real bodies bend and skin slides, in proportion to their motion (`squared` [P], the mean squared
+    displacement) and up to a share of the scene's extent. Bodies that hardly move are deformed by contact
+    with moving ones: by a share of the root mean square of all.
     """
     slack = np.minimum(config.rigidity_extent * extent, config.rigidity_motion * np.sqrt(squared))
     usual = float(np.sqrt(np.mean(slack**2))) if len(slack) else 0.0

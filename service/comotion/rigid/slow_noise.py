@@ -141,7 +141,7 @@ def _variograms(lags: tuple[int, ...], times: tuple[float, ...], frames: int) ->
 
 
 def _usual(values: Floats) -> Floats:
-    """The quantile of each column of float64 [n, m] over what is not NaN, float64 [m]."""
+    """The quantile of each column of float64 [n, m] over the values that are not NaN, float64 [m]."""
     # As np.nanquantile, which takes longer than all the rest.
     values = np.sort(values, axis=0)
     position = _QUANTILE * (np.isfinite(values).sum(0) - 1)

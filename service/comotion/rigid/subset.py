@@ -37,7 +37,7 @@ _OUTSIDE = -2
 
 @dataclass(frozen=True)
 class Scene:
-    """N trajectories of an update, and what earlier updates found out about them.
+    """N trajectories of an update, and the results of earlier updates for them.
 
     Attributes
     ----------
