@@ -47,7 +47,7 @@ def _only_white(_tracks: Any, _y: Any, _w: Any, owner: Any, tolerance: Any, *_: 
 
 
 def _no_costs(scene: Any, fitted: Any, *_: Any) -> Any:
-    return np.zeros((len(scene.before), len(fitted)))
+    return np.zeros((len(scene.hypotheses), len(fitted)))
 
 
 def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *out: Any) -> None:
@@ -57,10 +57,8 @@ def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *ou
 RULES: dict[str, Rule] = {
     "gross": Rule("gross errors are left out", {"resampling.resample": _with_errors}),
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
-def _no_costs(scene: Any, fitted: Any, *_: Any) -> Any:
-    return np.zeros((len(scene.hypotheses), len(fitted)))
-
-
+    "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
+    "clear_members": Rule("price of leaving for clear members", {"method.carried_costs": _no_costs}),
     "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
@@ -74,7 +72,7 @@ def _no_costs(scene: Any, fitted: Any, *_: Any) -> Any:
     "place": Rule("spatial prior", parameters={"prior_weight": 0.0}),
     "sliding": Rule(
         "features that slide",
-        {"costs.with_sliders": lambda _f, _b, body, *_: (body, np.zeros(body.shape, np.bool_))},
+        {"fits.with_sliders": lambda _f, _b, body, *_: (body, np.zeros(body.shape, np.bool_))},
     ),
     "arrivals": Rule("newborn amid newborn wait", {"method.undecided": lambda _scene, labels: labels}),
     "settled": Rule("one pose for each rest", {"fits.settled": lambda _frames, body, _config: body}),
