@@ -226,8 +226,8 @@ def geometry(frames):
 def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
     found = geometry(scene(noise, hidden))
     one, two = found.compare(NEAR, FAR), found.compare(NEAR, OTHER)
-    assert one.log_ratio < 0.4
-    assert two.log_ratio > one.log_ratio + 0.3
+    assert one[0] < 0.4
+    assert two[0] > one[0] + 0.3
     assert not found.two_bodies(NEAR, FAR)
     assert found.two_bodies(NEAR, OTHER)
     assert found.one_body(NEAR, FAR)
@@ -236,8 +236,8 @@ def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
 
 def test_what_rests_and_what_moves_are_told_apart_before_a_camera_at_rest():
     frames = scene(0.05, drive=(0.0, 0.0, 0.0))
-    assert geometry(frames).compare(NEAR, OTHER).one_rests
-    assert not geometry(frames).compare(NEAR, FAR).one_rests
+    assert geometry(frames).compare(NEAR, OTHER)[1]
+    assert not geometry(frames).compare(NEAR, FAR)[1]
     # All rests: nothing says that it is one body.
     assert not geometry(frames).one_body(NEAR, FAR)
 

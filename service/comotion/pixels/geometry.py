@@ -50,25 +50,6 @@ _PARALLAX_EXCESS, _PARALLAX_EPIPOLAR, _ONE_PAIR_LIMIT = 1.2, 0.2, 4.0
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Two groups in all near frame pairs.
-
-    Attributes
-    ----------
-    log_ratio
-        Mean of log(joint / own residual). Residuals are medians of the Sampson distance, px; the
-        joint one is the larger of the two groups' medians.
-    one_rests
-        Whether in some frame pair one group rests in the image while the other moves: then the
-        camera rests too, and what moves is another body. The residuals do not show that, because a
-        geometry that fits a translation fits points at rest.
-    """
-
-    log_ratio: float
-    one_rests: bool
-
-
-@dataclass(frozen=True)
 class _Views:
     """A group in P frame pairs: its points float64 [P, n, 2] in both, and which there are, bool [P, n]."""
 
@@ -132,15 +113,22 @@ class Geometry:
         self._near, self._wide = near_pairs(len(self._positions)), wide_pairs(len(self._positions))
         self._views: dict[tuple[bytes, bool], _Views] = {}
 
-    def compare(self, first: Ints, second: Ints) -> Comparison | None:
-        """Compare two groups (intp, indices of trajectories) in near pairs; None with too few points."""
+    def compare(self, first: Ints, second: Ints) -> tuple[float, bool] | None:
+        """Compare two groups (intp, indices of trajectories) in near pairs; None with too few points.
+
+        Returns
+        -------
+        Mean of log(joint / own residual), which are medians of the Sampson distance, the joint one the larger
+        of the two groups'; and whether in some pair one group rests in the image while the other moves: then
+        the camera rests too, and what moves is another body. A geometry that fits a translation fits rest.
+        """
         a, b = self._of(first, wide=False), self._of(second, wide=False)
         rows = np.flatnonzero(np.minimum(a.count, b.count) >= _LEAST_POINTS)
         if not len(rows):
             return None
         joint = np.maximum(*a.joint(b, rows, fundamental))
         own = (a.epipolar[rows] + b.epipolar[rows]) / 2
-        return Comparison(float(_log_ratio(joint, own, _EPIPOLAR_FLOOR_PX).mean()), _one_rests(a, b, rows))
+        return float(_log_ratio(joint, own, _EPIPOLAR_FLOOR_PX).mean()), _one_rests(a, b, rows)
 
     def two_bodies(self, first: Ints, second: Ints) -> bool:
         """Whether no fundamental matrix explains two groups together to within noise and drift."""

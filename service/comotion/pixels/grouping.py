@@ -22,7 +22,7 @@ from ..config import PixelsConfig
 from .distances import distances
 from .geometry import Geometry
 from .key_frames import KeyFrames, frame_pairs
-from .merging import SIMILARITY, BoundaryContrast, Merging, sums_over_groups
+from .merging import SIMILARITY, Merging, sums_over_groups
 from .neighbour_sampling import sample_members
 from .similarity import combine, explain, preference, subspace
 
@@ -50,10 +50,10 @@ class Grouping:
     similarity: Floats32
 
 
-def group(
-    frames: KeyFrames, parameters: PixelsConfig, *, seed: int = 0, previous: Labels | None = None
-) -> Grouping:
+def group(frames: KeyFrames, parameters: PixelsConfig, *, previous: Labels | None = None) -> Grouping:
     """Group trajectories by motion and find the number of groups: steps 2 to 6.
+
+    The draw of local motions is fixed: same input, same groups.
 
     Parameters
     ----------
@@ -61,31 +61,28 @@ def group(
         F key frames of N ≥ 2 trajectories.
     parameters
         Of the method.
-    seed
-        Of the draw of local motions: same input, same groups.
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
     pairs, apart = frame_pairs(frames), distances(frames)
-    members = sample_members(apart.local, parameters.local_motions, np.random.default_rng(seed))  # 2
+    members = sample_members(apart.local, parameters.local_motions, np.random.default_rng(0))  # 2
     kernel = preference(explain(pairs, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
     superclusters = link(similarity)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
-    boundary = BoundaryContrast(apart.image, similarity)
     geometry = Geometry(frames, pieces, parameters.drift)
-    merging = Merging(similarity, superclusters, boundary, geometry, parameters.smallest, previous)
+    merging = Merging(similarity, apart.image, superclusters, geometry, parameters.smallest, previous)
     merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
     mean = sums_over_groups(similarity, labels) / np.bincount(labels)[:, None]
     return Grouping(labels, _confidence(mean.T, labels), similarity)
 
 
-def link(similarity: Floats32, least: float = _LEAST_SIMILARITY) -> Ints:
-    """Superclusters of trajectories, intp [N]: average linkage down to a mean similarity of `least`."""
+def link(similarity: Floats32) -> Ints:
+    """Superclusters of trajectories, intp [N], by average linkage."""
     # The floors of its factors can lift a similarity above 1.
     tree = linkage(squareform(np.maximum(1 - similarity, 0), checks=False), "average")
-    return np.asarray(fcluster(tree, 1 - least, "distance").astype(np.intp) - 1)
+    return np.asarray(fcluster(tree, 1 - _LEAST_SIMILARITY, "distance").astype(np.intp) - 1)
 
 
 def _confidence(mean: Floats, labels: Ints) -> Floats:

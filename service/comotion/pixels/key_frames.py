@@ -100,7 +100,7 @@ def compared_trajectories(
     return slots[chosen], frames.of(chosen)
 
 
-def choose(seen: Ints, ended: Bools, limit: int, few: int = _FEW_TRACKS) -> Ints:
+def choose(seen: Ints, ended: Bools, limit: int) -> Ints:
     """Indices of the trajectories that are compared, intp, ascending.
 
     Current ones go first, then those seen longest. The number of ended ones is limited by that of the
@@ -112,12 +112,12 @@ def choose(seen: Ints, ended: Bools, limit: int, few: int = _FEW_TRACKS) -> Ints
         intp [N]; on how many key frames.
     ended
         bool [N]; not among the current ones.
-    limit, few
-        Most that are compared; up to `few` of them, however many have ended.
+    limit
+        Most that are compared.
     """
     ready = np.flatnonzero(seen >= LEAST_SEEN)
     current = len(ready) - int(ended[ready].sum())
-    most = min(limit, max(few, round((1 + _ENDED_SHARE) * current)))
+    most = min(limit, max(_FEW_TRACKS, round((1 + _ENDED_SHARE) * current)))
     rank = np.lexsort((-seen[ready], ended[ready]))
     return np.sort(ready[rank[:most]])
 

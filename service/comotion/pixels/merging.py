@@ -1,6 +1,5 @@
 """Superclusters in; the group of each, one group per object, out. This decides the number of objects."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,68 +30,6 @@ _SMALLEST_SHARE = 0.02
 _HELD_TOGETHER, _HELD_APART = 0.5, 0.25
 
 
-@dataclass(frozen=True)
-class Contrast:
-    """How similarity changes from one group to another.
-
-    Attributes
-    ----------
-    drop
-        Mean log similarity of the smaller group's members to their nearest in the other one, less
-        that to their nearest in their own.
-    distance
-        px; median distance of these members to their nearest in the other group.
-    """
-
-    drop: float
-    distance: float
-
-
-class BoundaryContrast:
-    """Compares similarity across the boundary of two groups with that within the smaller one.
-
-    The image motion of one rigid body varies from place to place as depth does, but trajectories that
-    lie side by side on it are still similar. Where two bodies meet, they are not.
-
-    Parameters
-    ----------
-    distance, similarity
-        float32 [N, N]; of the trajectories in the image, px, and their similarity.
-    """
-
-    def __init__(self, distance: Floats32, similarity: Floats32) -> None:
-        self._distance = distance
-        self._similarity = similarity
-
-    def between(self, first: Ints, second: Ints) -> Contrast | None:
-        """None where no member of the smaller group is ever seen together with one of the other."""
-        small, large = (first, second) if len(first) <= len(second) else (second, first)
-        picked = small
-        if len(small) > _COMPARED:
-            picked = small[(np.arange(_COMPARED) * len(small)) // _COMPARED]
-        across, distance = self._to_nearest(picked, large)
-        within, _ = self._to_nearest(picked, small)
-        known = np.isfinite(distance) & np.isfinite(within)
-        if not known.any():
-            return None
-        return Contrast(float((across - within)[known].mean()), float(np.median(distance[known])))
-
-    def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
-        """Log mean similarity of the picked to their nearest others, NaN of none; mean distance in px."""
-        cells = np.ix_(picked, others)
-        distance = np.where(picked[:, None] == others, np.inf, self._distance[cells])
-        near = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
-        apart = np.take_along_axis(distance, near, axis=1)
-        seen = np.isfinite(apart)
-        count = seen.sum(axis=1)
-        alike = np.where(seen, self._similarity[picked[:, None], others[near]], 0).sum(axis=1)
-        share = np.maximum(count, 1)
-        return (
-            np.where(count > 0, np.log(alike / share + _SIMILARITY_FLOOR), np.nan),
-            np.where(count > 0, np.where(seen, apart, 0).sum(axis=1) / share, np.inf),
-        )
-
-
 def sums_over_groups(values: NDArray[np.floating[Any]], labels: Ints) -> Floats:
     """Sums of the rows of values [N, M] over each of K groups (intp [N]), float64 [K, M]."""
     return np.asarray(np.eye(labels.max() + 1)[labels].T @ values)
@@ -107,12 +44,12 @@ class Merging:
 
     Parameters
     ----------
-    similarity
-        float32 [N, N].
+    similarity, distance
+        float32 [N, N]; of the trajectories, and how far apart they are in the image, px.
     superclusters
         intp [N], 0 to P - 1.
-    boundary, geometry
-        What is compared of two groups.
+    geometry
+        Compares groups.
     smallest
         Members below which a group dissolves.
     previous
@@ -123,13 +60,13 @@ class Merging:
     def __init__(
         self,
         similarity: Floats32,
+        distance: Floats32,
         superclusters: Ints,
-        boundary: BoundaryContrast,
         geometry: Geometry,
         smallest: int,
         previous: Labels | None,
     ) -> None:
-        self._boundary = boundary
+        self._similarities, self._distance = similarity, distance
         self._geometry = geometry
         self._size = np.bincount(superclusters).astype(np.float64)
         self._members = [np.flatnonzero(superclusters == k) for k in range(len(self._size))]
@@ -199,10 +136,11 @@ class Merging:
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
         """The logistic rule that was fitted to merge decisions, see docs/research/pixels.md."""
         hysteresis = self._hysteresis(a, b)
-        contrast = self._boundary.between(self._members[a], self._members[b])
+        contrast = self._contrast(*sorted((self._members[a], self._members[b]), key=len))
         if contrast is None:
             return bool(np.log(ratio) + hysteresis >= 0)
-        evidence = contrast.drop + _DISTANCE_WEIGHT * np.log1p(contrast.distance) - _LEAST_EVIDENCE
+        drop, distance = contrast
+        evidence = drop + _DISTANCE_WEIGHT * np.log1p(distance) - _LEAST_EVIDENCE
         evidence += _RATIO_WEIGHT * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
         evidence += hysteresis
         if evidence < _EPIPOLAR_WEIGHT * _LEAST_EPIPOLAR:
@@ -210,10 +148,44 @@ class Merging:
         compared = self._geometry.compare(self._members[a], self._members[b])
         if compared is None:
             return bool(evidence >= _EPIPOLAR_WEIGHT * _UNKNOWN_EPIPOLAR)
-        if compared.one_rests:
-            return False
-        ratio = min(max(compared.log_ratio, _LEAST_EPIPOLAR), _MOST_EPIPOLAR)
-        return bool(evidence >= _EPIPOLAR_WEIGHT * ratio)
+        log_ratio, one_rests = compared
+        limited = min(max(log_ratio, _LEAST_EPIPOLAR), _MOST_EPIPOLAR)
+        return not one_rests and bool(evidence >= _EPIPOLAR_WEIGHT * limited)
+
+    def _contrast(self, small: Ints, large: Ints) -> tuple[float, float] | None:
+        """How similarity changes across the boundary of two groups; None if they are never seen together.
+
+        The image motion of one rigid body varies from place to place as depth does, but trajectories that
+        lie side by side on it are still similar. Where two bodies meet, they are not.
+
+        Returns
+        -------
+        Mean log similarity of the smaller group's members to their nearest in the other one, less that to
+        their nearest in their own; and median distance to the former, px.
+        """
+        picked = small
+        if len(small) > _COMPARED:
+            picked = small[(np.arange(_COMPARED) * len(small)) // _COMPARED]
+        across, distance = self._to_nearest(picked, large)
+        within, _ = self._to_nearest(picked, small)
+        known = np.isfinite(distance) & np.isfinite(within)
+        if not known.any():
+            return None
+        return float((across - within)[known].mean()), float(np.median(distance[known]))
+
+    def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
+        """Log mean similarity of the picked to their nearest others, NaN of none; mean distance in px."""
+        distance = np.where(picked[:, None] == others, np.inf, self._distance[np.ix_(picked, others)])
+        near = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
+        apart = np.take_along_axis(distance, near, axis=1)
+        seen = np.isfinite(apart)
+        count = seen.sum(axis=1)
+        alike = np.where(seen, self._similarities[picked[:, None], others[near]], 0).sum(axis=1)
+        share = np.maximum(count, 1)
+        return (
+            np.where(count > 0, np.log(alike / share + _SIMILARITY_FLOOR), np.nan),
+            np.where(count > 0, np.where(seen, apart, 0).sum(axis=1) / share, np.inf),
+        )
 
     def _hysteresis(self, a: int, b: int) -> float:
         """Positive for groups of one previous hypothesis, negative for groups of two."""
