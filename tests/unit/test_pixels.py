@@ -152,6 +152,25 @@ def test_what_rests_in_the_image_of_a_moving_camera_is_undetermined():
     assert {states[of[k]] for k in range(90)} == {"moving"}
 
 
+def test_a_car_at_the_speed_of_the_camera_is_undetermined_in_whatever_group_it_is():
+    rng = np.random.default_rng(4)
+    # Far houses hardly move in the image either, and share the group of the walls.
+    wall = np.stack([rng.choice([-5.0, 5.0], 160), rng.uniform(-3, 2, 160), rng.uniform(8, 60, 160)], axis=1)
+    far = np.stack([rng.uniform(-40, 40, 60), rng.uniform(-15, 5, 60), rng.uniform(90, 150, 60)], axis=1)
+    car = rng.uniform([290, 250], [350, 290], (25, 2))
+
+    def seen(k, now):
+        ahead = np.concatenate([wall, far]) - [0.0, 0.0, 0.25 * k]
+        before = np.flatnonzero(np.append(ahead[:, 2] > 1, np.ones(25, bool)))
+        moved = np.concatenate([320 + 500 * ahead[:, :2] / ahead[:, 2:], car])[before]
+        return image(k, now, moved + rng.normal(0, 0.1, moved.shape), before)
+
+    update = play(pixel_fusion(), range(30), seen, rate=15)[-1]
+    of, states = labels_of(update), {h.id: h.state for h in update.hypotheses}
+    assert not any(states.get(of[k]) in {"moving", "static"} for k in range(220, 245))
+    assert sum(states.get(of.get(k)) == "moving" for k in range(220)) > 150
+
+
 def with_gross_errors(rng, positions, share):
     """Positions of which some single ones are 10 to 60 px off, and which these are."""
     wild = rng.random(positions.shape[:2]) < share

@@ -16,7 +16,7 @@ from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import AT_REST_PX, group_gain, rest_gain
 from .newborns import nearest_votes
-from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
+from .proposals import Together, as_one, find_groups
 from .recent import Recent
 
 BACKGROUND = 0
@@ -28,17 +28,15 @@ _MOST, _NEIGHBOURS = 4.0, 2.0
 _PLACE = 0.25
 # nat; of the members of a new body.
 _FIRST = 1.0
-# A body is shown after so many updates in a row with enough members.
-_SUPPORT = 3
+# ns; a body is shown once it has lasted for so long.
+_LASTED_NS = 280_000_000
 # Share of its members that a body has in one group of the window, if it counts for it as a whole.
 _WHOLE = 0.7
-# nat; gain down to which a group of the window holds its members: what parts contradicts more clearly.
-_HELD = -1.5
 # Steps from one comparison of pairs of bodies to the next.
 _MERGE_EVERY = 3
 # ns; a body is dropped if it could not be shown, or had no member, for so long.
-_UNSHOWN_NS, _GONE_NS = 1_000_000_000, 500_000_000
-# Members with which a body that is not shown goes on.
+_GONE_NS = 1_000_000_000
+# Members without which a body that is not shown is dropped.
 _GOING_ON = 4
 # px; a body that has moved less over the longest time scale has not been shown to be one.
 _LEAST_MOTION_PX = 2.0
@@ -56,8 +54,6 @@ class Body:
         Whether it may be published.
     published
         Whether it was published before.
-    support
-        Updates in a row with enough members to be shown.
     farthest
         px; the farthest it has moved over one of the time scales.
     """
@@ -66,7 +62,6 @@ class Body:
     seen_ns: int
     shown: bool = False
     published: bool = False
-    support: int = 0
     farthest: float = 0.0
 
 
@@ -103,8 +98,6 @@ class Belief:
         self._seen = labels >= 0
         self._together, self._steps = Together(), 0
         self._recent: Recent | None = None
-        # By slot: the body to which the group of the window belongs that it is in.
-        self._owner = np.full(len(labels), NO_HYPOTHESIS)
 
     def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
         """Take in the motion up to an instant."""
@@ -168,19 +161,12 @@ class Belief:
     def compare(self, slots: Slots, groups: Ints) -> None:
         """Take in groups of a whole window, which know bodies by their structure: intp [m] each.
 
-        A group belongs to the body that most of its members are of. Its members stay with that body where the
-        motion of the moment contradicts it, as that of a solid body that turns may do. Two bodies that lie
-        mostly in one group come nearer to being merged.
+        Two bodies that lie mostly in one group come nearer to being merged.
         """
         labels = self.labels(slots)
-        shared = np.zeros((len(self.bodies), int(groups.max(initial=-1)) + 1))
+        shared = np.zeros((len(self.bodies), int(groups.max(initial=0)) + 1))
         bodily = labels > BACKGROUND
         np.add.at(shared, (labels[bodily], groups[bodily]), 1)
-        self._owner[:] = NO_HYPOTHESIS
-        if not shared.any():
-            return
-        owner = np.where(shared.any(axis=0), shared.argmax(axis=0), NO_HYPOTHESIS)
-        self._owner[slots] = owner[groups]
         size, largest = shared.sum(axis=1), shared.max(axis=1)
         whole = np.flatnonzero((size >= _GOING_ON) & (largest > _WHOLE * size)).tolist()
         self._together.vote({column: int(shared[column].argmax()) for column in whole})
@@ -191,12 +177,10 @@ class Belief:
         if extra:
             self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-_MOST)
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
-            self._owner = np.pad(self._owner, (0, extra), constant_values=NO_HYPOTHESIS)
             self._newborn = np.pad(self._newborn, (0, extra), constant_values=True)
             self._seen = np.pad(self._seen, (0, extra), constant_values=False)
         fresh = slots[self._keys[slots] != window.key[slots]]
         self._evidence[fresh], self._newborn[fresh], self._seen[fresh] = -_MOST, True, False
-        self._owner[fresh] = NO_HYPOTHESIS
         self._keys[fresh] = window.key[fresh]
 
     def _place(self, slots: Slots, votes: Floats) -> None:
@@ -221,11 +205,9 @@ class Belief:
             found = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
             if found is None:
                 continue
-            held = members & (self._owner[recent.slots] == column) & (found.gain > _HELD)
-            gained = np.where(held, np.maximum(found.gain, 0.0), found.gain)
             # A body at rest explains all that rests: that is evidence for it only near its members.
             near = members | (votes[:, column] > 0) | (found.motion >= AT_REST_PX)
-            gain[:, column] = np.where(near, gained, np.minimum(gained, 0.0))
+            gain[:, column] = np.where(near, found.gain, np.minimum(found.gain, 0.0))
             motion[column] = found.motion
             body.farthest = max(body.farthest, found.motion)
         return gain, motion
@@ -262,9 +244,9 @@ class Belief:
             age_ns, size = stamp_ns - body.born_ns, int(sizes[column])
             if size:
                 body.seen_ns = stamp_ns
-            body.support = body.support + 1 if size >= LEAST_MEMBERS else 0
-            body.shown |= body.support > _SUPPORT and body.farthest > _LEAST_MOTION_PX
-            fades = not body.shown and (age_ns > _UNSHOWN_NS or size < _GOING_ON)
+            lasts = age_ns >= _LASTED_NS and size >= _GOING_ON
+            body.shown |= lasts and body.farthest > _LEAST_MOTION_PX
+            fades = not body.shown and (age_ns > _GONE_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
                 self._drop(column)
 
@@ -287,5 +269,4 @@ class Belief:
     def _drop(self, column: int) -> None:
         self.bodies[column] = None
         self._evidence[:, column] = -_MOST
-        self._owner[self._owner == column] = NO_HYPOTHESIS
         self._together.forget(column)

@@ -7,10 +7,11 @@ import numpy as np
 from comotion_schemas import Twist
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Floats, Ints, Slots
+from ..arrays import Bools, Floats, Ints, Slots
 from ..partition import Group
 from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
+from .key_frames import KeyFrames
 
 # A velocity is taken over the newest half second, of features observed over at least a fifth: one step alone
 # has the noise of both its ends.
@@ -18,6 +19,8 @@ _VELOCITY_NS = 500_000_000
 _LEAST_HISTORY_NS = 200_000_000
 # px; KLT noise and its drift over the time a velocity is taken over stay below this.
 _AT_REST_PX = 1.5
+# Share of the members at rest from which on a group of a camera that moves rests as a whole.
+_MOST_AT_REST = 0.5
 
 
 def describe(window: Window, current: Slots, groups: Ints, residual: Floats, count: int) -> list[Group]:
@@ -54,6 +57,18 @@ def of_moving_camera(groups: list[Group]) -> list[Group]:
     if all(one.state != "moving" for one in groups):
         return groups
     return [replace(one, state="undetermined") if one.state == "static" else one for one in groups]
+
+
+def alone_at_rest(frames: KeyFrames, labels: Ints) -> Bools:
+    """Which of N trajectories rest in the image all the time while their group, intp [N], moves: bool [N].
+
+    They may be far away, or move as the camera does: nobody knows whose they are.
+    """
+    first = frames.positions[frames.visible.argmax(axis=0), np.arange(len(labels))]
+    away = np.linalg.norm(frames.positions - first, axis=2)
+    rests = np.where(frames.visible, away, 0).max(axis=0) < _AT_REST_PX
+    share = np.bincount(labels, rests) / np.maximum(np.bincount(labels), 1)
+    return np.asarray(rests & (share[labels] < _MOST_AT_REST))
 
 
 def _state(steps: Floats, members: int) -> HypothesisState:

@@ -17,7 +17,7 @@ from ..matching import largest_first
 from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
 from .belief import Belief
-from .describe import describe, of_moving_camera
+from .describe import alone_at_rest, describe, of_moving_camera
 from .grouping import group
 from .key_frames import compared_trajectories
 from .newborns import assign_newborns
@@ -62,7 +62,8 @@ class PixelMethod(Method):
         before = previous.labels[compared]
         if len(compared) > 1:
             found = group(frames, self._p, previous=before)  # 2 to 6
-            groups[compared] = found.labels
+            alone = alone_at_rest(frames, found.labels)
+            groups[compared] = np.where(alone, NO_HYPOTHESIS, found.labels)
             confidence[compared] = found.confidence
             residual[compared] = 2 * frames.variance
             self._last = current, compared, found.similarity
