@@ -133,11 +133,6 @@ class Belief:
         told = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
         return np.where(told & shown[labels], labels, NO_HYPOTHESIS)
 
-    def rests(self, window: Window, slots: Slots) -> Bools:
-        """Whether each slot is of the background, and was seen to rest, bool [n]."""
-        self._admit(window, slots)
-        return np.asarray((self.labels(slots) == BACKGROUND) & self._seen[slots])
-
     def publish(self) -> Bools:
         """Whether each body was published before, bool [K]; from now on all that are shown were."""
         before = np.array([body is not None and body.published for body in self.bodies])

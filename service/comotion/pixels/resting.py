@@ -16,9 +16,8 @@ from .recent import Recent, recent_motion
 
 # ns between two instants at which motion is taken in, however often updates are made.
 _STEP_NS = 100_000_000
-# Share at rest above which the camera rests: of all trajectories, as something large may move before it, and
-# of its background once it has rested.
-_LEAST_SHARE, _LEAST_OF_BACKGROUND = 0.3, 0.4
+# Share of the picture at rest above which the camera rests: something large may move before it.
+_LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # Fewer trajectories do not tell. They are looked at over the longest of the first time
@@ -68,7 +67,7 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
-            self._look(window, recent)
+            self._look(recent)
             if self._evidence < 0:
                 self._belief = None
                 continue
@@ -99,20 +98,21 @@ class RestingCamera:
             return slots[:0], np.zeros(0, np.intp)
         return slots[ready], group(frames.of(ready), self._config).labels
 
-    def _look(self, window: Window, recent: Recent) -> None:
-        """Judge by all trajectories, and once the camera rests by its background alone.
+    def _look(self, recent: Recent) -> None:
+        """Judge by the share of the picture that rests.
 
-        What moves may have most of the features, and a camera that moves moves the background.
+        Not by that of the trajectories: a person before bare walls has most of them.
         """
-        seen, least = recent.seen[:_SCALES], _LEAST_SHARE
-        if self._belief is not None and self._evidence > 0:
-            seen, least = seen & self._belief.rests(window, recent.slots), _LEAST_OF_BACKGROUND
-        enough = np.flatnonzero(seen.sum(axis=1) >= _LEAST_TRACKS)
+        enough = np.flatnonzero(recent.seen[:_SCALES].sum(axis=1) >= _LEAST_TRACKS)
         if not len(enough):
             return
         scale = int(enough[-1])
-        share = float(_still(recent, scale)[seen[scale]].mean())
-        change = min(max(_WEIGHT * (share - least), _FALL), _RISE)
+        seen = recent.seen[scale]
+        cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
+        _, cell = np.unique(cells, axis=0, return_inverse=True)
+        cell = cell.ravel()
+        share = float((np.bincount(cell, _still(recent, scale)[seen]) / np.bincount(cell)).mean())
+        change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
         self._evidence = min(max(self._evidence + change, -_MOST), _MOST)
 
 
