@@ -19,6 +19,8 @@ _VELOCITY_NS = 500_000_000
 _LEAST_HISTORY_NS = 200_000_000
 # px; KLT noise and its drift over the time a velocity is taken over stay below this.
 _AT_REST_PX = 1.5
+# Variances of a displacement, and px of drift, within which a trajectory rests all the time.
+_GATE, _DRIFT_PX = 9.0, 0.15
 # Share of the members at rest from which on a group of a camera that moves rests as a whole.
 _MOST_AT_REST = 0.5
 
@@ -62,11 +64,12 @@ def of_moving_camera(groups: list[Group]) -> list[Group]:
 def alone_at_rest(frames: KeyFrames, labels: Ints) -> Bools:
     """Which of N trajectories rest in the image all the time while their group, intp [N], moves: bool [N].
 
-    They may be far away, or move as the camera does: nobody knows whose they are.
+    Those seen on half of the key frames at least are looked at. They may be far away, or move as the camera
+    does: nobody knows whose they are.
     """
     first = frames.positions[frames.visible.argmax(axis=0), np.arange(len(labels))]
-    away = np.linalg.norm(frames.positions - first, axis=2)
-    rests = np.where(frames.visible, away, 0).max(axis=0) < _AT_REST_PX
+    square = np.where(frames.visible, ((frames.positions - first) ** 2).sum(axis=2), 0).max(axis=0)
+    rests = (square < _GATE * 2 * (frames.variance + _DRIFT_PX**2)) & (frames.visible.mean(axis=0) >= 0.5)
     share = np.bincount(labels, rests) / np.maximum(np.bincount(labels), 1)
     return np.asarray(rests & (share[labels] < _MOST_AT_REST))
 
