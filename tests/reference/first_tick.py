@@ -11,11 +11,11 @@ import numpy as np
 
 from comotion import Fusion, FusionConfig
 from comotion.linking import Camera
-from comotion.precompiling import kernels
 from comotion.warm_up import prepare
 from comotion_schemas import encode
 
 from ..builders import MS, T0, batch
+from ..comotion_tools.kernel_list import kernels
 
 FRAMES, RATE_MS = 75, 40
 CAMERA = Camera(
