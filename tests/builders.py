@@ -1,11 +1,11 @@
 """Messages for tests: a test names what matters to it, the rest has a plain value."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from comotion import Fusion
-from comotion.event_time.instants import Instants
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch, SourceRef, Status
 
@@ -104,10 +104,14 @@ def restored(fusion, *, clean=False):
     return Fusion.restore(fusion.config, fusion.snapshot(clean=clean))
 
 
+class SessionEnded(NamedTuple):
+    """Nothing of a session comes out any more."""
+
+    session: int
+
+
 def fused(timeline, now_ns):
     """What comes out of an advance; all of it is fused."""
-    events = list(timeline.advance(now_ns))
-    for event in events:
-        if isinstance(event, Instants):
-            timeline.done(event)
+    events = []
+    timeline.advance(now_ns, None, events.append, lambda number: events.append(SessionEnded(number)))
     return events

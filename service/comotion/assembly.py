@@ -38,12 +38,7 @@ class Header(NamedTuple):
 class Assembly:
     """Makes one message of the updates of all spaces, and remembers what lasts from one to the next.
 
-    Attributes
-    ----------
-    config
-        Parameters of the fusion.
-    faults
-        Where errors are counted: they cost joints, links and events, or the space that does not fit.
+    Errors go to `faults`: they cost joints, links and events, or the space that does not fit.
     """
 
     config: FusionConfig
@@ -65,16 +60,10 @@ class Assembly:
         effort: Effort,
         reopen: Callable[[SpaceSpec], object],
     ) -> HypothesisUpdate:
-        """One message of all spaces, with events, joints and links.
+        """One message of all spaces, with events, joints and links; the rest is as for :func:`assemble`.
 
-        Parameters
-        ----------
-        header, updates, sessions
-            As for :func:`assemble`.
-        effort
-            Whether joints are judged and links decided.
-        reopen
-            Builds a space anew that does not fit in a message.
+        `effort` says whether joints are judged and links decided; `reopen` builds a space anew that does not
+        fit in a message.
         """
         views = [one.view for one in updates]
         with self.faults.guard("putting an update together"):
@@ -84,17 +73,14 @@ class Assembly:
             update = assemble(header, updates, sessions, self._events, joints)
             return self._linker.linked(update, views, deciding=effort.links)
         self._forget()
-        update, fitting = assemble(header, [], sessions, []), list[SpaceUpdate]()
+        fitting: list[SpaceUpdate] = []
         for one in updates:
-            found = None
             with self.faults.guard(f"listing space {one.view.spec.name!r}"):
-                found = assemble(header, [*fitting, one], sessions, [])
-            if found is None:
-                reopen(one.view.spec)
-            else:
-                update = found
+                assemble(header, [*fitting, one], sessions, [])
                 fitting.append(one)
-        return update
+                continue
+            reopen(one.view.spec)
+        return assemble(header, fitting, sessions, [])
 
     def _remember(self, stamp_ns: int, events: Sequence[Event]) -> None:
         """Keep the events that updates still list."""
@@ -125,31 +111,20 @@ def assemble(
     events: Sequence[Event],
     joints: Sequence[Joint] = (),
 ) -> HypothesisUpdate:
-    """Build the message of one update.
+    """Build the message of one update: of one per space, in the order of the columns.
 
-    Parameters
-    ----------
-    header
-        Its plain fields.
-    updates
-        One per space, in the order of the columns.
-    sessions
-        (source, session) by session number.
-    events
-        The recent events of all spaces.
-    joints
-        Between their hypotheses.
+    `sessions` are (source, session) by session number, `events` the recent events of all spaces, and `joints`
+    those between their hypotheses.
     """
     owners = np.concatenate([np.zeros(0, np.intp), *(one.sessions for one in updates)])
     used, track_source = distinct(owners)
     labels = np.concatenate([np.zeros(0, np.int64), *(one.labels for one in updates)])
     confidence = np.concatenate([np.zeros(0), *(one.confidence for one in updates)])
     positions = np.concatenate([np.zeros((0, 3)), *(one.positions for one in updates)])
+    owning = [sessions[number] for number in used.tolist()]
     return HypothesisUpdate(
         **header._asdict(),
-        sources=[
-            SourceRef(name=sessions[number][0], session=sessions[number][1]) for number in used.tolist()
-        ],
+        sources=[SourceRef(name=source, session=session) for source, session in owning],
         track_source=track_source.astype(np.uint16),
         track_id=np.concatenate([np.zeros(0, np.uint64), *(one.ids for one in updates)]),
         track_hypothesis=np.where(labels < 0, UNDETERMINED, labels).astype(np.uint32),

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
-from comotion_schemas.rigid import rotation, three, turn_of
+from comotion_schemas.rigid import pose_of, transform
 
 from .arrays import Ints, Labels, find
 from .hypotheses.events import EVENT_MEMORY_NS
@@ -26,11 +27,10 @@ _TAKEOVER_NS = 10_000_000_000
 
 @dataclass(frozen=True)
 class _Origin:
-    """The birth that clients know: x(birth here) = turn x(birth there) + shift; None where unknown."""
+    """The birth that clients know, and the motion from there to the birth here; None where unknown."""
 
     born_ns: int
-    turn: list[float] | float | None = None
-    shift: list[float] | None = None
+    motion: RigidTransform | None = None
 
 
 @dataclass
@@ -76,8 +76,8 @@ class PublishedIds:
             present = {h.id for h in update.hypotheses if not h.absent}
             self._take_over(update, leader, present - set(self._names))
         led_until_ns, events = (0, []) if leader is None else (leader.stamp_ns, leader.events)
-        own = sorted({h.id for h in update.hypotheses} | {one for e in update.events for one in _ids(e)})
-        names = {one: self.name(one) for one in own}
+        told = ((e.hypothesis, *e.others) for e in update.events)
+        names = {one: self.name(one) for one in sorted({h.id for h in update.hypotheses}.union(*told))}
         recent = [e for e in update.events if e.stamp_ns > led_until_ns]
         oldest_ns = update.stamp_ns - EVENT_MEMORY_NS
         return replace(
@@ -159,24 +159,17 @@ def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
 
 
 def _origin(mine: Hypothesis, theirs: Hypothesis) -> _Origin:
-    """From poses of one body at one time: R x + t from here, Q x + s from there; so R^-1 (Q x + s - t)."""
+    """From poses of one body at one time, since its births here and there."""
     if mine.pose is None or theirs.pose is None:
         return _Origin(theirs.born_ns)
-    back = rotation(mine.pose.rotation).inv()
-    gap = three(theirs.pose.translation) - three(mine.pose.translation)
-    turn = back * rotation(theirs.pose.rotation)
-    shift = back.apply(gap)[: len(mine.pose.translation)]
-    return _Origin(theirs.born_ns, turn_of(turn, len(shift)), shift.tolist())
+    return _Origin(theirs.born_ns, transform(mine.pose).inv() * transform(theirs.pose))
 
 
 def _since(pose: Pose, origin: _Origin) -> Pose:
     """The pose since the birth that clients know."""
-    if origin.turn is None or origin.shift is None:
+    if origin.motion is None:
         return pose
-    turn = rotation(pose.rotation)
-    moved = turn.apply(three(origin.shift)) + three(pose.translation)
-    dim = len(pose.translation)
-    return Pose(translation=moved[:dim].tolist(), rotation=turn_of(turn * rotation(origin.turn), dim))
+    return pose_of(transform(pose) * origin.motion, len(pose.translation))
 
 
 def _renamed(labels: NDArray[np.uint32], names: Mapping[int, int]) -> NDArray[np.uint32]:
@@ -184,10 +177,6 @@ def _renamed(labels: NDArray[np.uint32], names: Mapping[int, int]) -> NDArray[np
     for one, name in names.items():
         renamed[labels == one] = name
     return renamed
-
-
-def _ids(event: Event) -> list[int]:
-    return [event.hypothesis, *event.others]
 
 
 def _event(event: Event, names: Mapping[int, int]) -> Event:

@@ -22,7 +22,6 @@ from .assembly import Assembly, Header, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.budget import Budget, CostClock
 from .event_time.faults import Faults
-from .event_time.instants import SessionEnded
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
 from .event_time.troubles import CLOCKS
@@ -136,12 +135,7 @@ class Fusion:
             As for :meth:`update`.
         """
         self._spaces.at(now_ns if at_ns is None else at_ns)
-        for event in self.timeline.advance(now_ns, at_ns):
-            if isinstance(event, SessionEnded):
-                self._spaces.end_session(event.session)
-                continue
-            with self.timeline.budget.charge({event.batch.source: 1.0}):
-                self.timeline.done(event, self._spaces.store(event))
+        self.timeline.advance(now_ns, at_ns, self._spaces.store, self._spaces.end_session)
 
     def update(self, now_ns: int, at_ns: int | None = None) -> HypothesisUpdate:
         """Fuse what the watermark has passed and group every current trajectory. Raises nothing.

@@ -9,7 +9,6 @@ Three mistakes make data useless though each batch is well formed:
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,12 @@ from numpy.typing import NDArray
 from comotion_schemas.doubts import trading
 
 from .arrays import Floats
+from .event_time.entries import Instants
 from .event_time.troubles import Troubles
 
 Ids = NDArray[np.uint64]
-Where = tuple[int, str]
-"""Session number and space."""
+Seen = tuple[int, Ids, Floats]
+"""Stamp, ids and positions float64 [n, dim] of an instant."""
 
 # Counts fade by this share with every instant, and say something after so many instants.
 _FADE = 0.02
@@ -29,7 +29,7 @@ _LEAST_INSTANTS = 20
 # Mean number of instants in which an id is seen, below which motion can hardly be measured.
 _LEAST_LIFE = 4.0
 # Rows of an instant that are looked at.
-MOST_ROWS = 512
+_MOST_ROWS = 512
 # Times that an id came back after its end; a batch that was overtaken may bring one back.
 _LEAST_RETURNS = 3
 # Two instants are compared so often, or where a feature leaps, if they are not farther apart than the last.
@@ -37,20 +37,6 @@ _COMPARE_NS, _APART_NS = 250_000_000, 500_000_000
 _LEAST_SHARED = 5
 # Features that were where others had been, as a share of all: one exchange of many, or some of fewer.
 _TRADED = 0.5
-
-
-class Stored(NamedTuple):
-    """What became of an instant: whether it `fits` into the scene, rows with new ids, and with ended ones.
-
-    `factor` is how many times as far out it was as others see, 0: not far out; `doubt` says that all that its
-    source sees looks as if it was in another unit.
-    """
-
-    fits: bool = True
-    fresh: int = 0
-    ended: int = 0
-    factor: float = 0.0
-    doubt: str = ""
 
 
 @dataclass
@@ -64,70 +50,54 @@ class _Record:
     compared: float = 0.0
     jumped: float = 0.0
     compared_ns: int = -(2**62)
-    last: tuple[int, Ids, Floats] | None = None
+    last: Seen | None = None
 
 
 class SourceChecks:
-    """Follows the data of every session number, in each space that it publishes in.
+    """Follows the ids of every session number in a space.
 
     Parameters
     ----------
     troubles
-        What is wrong is noted there, with a number that says how much: the instants that an id lasts, the
-        share of features that jump (0: ended ids come back), how many times as far out as others see
-        positions are, or what they look like.
+        What is wrong is noted there, with a number that says how much: the instants that an id lasts, or the
+        share of features that jump (0: ended ids come back).
     """
 
     def __init__(self, troubles: Troubles) -> None:
         self._troubles = troubles
-        self._records: dict[Where, _Record] = {}
+        self._records: dict[int, _Record] = {}
 
-    def note(self, where: Where, source: str, stored: Stored) -> None:
-        """Take note of what became of an instant of a source."""
-        record = self._records.setdefault(where, _Record())
-        if stored.factor or stored.doubt:
-            self._troubles.note("scale", source, stored.factor or stored.doubt)
-        if stored.ended:
-            record.returns += 1
-            if record.returns >= _LEAST_RETURNS:
-                self._troubles.note("ids-reused", source, 0.0)
+    def look(self, instants: Instants, fresh: int, ended: int) -> None:
+        """Look at instants, of which so many rows were new and so many had an id that has ended."""
+        source, some = instants.batch.source, instants.rows[:_MOST_ROWS]
+        record = self._records.setdefault(instants.session, _Record())
+        record.returns += ended > 0
+        if ended and record.returns >= _LEAST_RETURNS:
+            self._troubles.note("ids-reused", source, 0.0)
+        if len(some):
+            ids, positions = instants.batch.ids[some], instants.batch.positions[some].astype(np.float64)
+            self._compare(record, source, fresh / len(instants.rows), (instants.stamp_ns, ids, positions))
 
-    def look(
-        self, where: Where, source: str, ids: Ids, positions: Floats, fresh: float, stamp_ns: int
-    ) -> None:
-        """Look at the ids of an instant.
-
-        Parameters
-        ----------
-        where, source
-            Whose it is.
-        ids, positions
-            uint64 [n] and [n, dim], of some rows.
-        fresh
-            Share of the ids that are new.
-        stamp_ns
-            Its stamp.
-        """
-        if not len(ids):
-            return
-        record = self._records.setdefault(where, _Record())
+    def _compare(self, record: _Record, source: str, fresh: float, seen: Seen) -> None:
+        """Compare an instant, of whose ids a share is new, with those before."""
+        stamp_ns, ids, positions = seen
         record.instants += 1
         record.rows = (1 - _FADE) * record.rows + len(ids)
         record.fresh = (1 - _FADE) * record.fresh + fresh * len(ids)
         if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
             self._troubles.note("ids-short-lived", source, record.rows / record.fresh)
-        last, record.last = record.last, (stamp_ns, ids, positions)
+        last, record.last = record.last, seen
         if last is None:
             return
         due = stamp_ns - record.compared_ns >= _COMPARE_NS
         if due or (np.array_equal(ids, last[1]) and _leaps(positions, last[2])):
-            share = _traded(record, last, record.last)
+            share = _traded(record, last, seen)
             if share:
                 self._troubles.note("ids-reused", source, share)
 
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but some."""
-        self._records = {where: one for where, one in self._records.items() if where[0] in sessions}
+        self._records = {number: one for number, one in self._records.items() if number in sessions}
 
 
 def _leaps(now: Floats, before: Floats) -> bool:
@@ -135,7 +105,7 @@ def _leaps(now: Floats, before: Floats) -> bool:
     return float(np.abs(now - before).max()) > 0.25 * float(np.ptp(now, axis=0).max())
 
 
-def _traded(record: _Record, last: tuple[int, Ids, Floats], new: tuple[int, Ids, Floats]) -> float:
+def _traded(record: _Record, last: Seen, new: Seen) -> float:
     """Compare two instants; the share of features that trade places of late, 0 while it says nothing."""
     (before_ns, known, places), (stamp_ns, ids, positions) = last, new
     _, mine, theirs = np.intersect1d(ids, known, return_indices=True)

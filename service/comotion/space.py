@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from .arrays import Bools, Floats, Ints, Slots, Stamps, distinct
 from .config import FusionConfig, to_ns
-from .event_time.instants import Instants
+from .event_time.entries import Instants
 from .event_time.stats import Stats
+from .event_time.troubles import Troubles
 from .extent_check import ExtentCheck
 from .hypotheses.drift import DriftCheck
 from .hypotheses.explained import explained
@@ -22,7 +23,7 @@ from .moving_frame import Carrying
 from .partition import Method, Partition, SpaceSpec
 from .saving import plain
 from .shedding import FULL, Effort
-from .source_checks import Stored
+from .source_checks import SourceChecks
 from .space_update import SpaceUpdate
 from .trajectories.jumps import jumps
 from .trajectories.track_index import TrackIndex
@@ -30,6 +31,8 @@ from .trajectories.window import Ids, Window
 
 # Motion shows between two observations: an outdated trajectory with fewer in the window is forgotten.
 _MIN_OBSERVATIONS = 2
+REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
+"""What is said where rows are beyond a bound."""
 # m or px. Farther out, single precision resolves no motion, and squares of squares leave their range.
 MAX_COORDINATE = 1e9
 
@@ -49,8 +52,8 @@ class Space:
         Method for this space.
     ids
         Where new hypotheses get their ids.
-    stats
-        Counters of the fusion.
+    stats, troubles
+        Counters of the fusion; what sources do wrong.
 
     Attributes
     ----------
@@ -65,10 +68,16 @@ class Space:
     """
 
     def __init__(
-        self, config: FusionConfig, spec: SpaceSpec, method: Method, ids: IdAllocator, stats: Stats
+        self,
+        config: FusionConfig,
+        spec: SpaceSpec,
+        method: Method,
+        ids: IdAllocator,
+        stats: Stats,
+        troubles: Troubles,
     ) -> None:
         self.spec = spec
-        self._stats = stats
+        self._stats, self._troubles = stats, troubles
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
         self.index = TrackIndex(self._window)
         self._method = method
@@ -78,7 +87,7 @@ class Space:
         # Keys and update of what was listed last.
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.owner, self.fed_ns = "", 0
-        self.extent = ExtentCheck(spec.unit, config.limits.extent)
+        self.extent, self.checks = ExtentCheck(spec.unit, config.limits.extent), SourceChecks(troubles)
         self.drift = DriftCheck()
         self._groupings = 0
         # Up to when trajectories were searched for jumps.
@@ -86,9 +95,7 @@ class Space:
         known = config.spaces.get(spec.name)
         self.carrying = Carrying(spec.dim, spec.unit == "m", None if known is None else known.moving)
 
-    def store(
-        self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None
-    ) -> Stored:
+    def store(self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None) -> bool:
         """Put instants into the window.
 
         Parameters
@@ -102,9 +109,23 @@ class Space:
 
         Returns
         -------
-        Stored
-            What became of them.
+        bool
+            False if all are too far out.
         """
+        session, source, refused = instants.session, instants.batch.source, self._stats.refused_rows
+        fits, fresh, ended = self._store(instants, allowance, taken)
+        factor, doubt = self.extent.refused.get(session), self.extent.doubts.get(session)
+        if factor or doubt:
+            self._troubles.note("scale", source, factor or doubt)
+        if not factor and self._stats.refused_rows - refused > ended:
+            self._troubles.note("limit", source, REFUSED)
+        self.checks.look(instants, fresh, ended)
+        return fits
+
+    def _store(
+        self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None
+    ) -> tuple[bool, int, int]:
+        """Whether rows fit into the scene, rows with new ids, and with ended ones."""
         batch, session = instants.batch, instants.session
         rows, stamps = instants.rows, instants.stamps[: len(instants.rows)]
         if taken is not None:
@@ -113,7 +134,7 @@ class Space:
         near = self.extent.fits(session, places) if len(rows) else None
         if near is not None:
             if not near.any():
-                return Stored(fits=False, factor=self.extent.refused[session])
+                return False, 0, 0
             rows, stamps = rows[near], stamps[near]
         slots, fresh, ended = self._find_or_open(batch.ids[rows], session, allowance)
         known = slots >= 0
@@ -124,8 +145,7 @@ class Space:
         self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(keep))
         if keep.any():
             self._insert(instants, slots[keep], rows[keep], stamps[keep])
-        doubt = self.extent.doubts.get(session, "")
-        return Stored(True, fresh, ended, self.extent.refused.get(session, 0.0), doubt)
+        return True, fresh, ended
 
     def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
         """Put rows of a batch into the window, each with its slot and stamp."""

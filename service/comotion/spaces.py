@@ -10,16 +10,17 @@ the sources that the configuration names.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from comotion_schemas import ObservationBatch, RejectionReason
 
 from .arrays import Bools
-from .config import FusionConfig, SpaceConfig, Unit, to_ns
+from .config import FusionConfig, SpaceConfig, to_ns
 from .event_time.budget import Budget
+from .event_time.entries import Instants
 from .event_time.faults import Faults
-from .event_time.instants import Instants
 from .event_time.stats import Key, Stats
 from .event_time.troubles import Troubles
 from .hypotheses.identity import IdAllocator
@@ -27,13 +28,11 @@ from .methods import make_method
 from .partition import SpaceSpec
 from .shares import Turns, allowance
 from .shedding import FULL, Effort
-from .source_checks import MOST_ROWS, SourceChecks
-from .space import Space
+from .space import REFUSED, Space
 from .space_update import SpaceUpdate
 
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
-_REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
 # Rows of an instant that are looked at, for each trajectory that there may be.
 _ROWS_FOR_A_TRACK = 2
 
@@ -42,16 +41,7 @@ _ROWS_FOR_A_TRACK = 2
 class Spaces:
     """The spaces of a scene by name.
 
-    Attributes
-    ----------
-    config, ids, stats, faults
-        Of the fusion.
-    at_ns
-        The clock of arrivals.
-    budget
-        What spaces may cost, by source.
-    troubles
-        What sources do wrong.
+    `budget` is what spaces may cost, by source, and `at_ns` the clock of arrivals.
     """
 
     config: FusionConfig
@@ -64,7 +54,6 @@ class Spaces:
     _spaces: dict[str, Space] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._checks = SourceChecks(self.troubles)
         self._turns = Turns(self.budget)
 
     def __iter__(self) -> Iterator[Space]:
@@ -95,27 +84,23 @@ class Spaces:
 
     def _contradiction(self, batch: ObservationBatch) -> str | None:
         """What a batch says against its space, in words."""
-        name = batch.space
-        unit, dim = self._known(name)
+        name, space = batch.space, self._spaces.get(batch.space)
         declared = self.config.spaces.get(name, SpaceConfig())
+        unit, dim = declared.unit, declared.dim
+        # Where nobody who has said anything is there any more, it may become another.
+        if space is not None and not self._is_released(space):
+            unit, dim = unit or space.spec.unit, dim or space.spec.dim
         if declared.sources is not None and batch.source not in declared.sources:
             return f"that it observes in {name}, where the configuration names other sources"
         if unit in (None, batch.unit) and dim in (None, batch.dim):
             return None
         configured = declared.unit is not None or declared.dim is not None
-        first = self._spaces[name].owner if name in self._spaces else ""
+        first = "" if space is None else space.owner
         owner = "the configuration" if configured else first or "the first source"
         return (
             f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
             f"{unit or batch.unit} and {dim or batch.dim}"
         )
-
-    def _known(self, name: str) -> tuple[Unit | None, int | None]:
-        """Unit and dim of a space; None where nobody has said, or nobody who did is there any more."""
-        declared, space = self.config.spaces.get(name, SpaceConfig()), self._spaces.get(name)
-        if space is None or self._is_released(space):
-            return declared.unit, declared.dim
-        return declared.unit or space.spec.unit, declared.dim or space.spec.dim
 
     def store(self, instant: Instants) -> RejectionReason | None:
         """Put instants into their space; returns why they are refused, if so. Raises nothing."""
@@ -127,7 +112,9 @@ class Spaces:
             refused = self._space_for(instant.batch)
             if refused is not None:
                 return refused
-            fits = self._store(self._spaces[name], instant)
+            space, some, most = self._spaces[name], self._cut(instant), self.config.max_tracks
+            may_open = partial(allowance, self._spaces.values(), most, instant.session)
+            fits = space.store(some, may_open, self._elsewhere(some, space))
             self._end(instant)
             return None if fits else "range"
         self._rebuild(name, keep=True)
@@ -153,31 +140,28 @@ class Spaces:
         """Update every space, in turn as far as the budget of its sources goes. Raises nothing.
 
         Who has spent its share has its spaces listed as they were. A space that fails is built anew, at best
-        with its trajectories.
-
-        Parameters
-        ----------
-        stamp_ns, timeout_ns, effort
-            As for :meth:`.space.Space.update`.
-        sessions
-            (source, session) by session number.
+        with its trajectories. `sessions` are (source, session) by session number, the rest is as for
+        :meth:`.space.Space.update`.
         """
-        updates: dict[str, SpaceUpdate] = {}
+        updates: dict[str, SpaceUpdate | None] = {}
 
         def update(name: str) -> None:
-            updates.update(self._updated_space(name, stamp_ns, timeout_ns, effort))
+            for keep in (True, False, False):
+                with self.faults.guard(f"updating space {name!r}"):
+                    updates[name] = self._spaces[name].update(stamp_ns, timeout_ns, effort)
+                    return
+                self._rebuild(name, keep=keep)
 
         shares = {name: self._shares(name, sessions) for name in self._spaces}
         for name in self._turns.take(self.at_ns, shares, update):
             with self.faults.guard(f"repeating space {name!r}"):
-                again = self._spaces[name].repeated()
-                updates |= {} if again is None else {name: again}
+                updates[name] = self._spaces[name].repeated()
         for source in self._turns.costly:
             self.troubles.note("over-budget", source)
         self._note_troubles(sessions)
         doubted = self.troubles.sources("ids-reused", "ids-short-lived")
         numbers = [number for number, (source, _) in sessions.items() if source in doubted]
-        return [updates[name].doubted(numbers) for name in sorted(updates)]
+        return [one.doubted(numbers) for _, one in sorted(updates.items()) if one is not None]
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Take note of who drifts away from the others of a space, or alone says that it is carried."""
@@ -191,25 +175,10 @@ class Spaces:
 
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
-        held = {
-            sessions[number][0]: count
-            for number, count in self._spaces[name].held().items()
-            if number in sessions
-        }
+        space = self._spaces[name]
+        held = {sessions[one][0]: count for one, count in space.held().items() if one in sessions}
         total = sum(held.values())
-        if not total:
-            return {self._spaces[name].owner: 1.0}
-        return {source: count / total for source, count in held.items()}
-
-    def _updated_space(
-        self, name: str, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort
-    ) -> dict[str, SpaceUpdate]:
-        """The update of a space by its name; none where it fails even when it is empty."""
-        for keep in (True, False, False):
-            with self.faults.guard(f"updating space {name!r}"):
-                return {name: self._spaces[name].update(stamp_ns, timeout_ns, effort)}
-            self._rebuild(name, keep=keep)
-        return {}
+        return {source: n / total for source, n in held.items()} if total else {space.owner: 1.0}
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
@@ -222,11 +191,13 @@ class Spaces:
         for name, space in list(self._spaces.items()):
             if not space.sessions_in_use() and self.at_ns - space.fed_ns > expiry_ns:
                 del self._spaces[name]
-        self._checks.keep(in_use)
+        for space in self:
+            space.checks.keep(in_use)
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        space = Space(self.config, spec, make_method(self.config, spec), self.ids, self.stats)
+        method = make_method(self.config, spec)
+        space = Space(self.config, spec, method, self.ids, self.stats, self.troubles)
         space.fed_ns = self.at_ns
         # In the order in which they were opened.
         self._spaces.pop(spec.name, None)
@@ -284,25 +255,10 @@ class Spaces:
         if len(instant.rows) <= most:
             return instant
         most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
-        self.stats.refused_rows += max(len(instant.rows) - most, 0)
+        if len(instant.rows) > most:
+            self.stats.refused_rows += len(instant.rows) - most
+            self.troubles.note("limit", instant.batch.source, REFUSED)
         return replace(instant, stamps=instant.stamps[:most], rows=instant.rows[:most])
-
-    def _store(self, space: Space, instant: Instants) -> bool:
-        """Returns False if all its rows are too far out."""
-        number, source = instant.session, instant.batch.source
-        before, instant = self.stats.refused_rows, self._cut(instant)
-        elsewhere = self._elsewhere(instant, space)
-        most, spaces = self.config.max_tracks, self._spaces.values()
-        stored = space.store(instant, lambda wanted: allowance(spaces, most, number, wanted), elsewhere)
-        if not stored.factor and self.stats.refused_rows - before > stored.ended:
-            self.troubles.note("limit", source, _REFUSED)
-        where = number, space.spec.name
-        self._checks.note(where, source, stored)
-        some = instant.rows[:MOST_ROWS]
-        ids, positions = instant.batch.ids[some], instant.batch.positions[some].astype(np.float64)
-        share = stored.fresh / max(len(instant.rows), 1)
-        self._checks.look(where, source, ids, positions, share, instant.stamp_ns)
-        return stored.fits
 
     def _end(self, instant: Instants) -> None:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""

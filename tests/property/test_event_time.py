@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comotion.config import FusionConfig
-from comotion.event_time.instants import Instants
+from comotion.event_time.entries import Instants
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
@@ -116,7 +116,7 @@ def check_accounts(run, released):
     assert stats.batches == sum(len(arrivals) for arrivals, _ in run.steps) + 3
     assert len(batches) - stats.waiting <= stats.fused + stats.partly_late <= len(batches)
     assert stats.waiting == 0 or run.timeline.steps.followed
-    accounts = run.timeline.ledger.accounts().values()
+    accounts = run.timeline.ledger.accounts.values()
     for name in ("batches", "fused", "partly_late", "late", "duplicates", "lost"):
         assert sum(getattr(account, name) for account in accounts) == getattr(stats, name)
     rows = {}
@@ -201,7 +201,7 @@ def test_accounts_are_those_of_an_accountant_over_restarts_of_the_service(seed):
         key = source, "0" * 16
         service.ledger.claim(key, sent, 0)
         service.ledger.miss(2 * S)
-        account = service.ledger.accounts()[key]
+        account = service.ledger.accounts[key]
         assert account.duplicates == came[source] - len(seen[source])
         assert account.settled() - account.duplicates + account.lost == sent
         assert account.lost >= sent - len(seen[source])

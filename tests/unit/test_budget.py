@@ -9,7 +9,7 @@ from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
 from comotion.extent_check import ExtentCheck, _View
 from comotion.rigid.method import RigidMethod
-from comotion.runtime.problems import of_fusion
+from comotion.runtime.problems import in_words
 from comotion.shares import Turns
 
 from ..builders import MS, T0, S, batch
@@ -24,7 +24,7 @@ def instants(source, seq, now_ns, count=1000):
 
 
 def accounts(fusion):
-    return {source: one for (source, _), one in fusion.timeline.ledger.accounts().items()}
+    return {source: one for (source, _), one in fusion.timeline.ledger.accounts.items()}
 
 
 class TestInstants:
@@ -51,7 +51,7 @@ class TestInstants:
         assert found["many"].fused > 10, "he has his share"
         assert found["many"].waiting < 60
         assert list(fusion.timeline.troubles.lately()["over-budget"]) == ["many"]
-        assert ("many", "over-budget") in of_fusion(fusion)
+        assert ("many", "over-budget") in in_words(fusion.timeline.troubles.lately())
         honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
         assert (update.track_source == honest[0]).sum() == 12
 
@@ -94,7 +94,7 @@ class TestRows:
         assert fusion.stats.observations == 30
         assert fusion.stats.refused_rows == 3 * 990
         assert list(fusion.timeline.troubles.lately()["limit"]) == ["large"]
-        assert ("large", "limit") in of_fusion(fusion)
+        assert ("large", "limit") in in_words(fusion.timeline.troubles.lately())
 
     def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
         looked, plain = [], _View.reach

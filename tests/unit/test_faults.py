@@ -115,7 +115,7 @@ def test_a_step_of_one_clock_harms_nobody_else_and_is_told(step_s):
         lambda k, now: batch("right", k, now - 20 * MS, POINTS),
         lambda k, now: batch("wrong", k, now + (step_s * S if k >= 30 else 0) - 20 * MS, POINTS),
     )[-1]
-    accounts = fusion.timeline.ledger.accounts()
+    accounts = fusion.timeline.ledger.accounts
     assert accounts["right", SESSION].fused >= 89
     wrong = accounts["wrong", SESSION]
     assert wrong.late + wrong.rejected.get("future", 0) + wrong.waiting == 60
@@ -146,7 +146,7 @@ def test_sources_on_time_after_a_pause_are_not_ahead_though_the_scene_has_follow
             fusion.ingest(batch("late", k, now - 1_500 * MS, POINTS))
         update = fusion.update(now)
         assert not {"left", "right"} & fusion.timeline.troubles.lately().get("clock-ahead", {}).keys()
-    accounts = fusion.timeline.ledger.accounts()
+    accounts = fusion.timeline.ledger.accounts
     assert [accounts[name, SESSION].fused for name in honest] == [180, 180]
     assert "late" in fusion.timeline.troubles.lately()["clock-behind"]
     assert now - update.stamp_ns < 100 * MS

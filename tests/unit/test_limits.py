@@ -63,7 +63,7 @@ def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
     ledger.arrive(("waits", ""))
     for k in range(MAX_ACCOUNTS + 10):
         ledger.refuse(("cam", f"{k:016x}"), "limit")
-    accounts = ledger.accounts()
+    accounts = ledger.accounts
     assert len(accounts) == MAX_ACCOUNTS
     assert ("waits", "") in accounts
     assert ("cam", f"{MAX_ACCOUNTS + 9:016x}") in accounts

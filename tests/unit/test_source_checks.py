@@ -46,7 +46,7 @@ def told(fusion, frames, *sources):
             fusion.ingest(one)
         now = T0 + k * S // RATE
         (fusion.advance if k % 4 else fusion.update)(now, now)
-        found.append(problems.of_fusion(fusion))
+        found.append(problems.in_words(fusion.timeline.troubles.lately()))
     return found
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig, SpaceConfig
-from comotion.runtime.problems import of_fusion
+from comotion.runtime.problems import in_words
 
 from .. import builders
 from ..builders import MS, T0, S, play, restored
@@ -23,7 +23,7 @@ def pixels(source, seq, stamp_ns, count):
 
 
 def rejected(fusion):
-    return {source: one.rejected for (source, _), one in fusion.timeline.ledger.accounts().items()}
+    return {source: one.rejected for (source, _), one in fusion.timeline.ledger.accounts.items()}
 
 
 def test_a_batch_without_rows_claims_no_space():
@@ -34,7 +34,7 @@ def test_a_batch_without_rows_claims_no_space():
     assert rejected(fusion)["honest"] == {}
     assert rejected(fusion)["claims"]["space-mismatch"] > 25
     assert list(fusion.timeline.troubles.lately()["contradicts-space"]) == ["claims"]
-    text = of_fusion(fusion)["claims", "contradicts-space"]
+    text = in_words(fusion.timeline.troubles.lately())["claims", "contradicts-space"]
     assert "says that world has unit px and dim 2, where honest says m and 3" in text
 
 
@@ -78,7 +78,7 @@ def test_where_the_configuration_names_sources_others_are_refused():
     assert {one.name for one in update.sources} == {"first", "third"}
     assert rejected(fusion) == {"other": {"space-mismatch": 1}, "first": {}, "third": {}}
     fusion.ingest(batch("other", 1, T0 + MS))
-    text = of_fusion(fusion)["other", "contradicts-space"]
+    text = in_words(fusion.timeline.troubles.lately())["other", "contradicts-space"]
     assert "says that it observes in world, where the configuration names other sources" in text
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comotion.config import FusionConfig
-from comotion.event_time.instants import Instants
+from comotion.event_time.entries import Instants
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
@@ -128,7 +128,7 @@ def test_a_clock_far_behind_is_rejected_while_nothing_is_live(clock):
 def test_sequence_gaps_are_counted_as_loss_from_the_first_number_on(clock):
     clock.feed(batch("a", 7, T0), batch("a", 8, T0 + MS), batch("a", 11, T0 + 2 * MS))
     assert clock.stats.lost == 9
-    assert clock.timeline.ledger.accounts()["a", "a" * 16].lost == 9
+    assert clock.timeline.ledger.accounts["a", "a" * 16].lost == 9
 
 
 def test_what_a_source_says_it_has_sent_and_never_came_is_lost(clock):
@@ -193,7 +193,7 @@ class TestAcrossRestarts:
         clock = self.restarted(clock)
         clock.timeline.ledger.miss(0)
         # The first one waited for the watermark, and did not survive.
-        assert clock.timeline.ledger.accounts()["cam", "a" * 16].lost == 4
+        assert clock.timeline.ledger.accounts["cam", "a" * 16].lost == 4
 
 
 def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
@@ -210,7 +210,7 @@ def test_a_second_process_of_a_name_is_refused_while_the_first_one_sends(clock):
     for k in range(40, 60):
         clock.feed(batch("a", k - 5, T0 + k * 30 * MS, session="b" * 16))
         clock.at(k * 30 * MS)
-    accounts = clock.timeline.ledger.accounts()
+    accounts = clock.timeline.ledger.accounts
     assert accounts["a", "b" * 16].rejected["duplicate-name"] <= 35
     assert accounts["a", "b" * 16].fused >= 20
     # It comes back and the second leaves: it has the name again, though its session was over.

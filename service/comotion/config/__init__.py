@@ -8,13 +8,13 @@ from .groups import (
     JointsConfig,
     LimitsConfig,
     LinkingConfig,
+    PixelsConfig,
+    RigidConfig,
     SpaceConfig,
     ThesisConfig,
     Unit,
 )
-from .pixels import PixelsConfig
 from .reading import put, read_config
-from .rigid import RigidConfig
 
 __all__ = [
     "Camera",

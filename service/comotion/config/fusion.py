@@ -10,11 +10,11 @@ from .groups import (
     JointsConfig,
     LimitsConfig,
     LinkingConfig,
+    PixelsConfig,
+    RigidConfig,
     SpaceConfig,
     ThesisConfig,
 )
-from .pixels import PixelsConfig
-from .rigid import RigidConfig
 
 Method = Literal["comotion", "thesis"]
 

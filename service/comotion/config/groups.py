@@ -1,6 +1,7 @@
-"""Parameters that both methods share, in groups, and those of the method of the thesis.
+"""The groups of parameters: those of each method, and those that all share.
 
-Numbers that nobody has a reason to set are constants beside the code that uses them.
+Numbers that nobody has a reason to set are constants beside the code that uses them. Those of the pixel
+method were chosen together on public sequences, as docs/research/pixels.md says.
 """
 
 import math
@@ -14,6 +15,9 @@ Clustering = Literal["divisive-kmeans", "gmm-bic", "eigengap", "eigengap-normali
 Unit = Literal["m", "px"]
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Above = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 # Bounded away from zero: its square must not vanish.
 Bounded = Annotated[float, Field(ge=1e-9, le=1e9)]
@@ -55,6 +59,72 @@ class ThesisConfig(Group):
     def v_move_for(self, unit: Unit) -> float | None:
         """Speed of (3.2)'s λ in `unit` per second, or None for equal weights."""
         return _V_MOVE[unit] if self.v_move == "auto" else self.v_move
+
+
+class RigidConfig(Group):
+    """Parameters of the rigid-motion method; none depends on the scale of the scene."""
+
+    frame_rate: Annotated[float, Field(gt=0, le=200)] = Field(
+        default=15.0, description="Hz; rate of the common frames that trajectories are interpolated to"
+    )
+    rigidity_motion: Above = Field(
+        default=0.01, description="share; a body may deform by this share of a trajectory's rms displacement"
+    )
+    rigidity_extent: Above = Field(
+        default=0.0015, description="share; ... but not by more than this of the scene"
+    )
+    rigidity_contact: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=0.25,
+        description="share; ... and by no less than this of what the trajectories of the scene do, rms",
+    )
+    looseness: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=1.0, description="factor of the variance by which bodies deform; 0: they are rigid"
+    )
+    residual_cap: Above = Field(
+        default=16.0,
+        description="squared residual per dimension, in tolerances, from which on it costs no more",
+    )
+    outlier_share: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.5, description="share of the cap that a frame of an outlier costs"
+    )
+    pose_price: Above = Field(
+        default=1.0,
+        description="half nats that a degree of freedom of a pose must gain beyond the noise it fits",
+    )
+    birth_price: Above = Field(default=15.0, description="nat; price of a hypothesis beside its poses")
+    membership_price: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=1.5,
+        description="price of the memberships of a moving body, as a factor of the nats that it takes to say "
+        "which trajectories they are",
+    )
+    stay: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=2.0, description="nat; preference of a trajectory for its hypothesis"
+    )
+    prior_weight: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
+    )
+    prior_floor: Above = Field(default=6.0, description="nat; most that the spatial prior may cost")
+    min_life: Annotated[float, Field(ge=0.1, le=10)] = Field(
+        default=0.3,
+        description="s of observation from which on a trajectory takes part in finding hypotheses",
+    )
+
+
+class PixelsConfig(Group):
+    """Parameters of grouping in pixel space."""
+
+    key_frames: Annotated[int, Field(ge=2, le=1000)] = Field(
+        default=24, description="instants of the window that trajectories are compared at"
+    )
+    most_tracks: Count = Field(
+        default=1200, description="most trajectories that are compared; the others follow their neighbours"
+    )
+    local_motions: Count = Field(default=600, description="number of local affine motions")
+    drift: Weight = Field(
+        default=0.02,
+        description="share of a motion in the image by which features drift or a lens distorts it",
+    )
+    smallest: Count = Field(default=5, description="members below which a group dissolves")
 
 
 class HypothesesConfig(Group):

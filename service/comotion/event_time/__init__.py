@@ -29,7 +29,7 @@ Then the watermark moves and releases:
    live while now - newest(s) <= `source_timeout`. Where none is live, those that still send count, since
    their clocks are behind; without any W stands still.
 9. What is stamped <= W comes out in stamp order, ties by source name and then by arrival; newer data waits.
-10. Right before the first instant of a new session, :class:`SessionEnded` comes out for the one before.
+10. Right before the first instant of a new session comes out, the one before ends.
     Nothing of an ended session comes out any more: what still waits is dropped as `late`.
 
 11. What a source's instants cost is charged to it; those that have sent for less than a second have one

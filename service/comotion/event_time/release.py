@@ -4,13 +4,13 @@ These are rules 9 to 11 of :mod:`comotion.event_time`. What waits is bounded for
 """
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 
 from comotion_schemas import RejectionReason
 
 from ..config import LimitsConfig
 from .budget import Budget
-from .instants import NO_ROWS, NO_STAMPS, Entry, Instants, Rank, SessionEnded
+from .entries import Entry, Instants
 from .sources import Sources
 from .stats import Fate, Key
 from .troubles import Troubles
@@ -20,6 +20,10 @@ _MEGABYTE = 1_000_000
 _PATIENCE_NS = 1_000_000_000
 Settle = Callable[[Entry, Fate], None]
 """Books what became of a batch."""
+Store = Callable[[Instants], RejectionReason | None]
+"""Fuses instants that come out, or says why they are refused."""
+End = Callable[[int], None]
+"""Ends the trajectories of a session, by its number."""
 
 
 class Load:
@@ -64,7 +68,7 @@ class Release:
     settle
         Learns what became of a batch once all its instants have come out.
     budget
-        Who may have instants released.
+        Who may have instants released; charged with what they cost.
     troubles
         Whose instants were dropped because of what they cost is noted there.
 
@@ -99,21 +103,23 @@ class Release:
         """Let the end of a session come out with the next release."""
         self._over.append(number)
 
-    def until(self, watermark_ns: int | None, at_ns: int) -> Iterator[Instants | SessionEnded]:
-        """What is stamped at or before the watermark, in the order of rule 9, as far as the budget goes."""
+    def until(self, watermark_ns: int | None, at_ns: int, store: Store, end: End) -> None:
+        """Release what is stamped at or before the watermark, by rule 9, as far as the budget goes."""
         over, self._over = self._over, []
-        yield from (SessionEnded(number) for number in over if number >= 0)
+        for number in over:
+            if number >= 0:
+                end(number)
         if watermark_ns is None:
             return
         due = {name for name, heap in self._waiting.items() if heap[0].rank[0] <= watermark_ns}
         self._budget.begin(at_ns, due, self._sources.new())
         while due:
-            yield from self._turn(due, watermark_ns)
+            self._turn(due, watermark_ns, store, end)
             if not self._budget.share_rest(due):
                 break
         self._drop_costly(due, watermark_ns, at_ns)
 
-    def _turn(self, due: set[str], watermark_ns: int) -> Iterator[Instants | SessionEnded]:
+    def _turn(self, due: set[str], watermark_ns: int, store: Store, end: End) -> None:
         """Release what is due until its source has spent its share; `due` keeps who has some left."""
         heads = [self._waiting[name][0].rank for name in due if self._budget.allows(name)]
         heapq.heapify(heads)
@@ -121,36 +127,47 @@ class Release:
             _, name, _ = heapq.heappop(heads)
             if not self._budget.allows(name):
                 continue
-            heap = self._waiting[name]
+            heap, instants = self._waiting[name], None
             entry = heapq.heappop(heap)
-            yielded = self._released(entry, watermark_ns, [*heads[:1], *(other.rank for other in heap[:1])])
-            if len(entry.stamps):
-                heapq.heappush(heap, entry)
+            if self._begins(entry, end):
+                others = [*heads[:1], *(other.rank for other in heap[:1])]
+                instants = entry.take(watermark_ns, others, self._sources[name].number)
+                if not instants.last:
+                    heapq.heappush(heap, entry)
+            if heap and heap[0].rank[0] <= watermark_ns:
+                heapq.heappush(heads, heap[0].rank)
+            else:
+                due.discard(name)
             if not heap:
                 del self._waiting[name]
-            yield from yielded
-            if not heap or heap[0].rank[0] > watermark_ns:
-                due.discard(name)
-            else:
-                heapq.heappush(heads, heap[0].rank)
+            if instants is not None:
+                with self._budget.charge({name: 1.0}):
+                    self._book(entry, instants, store(instants))
 
-    def _released(
-        self, entry: Entry, watermark_ns: int, others: Iterable[Rank]
-    ) -> list[Instants | SessionEnded]:
-        """The next instants of a batch, and the end of the session before; none of a session that is over."""
+    def _begins(self, entry: Entry, end: End) -> bool:
+        """Whether a batch comes out: its session is not over. The first of a session ends the one before."""
         source = self._sources.get(entry.batch.source)
         if source is None or entry.generation < source.released:
             entry.late = True
-            self._give_up(entry)
-            return []
-        ended: list[Instants | SessionEnded] = []
+            self._settle(entry, entry.fate)
+            return False
         if entry.generation > source.released:
             if source.released >= 0:
-                ended.append(SessionEnded(source.number))
+                end(source.number)
             source.released, source.number = entry.generation, self.next_number
             self.sessions[self.next_number] = entry.key
             self.next_number += 1
-        return [*ended, entry.take(watermark_ns, others, source.number)]
+        return True
+
+    def _book(self, entry: Entry, instants: Instants, refused: RejectionReason | None) -> None:
+        """Book instants that came out: they were fused, or refused for a reason."""
+        if refused is not None:
+            entry.refused = refused
+        # Of a batch that is late as a whole what it says about ended trajectories has come out.
+        elif len(instants.rows) or not entry.late:
+            entry.kept = True
+        if instants.last:
+            self._settle(entry, entry.fate)
 
     def _drop_costly(self, behind: set[str], watermark_ns: int, at_ns: int) -> None:
         """Drop what is due of the sources that have long been behind because of what they cost."""
@@ -158,32 +175,8 @@ class Release:
         for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
             heap = self._waiting[name]
             while heap and heap[0].rank[0] <= watermark_ns:
-                entry = heapq.heappop(heap)
-                entry.refused, entry.kept = "over-budget", False
-                self._give_up(entry)
+                self._settle(heapq.heappop(heap), "over-budget")
             if not heap:
                 del self._waiting[name]
             del self._behind_ns[name]
             self._troubles.note("over-budget", name)
-
-    def done(self, instants: Instants, refused: RejectionReason | None) -> None:
-        """Book instants that came out: they were fused, or refused for a reason."""
-        entry = instants.entry
-        entry.out -= 1
-        if refused is not None:
-            entry.refused = refused
-        # Of a batch that is late as a whole what it says about ended trajectories has come out.
-        elif len(instants.rows) or not entry.late:
-            entry.kept = True
-        self._finish(entry)
-
-    def _give_up(self, entry: Entry) -> None:
-        """What is left of a batch does not come out."""
-        entry.stamps, entry.rows = NO_STAMPS, NO_ROWS
-        self._finish(entry)
-
-    def _finish(self, entry: Entry) -> None:
-        """Book a batch of which nothing waits any more, and all that came out is booked."""
-        fate = entry.fate
-        if fate is not None:
-            self._settle(entry, fate)

@@ -9,7 +9,7 @@ from comotion_schemas import ObservationBatch
 
 from ..config import FusionConfig, to_ns
 from ..saving import NOT_KEPT
-from .instants import Entry
+from .entries import Entry
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
 _GAPS = 15
@@ -154,19 +154,8 @@ class Source:
     ) -> Iterator[tuple[Entry, bool]]:
         """Let the rival that came first take over once this session is silent; refuse it if it never is.
 
-        Parameters
-        ----------
-        scene_time
-            Gives the stamp of a batch on the time scale of the scene.
-        at_ns
-            The clock of arrivals.
-        timeout_ns
-            Longest silence that is required.
-
-        Yields
-        ------
-        tuple[Entry, bool]
-            A batch that waits no more, and whether it belongs to the session that has taken over.
+        `scene_time` gives the stamp of a batch on the time scale of the scene; no longer silence than
+        `timeout_ns` is required. Yields what waits no more, and whether its session has taken over.
         """
         while self.rivals:
             first, limit_ns = self.rivals[0], self.handover_ns(timeout_ns)

@@ -130,6 +130,8 @@ class Ledger:
         sent meanwhile nobody knows.
     sequences
         The sequence numbers.
+    accounts
+        Account of every (source, session), the one seen last at the end; session "" where unknown.
     """
 
     total: Stats = field(metadata=NOT_KEPT)
@@ -138,15 +140,11 @@ class Ledger:
     sequences: SequenceCounter = field(
         default_factory=lambda: SequenceCounter(from_zero=True), metadata=NOT_KEPT
     )
+    accounts: dict[Key, Account] = field(default_factory=dict)
     # What sessions say they have sent, and when they said so.
     _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
-    _accounts: dict[Key, Account] = field(default_factory=dict)
     # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
     _unread: dict[str, int | None] = field(default_factory=dict, metadata=NOT_KEPT)
-
-    def accounts(self) -> dict[Key, Account]:
-        """Account of every (source, session), the one seen last at the end; session "" where unknown."""
-        return dict(self._accounts)
 
     def arrive(self, key: Key) -> None:
         """A batch has come in: it waits."""
@@ -219,30 +217,24 @@ class Ledger:
         return state | {"total": plain(self.total), "sequences": self.sequences.state()}
 
     def load(self, state: dict[str, Any]) -> None:
-        """Take up :meth:`state`.
-
-        Raises
-        ------
-        AttributeError, KeyError, TypeError, ValueError
-            If it is none.
-        """
+        """Take up :meth:`state`; raises AttributeError, KeyError, TypeError or ValueError if it is none."""
         refill(self, state)
         refill(self.total, state["total"])
         self.sequences.load(state["sequences"])
-        self.unknown |= {source: session for source, session in self._accounts if session}.items()
-        self.unknown &= self._accounts.keys()
+        self.unknown |= {source: session for source, session in self.accounts if session}.items()
+        self.unknown &= self.accounts.keys()
         # The clock of arrivals has ended with the process: what was claimed then should be here.
         self._claims = {key: deque([(-_GRACE_NS, said[-1][1])]) for key, said in self._claims.items()}
-        for account in (self.total, *self._accounts.values()):
+        for account in (self.total, *self.accounts.values()):
             account.batches -= account.waiting
             account.lost += account.waiting
             account.waiting = 0
 
     def _of(self, key: Key) -> Account:
-        account = self._accounts.pop(key, None) or Account()
-        self._accounts[key] = account
-        if len(self._accounts) > MAX_ACCOUNTS:
-            idle = next((k for k, one in self._accounts.items() if not one.waiting), None)
+        account = self.accounts.pop(key, None) or Account()
+        self.accounts[key] = account
+        if len(self.accounts) > MAX_ACCOUNTS:
+            idle = next((k for k, one in self.accounts.items() if not one.waiting), None)
             if idle is not None:
-                del self._accounts[idle]
+                del self.accounts[idle]
         return account

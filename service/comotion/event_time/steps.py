@@ -19,12 +19,12 @@ the earliest one follows what was fused. Where it is ahead, time has passed.
 
 from dataclasses import dataclass, field
 from statistics import median_low
-from typing import Literal
+from typing import ClassVar, Literal
 
 from comotion_schemas import ObservationBatch
 from comotion_schemas.messages import ProblemKind
 
-from .instants import Entry
+from .entries import Entry
 from .stats import Key
 
 # "More than 1 s ahead" of docs/protocol.md.
@@ -46,14 +46,12 @@ _ZERO_NS = 10**18
 
 @dataclass
 class Steps:
-    """What waits for a decision about clocks, and the time scale.
+    """What waits for a decision about clocks, and the time scale, of sources that stamp what happens now.
 
     Attributes
     ----------
     timeout_ns, window_ns
         `source_timeout` and `window` in ns.
-    recorded
-        Whether sources play recordings: the time is theirs, and a number that was seen before may be new.
     shift_ns
         Stamps minus the time scale of the scene.
     clock_set_ns
@@ -64,9 +62,10 @@ class Steps:
         How often the time scale has moved.
     """
 
+    replays: ClassVar = False
+    """Whether a sequence number that was seen before may be new."""
     timeout_ns: int
     window_ns: int
-    recorded: bool = False
     shift_ns: int = 0
     clock_set_ns: int = 0
     held: list[Entry] = field(default_factory=list)
@@ -79,16 +78,16 @@ class Steps:
 
     def off_clock(self, batch: ObservationBatch, now_ns: int) -> int:
         """By how much a stamp is ahead of now, also where the scene has followed its clock."""
-        return (self.scene_time(batch) if self.recorded else batch.stamp_ns) - now_ns
+        return batch.stamp_ns - now_ns
 
-    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
-        """The time that stamps are compared with; recordings must not go back behind the watermark."""
-        return max(now_ns, watermark_ns) if self.recorded and watermark_ns is not None else now_ns
+    def reference(self, now_ns: int, watermark_ns: int | None) -> int:  # noqa: ARG002
+        """The time that stamps are compared with."""
+        return now_ns
 
     def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
         """Let the time scale go back where a batch would be ahead of the scene alone (rule 5)."""
         # Where the service's clock was set, its sources may have been set with it.
-        follows_late = self.shift_ns < 0 and not self.recorded and abs(self.clock_set_ns) < _SAME_STEP_NS
+        follows_late = self.shift_ns < 0 and abs(self.clock_set_ns) < _SAME_STEP_NS
         if follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
             self.shift_ns = min(batch.stamp_ns - now_ns, 0)
 
@@ -97,10 +96,7 @@ class Steps:
         stamp_ns = self.scene_time(entry.batch)
         entry.offset_ns = stamp_ns - reference_ns
         late = floor_ns is not None and stamp_ns < floor_ns
-        if entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns):
-            return True
-        # The end of a recording that is played again fast is near the end of the last one.
-        return self.recorded and entry.key in self._keys
+        return entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
 
     def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:
         """Whether a batch that is off waits (rule 3).
@@ -109,15 +105,14 @@ class Steps:
         """
         near = abs(entry.offset_ns) <= self.window_ns
         as_set = self.clock_set_ns != 0 and abs(entry.offset_ns - self.clock_set_ns) <= _SAME_STEP_NS
-        return self.recorded or agreed or (alone and (near or as_set))
+        return agreed or (alone and (near or as_set))
 
     def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:
         """Stamps that hold the watermark, and now, where no source is live and some still send.
 
-        All clocks are behind, or the service's is ahead: the sources set the pace. With recordings nothing
-        holds the watermark, which stands still.
+        All clocks are behind, or the service's is ahead: the sources set the pace.
         """
-        return ([], now_ns) if self.recorded else (newest_ns, min([now_ns, *newest_ns]))
+        return newest_ns, min([now_ns, *newest_ns])
 
     def hold(self, entry: Entry) -> None:
         """Let a batch wait until it is clear whose clock is wrong."""
@@ -144,12 +139,7 @@ class Steps:
         self.shift_ns += self._shift(reference_ns)
         self.followed += 1
 
-    def _shift(self, reference_ns: int) -> int:
-        """By how much the time scale moves to those that wait."""
-        if self.recorded:
-            # So that the earliest follows what was fused; a gap in a recording has lasted as long as it says.
-            earliest = min(self.scene_time(one.batch) for one in self.held) - reference_ns
-            return earliest - _GAP_NS if earliest < 0 else 0
+    def _shift(self, reference_ns: int) -> int:  # noqa: ARG002
         by_source: dict[str, list[int]] = {}
         for one in self.held:
             by_source.setdefault(one.batch.source, []).append(one.offset_ns)
@@ -157,7 +147,46 @@ class Steps:
 
     def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:
         """What is wrong with the clock of a batch that is off."""
-        # The stamps of recordings may count from anything.
-        if not self.recorded and batch.stamp_ns < _ZERO_NS:
+        if batch.stamp_ns < _ZERO_NS:
             return "clock-zero"
+        return "clock-ahead" if offset_ns > 0 else "clock-behind"
+
+
+@dataclass
+class Recordings(Steps):
+    """The same of sources that play recordings: the time is theirs."""
+
+    replays: ClassVar = True
+
+    def off_clock(self, batch: ObservationBatch, now_ns: int) -> int:
+        """By how much a stamp is ahead of now."""
+        return self.scene_time(batch) - now_ns
+
+    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
+        """The time that stamps are compared with; they must not go back behind the watermark."""
+        return now_ns if watermark_ns is None else max(now_ns, watermark_ns)
+
+    def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
+        """Nothing: nobody is late."""
+
+    def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
+        """Whether a batch is far from a time, or of a session of which one waits."""
+        # The end of a recording that is played again fast is near the end of the last one.
+        return super().is_off(entry, reference_ns, floor_ns) or entry.key in self._keys
+
+    def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:  # noqa: ARG002
+        """Any that is off waits."""
+        return True
+
+    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:  # noqa: ARG002
+        """Nothing holds the watermark, which stands still."""
+        return [], now_ns
+
+    def _shift(self, reference_ns: int) -> int:
+        # So that the earliest follows what was fused; a gap in a recording has lasted as long as it says.
+        earliest = min(self.scene_time(one.batch) for one in self.held) - reference_ns
+        return earliest - _GAP_NS if earliest < 0 else 0
+
+    def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:  # noqa: ARG002
+        """Their stamps may count from anything."""
         return "clock-ahead" if offset_ns > 0 else "clock-behind"

@@ -3,8 +3,8 @@
 The rules are in the head of :mod:`comotion.event_time`.
 """
 
-from collections.abc import Collection, Iterator
-from typing import Any, Literal
+from collections.abc import Collection
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from comotion_schemas import ObservationBatch, RejectionReason
 from ..config import FusionConfig, to_ns
 from ..saving import plain, restored
 from .budget import Budget
+from .entries import Entry, Stage, Verdict, in_time_order
 from .faults import Faults
-from .instants import Entry, Instants, SessionEnded, count_instants, in_time_order, size_of
-from .release import Load, Release
+from .release import End, Load, Release, Store
 from .sources import MAX_RIVALS, PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
-from .steps import AHEAD_NS, FUTURE_NS, Steps
+from .steps import AHEAD_NS, FUTURE_NS, Recordings, Steps
 from .troubles import Troubles
 
 __all__ = ["FUTURE_NS", "Timeline"]
@@ -27,8 +27,6 @@ __all__ = ["FUTURE_NS", "Timeline"]
 _STORING = 0.5
 # Periods for which a round makes up: where updates are slow, what has come meanwhile is stored all the same.
 _ROUNDS = 3
-Verdict = Literal["clock", "name", "watermark"] | Fate
-"""What a batch waits for, or what became of it."""
 
 
 class Timeline:
@@ -85,34 +83,30 @@ class Timeline:
 
     def follow_recordings(self) -> None:
         """Take the time of the sources for granted: a recording may be played again with its own stamps."""
-        self.steps.recorded = True
+        self.steps = Recordings(self._source_timeout_ns, self._window_ns, self.steps.shift_ns)
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
 
-        Parameters
-        ----------
-        batch
-            Any batch.
-        refusal
-            Why the caller cannot use it, if so: its sequence number counts, but nothing else.
+        `refusal` is why the caller cannot use it, if so: its sequence number counts, but nothing else.
         """
         key = batch.source, batch.session
         self.ledger.arrive(key)
         repeated = self.ledger.sight(key, batch.seq) == "repeated"
-        entry = Entry(batch, repeated, size_of(batch))
-        if repeated and not self.steps.recorded:
+        entry = Entry(batch, repeated)
+        instants = 1 if batch.stamps_ns is None else len(np.unique(batch.stamps_ns))
+        if repeated and not self.steps.replays:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal)
-        elif not self._load.admits(entry) or count_instants(batch) > self._limits.instants:
+        elif not self._load.admits(entry) or instants > self._limits.instants:
             self.ledger.settle(key, "limit")
         else:
             self._load.add(entry)
             self._inbox.append(entry)
 
-    def advance(self, now_ns: int, at_ns: int | None = None) -> Iterator[Instants | SessionEnded]:
-        """Judge what has come in, move the watermark, and release what it has passed.
+    def advance(self, now_ns: int, at_ns: int | None, store: Store, end: End) -> None:
+        """Judge what has come in, move the watermark, and release what it has passed, in event-time order.
 
         Parameters
         ----------
@@ -120,12 +114,8 @@ class Timeline:
             The caller's clock, nanoseconds since the Unix epoch.
         at_ns
             A clock that is never set, in ns; None: `now_ns`.
-
-        Returns
-        -------
-        Iterator[Instants | SessionEnded]
-            In event-time order. Of instants the caller says by :meth:`done` what became of them, and charges
-            :attr:`budget` with what they cost before it takes the next.
+        store, end
+            Called with instants, and with the number of a session that is over.
         """
         self.at_ns = self.troubles.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []
@@ -133,17 +123,13 @@ class Timeline:
             entry.at_ns = at_ns
             with self._faults.guard("judging a batch", entry.batch):
                 self._take(entry, self._admit(entry, now_ns), now_ns)
-            if not entry.judged:
+            if entry.stage is Stage.INBOX:
                 self._settle(entry, "defect")
         # One decision may allow another: that on a clock tells the stamps of rivals, a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
             pass
         self._move_watermark(now_ns)
-        return self._release.until(self.watermark_ns, at_ns)
-
-    def done(self, instants: Instants, refused: RejectionReason | None = None) -> None:
-        """Settle instants that came out: they were fused, or refused for a reason."""
-        self._release.done(instants, refused)
+        self._release.until(self.watermark_ns, at_ns, store, end)
 
     @property
     def newest_ns(self) -> int | None:
@@ -164,34 +150,38 @@ class Timeline:
 
     def _take(self, entry: Entry, verdict: Verdict, now_ns: int) -> None:
         """Let a batch wait for what was found, or book what became of it."""
-        entry.judged = True
-        if verdict == "clock":
-            self.steps.hold(entry)
-        elif verdict == "name":
-            self._rival(entry, now_ns)
-        elif verdict == "watermark":
-            self._wait(entry, now_ns)
-        else:
-            self._settle(entry, verdict)
+        match entry.go(verdict):
+            case Stage.CLOCK:
+                self.steps.hold(entry)
+            case Stage.NAME:
+                self._rival(entry, now_ns)
+            case Stage.WATERMARK:
+                self._wait(entry, now_ns)
+            case _:
+                self._settle(entry, cast("Fate", verdict))
 
     def _settle(self, entry: Entry, fate: Fate) -> None:
         """Book what became of a batch."""
+        entry.go(fate)
         self._load.add(entry, -1)
         self.ledger.settle(entry.key, fate)
 
     def _admit(self, entry: Entry, now_ns: int) -> Verdict:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
-        steps, source = self.steps, self.sources.get(entry.batch.source)
+        steps, source = self.steps, self._sender(entry)
         steps.catch_up(entry.batch, now_ns)
         if steps.is_off(entry, self._reference(now_ns), self._floor()):
-            agreed = (
-                source is not None and source.session == entry.batch.session and source.agreed_ns is not None
-            )
+            agreed = source is not None and source.agreed_ns is not None
             if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
                 if source is not None and agreed:
                     source.hear(entry.at_ns)
                 return "clock"
         return self._judge(entry, now_ns)
+
+    def _sender(self, entry: Entry) -> Source | None:
+        """The source of a batch, where it is of the source's session."""
+        source = self.sources.get(entry.batch.source)
+        return source if source is not None and source.session == entry.batch.session else None
 
     def _floor(self) -> int | None:
         """Stamp below which all is late; None before the first watermark."""
@@ -211,26 +201,23 @@ class Timeline:
             steps.follow(self._reference(now_ns))
         again: set[Key] = set()
         for entry in steps.let_go():
+            source = self._sender(entry)
             if decision == "judge":
-                self._doubt(entry)
+                # The clock of its session is wrong: others agree.
+                if source is not None:
+                    source.agreed_ns = None
             elif entry.repeated or entry.key in again:
                 self._play_again(entry, again)
             self._take(entry, self._judge(entry, now_ns, trusted=decision == "follow"), now_ns)
         return True
 
-    def _doubt(self, entry: Entry) -> None:
-        """The clock of a session is wrong: others agree."""
-        source = self.sources.get(entry.batch.source)
-        if source is not None and source.session == entry.batch.session:
-            source.agreed_ns = None
-
     def _play_again(self, entry: Entry, again: set[Key]) -> None:
         """A recording is played again, with the session that it had before: it is a new one."""
-        batch, source = entry.batch, self.sources.get(entry.batch.source)
+        batch, source = entry.batch, self._sender(entry)
         if entry.key not in again:
             again.add(entry.key)
             self.ledger.sequences.forget(*entry.key)
-            if source is not None and source.session == batch.session:
+            if source is not None:
                 source.start(batch.session, self.steps.scene_time(batch), self.at_ns)
         entry.repeated = self.ledger.sight(entry.key, batch.seq) == "repeated"
 
@@ -241,10 +228,10 @@ class Timeline:
         if entry.repeated:
             return "duplicates"
         if entry.offset_ns > FUTURE_NS and not trusted:
-            self._note_wrong_clock(batch, entry.offset_ns)
+            self._note_clock(batch, entry.offset_ns, off=True)
             return "future"
         if self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
-            self._note_wrong_clock(batch, stamp_ns - now_ns)
+            self._note_clock(batch, stamp_ns - now_ns, off=True)
             return "past"
         if source is None:
             if not self._admit_source():
@@ -302,22 +289,19 @@ class Timeline:
             source.agreed_ns = self.at_ns
         elif watermark is not None and entry.batch.ended is not None:
             entry.stamps = np.array([watermark])
-        self._note_clock(entry, self.steps.off_clock(entry.batch, now_ns), late=not of_use)
+        self._note_clock(entry.batch, self.steps.off_clock(entry.batch, now_ns), off=not of_use)
         if len(entry.stamps):
             self._release.add(entry)
         else:
             self._settle(entry, "late")
 
-    def _note_clock(self, entry: Entry, offset_ns: int, *, late: bool) -> None:
-        """Take note of whether the clock of a source is right; `late` says that none of a batch is of use."""
-        if late or offset_ns > AHEAD_NS or offset_ns < -self._source_timeout_ns:
-            self._note_wrong_clock(entry.batch, offset_ns)
+    def _note_clock(self, batch: ObservationBatch, offset_ns: int, *, off: bool) -> None:
+        """Take note of whether the clock of a source is right; `off` says that it cannot be."""
+        if off or offset_ns > AHEAD_NS or offset_ns < -self._source_timeout_ns:
+            kind = self.steps.kind_of(batch, offset_ns)
+            self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
         else:
-            self.troubles.clear_clock(entry.batch.source)
-
-    def _note_wrong_clock(self, batch: ObservationBatch, offset_ns: int) -> None:
-        kind = self.steps.kind_of(batch, offset_ns)
-        self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
+            self.troubles.clear_clock(batch.source)
 
     def _move_watermark(self, now_ns: int) -> None:
         timeout_ns = self._source_timeout_ns
@@ -343,13 +327,7 @@ class Timeline:
         }
 
     def load(self, state: dict[str, Any]) -> None:
-        """Take up :meth:`state`.
-
-        Raises
-        ------
-        AttributeError, KeyError, TypeError, ValueError
-            If it is none.
-        """
+        """Take up :meth:`state`; raises AttributeError, KeyError, TypeError or ValueError if it is none."""
         self.watermark_ns = state["watermark"]
         self.steps.shift_ns = int(state["shift"])
         self.sources.update(restored(dict[str, Source], state["sources"]))

@@ -4,16 +4,17 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from comotion_schemas.component import StatusFields
-from comotion_schemas.messages import RejectionReason
+from comotion_schemas.messages import ProblemKind, RejectionReason
 from comotion_schemas.text import counted, counter_words
 
 from ..event_time.sources import SourceHealth
 from ..event_time.stats import Stats
 from . import problems
 from .intake import Intake
-from .problems import Found, Problems
+from .problems import Problems
 
 # Rates are means over this time, so that a source with one batch a second has one.
 _RATE_SPAN_NS = 2_000_000_000
@@ -50,7 +51,7 @@ class Health:
         sources: list[SourceHealth],
         stats: Stats,
         notes: list[str],
-        found: Found | None = None,
+        noticed: Mapping[ProblemKind, Mapping[str, Any]] | None = None,
     ) -> StatusFields:
         """Assemble the fields of the Status.
 
@@ -66,8 +67,8 @@ class Health:
             Counters of the fusion.
         notes
             Further troubles, in words.
-        found
-            Problems that the core has noticed.
+        noticed
+            Problems that the core has noticed: by kind, the sources and what shows it.
         """
         present, counters, rejected = intake.present, stats.counters(), dict(stats.rejected)
         self._samples.append(_Sample(monotonic_ns, dict(intake.received), counters, rejected))
@@ -75,12 +76,10 @@ class Health:
             self._samples.popleft()
         before = self._samples[0]
         sources = [s for s in sources if s.name in present or s.age_ns < _FORGET_NS]
-        now: Found = {
-            **(found or {}),
-            **problems.silence(present, sources, monotonic_ns),
-            **problems.defects(stats, before.counters),
-        }
-        lasting = self._problems.update(now, monotonic_ns)
+        found = problems.in_words({**(noticed or {}), **problems.silence(present, sources, monotonic_ns)})
+        if stats.faults > before.counters["faults"]:
+            found[None, "defect"] = problems.DEFECT
+        lasting = self._problems.update(found, monotonic_ns)
         live = [s.name for s in sources if s.sending]
         silent = sorted(present.keys() - live)
         trouble = [*notes, *self._recent(counters, rejected, intake.rejection)]

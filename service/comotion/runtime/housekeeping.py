@@ -8,7 +8,6 @@ from dataclasses import replace
 from comotion_schemas import HypothesisUpdate
 
 from ..fusion import Fusion
-from . import problems
 from .health import Health, Watchdog
 from .intake import Intake
 from .overload import Overload
@@ -32,35 +31,23 @@ class Housekeeping:
         keeper: StateKeeper,
         clocks: SourceClocks,
         overload: Overload,
+        intake: Intake,
     ) -> None:
-        self._clocks = clocks
-        self._overload = overload
-        self._fusion = fusion
-        self._watchdog = watchdog
-        self._keeper = keeper
+        self._fusion, self._intake, self._keeper = fusion, intake, keeper
+        self._watchdog, self._clocks, self._overload = watchdog, clocks, overload
         self._health = Health()
         self._due_ns = {"report": 0, "collect": 0, "free": 0}
 
-    def after(self, update: HypothesisUpdate, intake: Intake, now_ns: int) -> None:
-        """Do what is due.
-
-        Parameters
-        ----------
-        update
-            The update that has just been published.
-        intake
-            Where the observations come from.
-        now_ns
-            The clock of the core, nanoseconds since the Unix epoch.
-        """
+    def after(self, update: HypothesisUpdate, now_ns: int) -> None:
+        """Do what is due after an update was published, at a time on the clock of the core, ns."""
         monotonic_ns = time.monotonic_ns()
         self._watchdog.alive(monotonic_ns)
         if self._is_due("report", monotonic_ns, _REPORT_NS):
-            self._report(intake, monotonic_ns, now_ns)
+            self._report(monotonic_ns, now_ns)
         if self._is_due("collect", monotonic_ns, _COLLECT_NS):
             gc.collect()
         if self._is_due("free", monotonic_ns, _FREE_NS):
-            intake.drop_idle(monotonic_ns)
+            self._intake.drop_idle(monotonic_ns)
             _return_memory()
         self._keeper.after(frozenset(h.id for h in update.hypotheses), time.monotonic_ns())
 
@@ -70,22 +57,22 @@ class Housekeeping:
         self._due_ns[what] = monotonic_ns + every_ns
         return True
 
-    def _report(self, intake: Intake, monotonic_ns: int, now_ns: int) -> None:
+    def _report(self, monotonic_ns: int, now_ns: int) -> None:
         fields = self._health.report(
             monotonic_ns,
-            intake=intake,
+            intake=self._intake,
             sources=self._fusion.timeline.sources.health(now_ns, monotonic_ns),
             stats=self._fusion.stats,
-            notes=self._notes(),
-            found=problems.of_fusion(self._fusion),
+            notes=[
+                *([self._keeper.error] if self._keeper.error else []),
+                *self._overload.notes(),
+                *self._clocks.notes(),
+            ],
+            noticed=self._fusion.timeline.troubles.lately(),
         )
-        own = {"clock_steps": self._clocks.steps, "refused_statuses": intake.statuses.refused}
+        own = {"clock_steps": self._clocks.steps, "refused_statuses": self._intake.statuses.refused}
         counters = {**fields.counters, **own}
         self._watchdog.report(replace(fields, counters=counters, clock_offsets=self._clocks.offsets()))
-
-    def _notes(self) -> list[str]:
-        kept = [self._keeper.error] if self._keeper.error else []
-        return [*kept, *self._overload.notes(), *self._clocks.notes()]
 
 
 def _return_memory() -> None:

@@ -19,18 +19,7 @@ _log = logging.getLogger(__name__)
 
 
 class Intake:
-    """All that the service subscribes to of its sources.
-
-    Parameters
-    ----------
-    session
-        Open Zenoh session.
-    keys
-        Keys of the scene.
-    ledger
-        Where refusals and overflow are accounted.
-    most
-        Sources at a time.
+    """All that the service subscribes to of so many sources; refusals and overflow go to the ledger.
 
     Attributes
     ----------
@@ -109,11 +98,11 @@ class Intake:
 
     def _batch(self, queue: str, payload: Payload) -> ObservationBatch | None:
         """The batch in a payload of a queue; None where it is refused."""
-        name = payload.name
+        name, content = payload
         try:
             if queue == OTHERS and is_name(name):
                 raise DecodeError("limit", f"more than {self._most} sources")
-            batch = decode_as(ObservationBatch, payload.content)
+            batch = decode_as(ObservationBatch, content)
             if batch.source != name:
                 raise DecodeError("source-mismatch", f"source {batch.source!r} on the key of {name!r}")
         except DecodeError as error:

@@ -15,9 +15,7 @@ from comotion_schemas.messages import Problem, ProblemKind
 from comotion_schemas.time_units import unix_unit
 
 from ..event_time.sources import SourceHealth
-from ..event_time.stats import Stats
 from ..event_time.troubles import ClockTrouble
-from ..fusion import Fusion
 from .log_limit import LogLimit
 
 # A problem ends when it has not been seen for so long: what comes and goes is said once.
@@ -35,6 +33,8 @@ _log = logging.getLogger(__name__)
 
 Key = tuple[str | None, ProblemKind]
 Found = dict[Key, str]
+DEFECT = "the service failed on some data and goes on; please report the trace in its log"
+"""What is said where the counter of faults has grown."""
 
 
 @dataclass
@@ -72,20 +72,15 @@ class Problems:
         ]
 
 
-def of_fusion(fusion: Fusion) -> Found:
-    """What the core has noticed."""
+def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> Found:
+    """What was noticed: by kind, the sources and what shows it."""
     found: Found = {}
-    for kind, evidence in fusion.timeline.troubles.lately().items():
-        found |= _each(kind, evidence, _TEXTS[kind])
-    return found
-
-
-def _each(kind: ProblemKind, evidence: Mapping[str, Any], text: Callable[[Any], str]) -> Found:
-    """A problem of some sources; of many, the first ones and how many more: a storm of tokens is one line."""
-    some = islice(evidence.items(), _MOST_ALIKE)
-    found: Found = {(name or None, kind): f"{name or _NO_QUEUE}: {text(one)}" for name, one in some}
-    if len(evidence) > _MOST_ALIKE:
-        found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
+    for kind, evidence in noticed.items():
+        for name, one in islice(evidence.items(), _MOST_ALIKE):
+            found[name or None, kind] = f"{name or _NO_QUEUE}: {_TEXTS[kind](one)}"
+        # Of many sources, the first ones and how many more: a storm of tokens is one line.
+        if len(evidence) > _MOST_ALIKE:
+            found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
     return found
 
 
@@ -158,22 +153,13 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
 }
 
 
-def silence(present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int) -> Found:
+def silence(
+    present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int
+) -> dict[ProblemKind, dict[str, Any]]:
     """Sources whose process is there but whose data is not."""
     known = {one.name: one for one in sources}
     settled = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
-    no_data = {name: name for name in settled if name not in known}
-    silent = {name: known[name] for name in present if name in known and not known[name].sending}
     return {
-        **_each("no-data", no_data, _TEXTS["no-data"]),
-        **_each("silent", silent, _TEXTS["silent"]),
-    }
-
-
-def defects(stats: Stats, before: Mapping[str, int]) -> Found:
-    """Errors of the service itself since the counters were `before`."""
-    if stats.faults <= before.get("faults", 0):
-        return {}
-    return {
-        (None, "defect"): "the service failed on some data and goes on; please report the trace in its log"
+        "no-data": {name: name for name in settled if name not in known},
+        "silent": {name: known[name] for name in present if name in known and not known[name].sending},
     }

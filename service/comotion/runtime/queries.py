@@ -144,7 +144,7 @@ def _schemas() -> dict[str, dict[str, Any]]:
 
 def _accounts(fusion: Fusion) -> bytes:
     listed, ledger = [], fusion.timeline.ledger
-    for key, account in ledger.accounts().items():
+    for key, account in ledger.accounts.items():
         one = {"source": key[0], "session": key[1]} | asdict(account)
         listed.append(one | {"lost": None} if key in ledger.unknown else one)
     return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()

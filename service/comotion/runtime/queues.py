@@ -9,7 +9,6 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import NamedTuple
 
 import zenoh
 
@@ -31,11 +30,8 @@ OTHERS = ""
 """Name of the queue of those that have none of their own."""
 
 
-class Payload(NamedTuple):
-    """What has come on the key of a name."""
-
-    name: str
-    content: bytes
+Payload = tuple[str, bytes]
+"""The name in a key, and what has come on it."""
 
 
 @dataclass
@@ -62,9 +58,9 @@ class Queue:
 
     def take(self) -> Payload:
         """Take the oldest of what waits."""
-        payload = self.waiting.popleft()
-        self.size -= len(payload.content)
-        return payload
+        name, content = self.waiting.popleft()
+        self.size -= len(content)
+        return name, content
 
     def bound(self, most_bytes: int) -> None:
         """Drop the oldest of what is too much; the newest stays."""
@@ -74,21 +70,9 @@ class Queue:
 
 
 class Queues:
-    """The subscription to the observations of a scene, and a queue for each source.
+    """The subscription to the observations of a scene, and a queue for each of so many sources.
 
-    Parameters
-    ----------
-    session
-        Open Zenoh session.
-    keys
-        Keys of the scene.
-    most
-        Sources at a time.
-
-    Attributes
-    ----------
-    of
-        The queues by name, the one heard last at the end.
+    `of` are the queues by name, the one heard last at the end.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
@@ -113,9 +97,9 @@ class Queues:
         """Take the oldest of what waits in a queue, and how many were displaced before it."""
         with self._lock:
             displaced, queue.displaced = queue.displaced, 0
-            payload = queue.take()
-            self._size -= len(payload.content)
-            return payload, displaced
+            name, content = queue.take()
+            self._size -= len(content)
+            return (name, content), displaced
 
     def received(self) -> dict[str, int]:
         """Valid batches of every source."""
@@ -145,7 +129,7 @@ class Queues:
         with self._lock:
             queue = self._queue_of(name, now_ns)
             before = queue.size
-            queue.waiting.append(Payload(name, content))
+            queue.waiting.append((name, content))
             queue.size += len(content)
             share = _ALL_BYTES // len(self.of) if self._size + len(content) > _ALL_BYTES else _MOST_BYTES
             queue.bound(min(share, _MOST_BYTES))

@@ -109,12 +109,9 @@ def serve(options: ServeOptions) -> None:
         if presence is not None:
             presence.require()
         keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-        clocks = SourceClocks(component, correct=options.correct_clocks)
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
-        overload = Overload(to_ns(options.config.period))
-        housekeeping = Housekeeping(fusion, watchdog, keeper, clocks, overload)
-        loop = _Loop(options, fusion, component, housekeeping, leadership, clocks, overload)
+        loop = _Loop(options, fusion, component, leadership, watchdog, keeper)
         # Last: who is not ready yet must not be elected, and who stops gives the scene back first.
         if election is not None:
             stack.enter_context(election)
@@ -170,31 +167,29 @@ class _Loop:
         options: ServeOptions,
         fusion: Fusion,
         component: Component,
-        housekeeping: Housekeeping,
         leadership: Presence | Election,
-        clocks: SourceClocks,
-        overload: Overload,
+        watchdog: Watchdog,
+        keeper: StateKeeper,
     ) -> None:
-        self._fusion = fusion
+        self._fusion, self._component, self._leadership = fusion, component, leadership
+        period_ns, limits = to_ns(options.config.period), options.config.limits
+        self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; what is stored for too long would be lost.
-        fusion.measure(time.thread_time_ns, overload.cost_ns)
-        self._overload = overload
-        self._source_clocks = clocks
-        self._component = component
-        self._leadership = leadership
-        self._housekeeping = housekeeping
+        fusion.measure(time.thread_time_ns, self._overload.cost_ns)
+        self._source_clocks = SourceClocks(component, correct=options.correct_clocks)
+        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
+        self._housekeeping = Housekeeping(
+            fusion, watchdog, keeper, self._source_clocks, self._overload, self._intake
+        )
         self._clock = WallClock()
         if options.clock == "event":
             self._clock = EventClock(fusion.timeline.watermark_ns)
             fusion.timeline.follow_recordings()
         self._defects = DefectLog()
-        self._head_start = HeadStart(to_ns(options.config.period))
+        self._head_start = HeadStart(period_ns)
         labels = {"scene": options.scene, "component": options.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
-        limits = options.config.limits
-        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
-        period_ns = to_ns(options.config.period)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
         self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
@@ -231,7 +226,7 @@ class _Loop:
         with self._fusion.faults.guard("housekeeping"):
             for fault in self._fusion.faults.take():
                 self._defects.write(fault)
-            self._housekeeping.after(self._last, self._intake, self._clock.now_ns())
+            self._housekeeping.after(self._last, self._now()[0])
 
     def _judge(self, skipped: int) -> None:
         """Count deadlines that were skipped, and leave out work where updates take too long."""
@@ -262,27 +257,23 @@ class _Loop:
 
     def _now(self) -> tuple[int, int]:
         """What stamps are compared with, and the clock of arrivals."""
-        self._fusion.timeline.steps.clock_set_ns = self._clock.set_by_ns()
+        timeline = self._fusion.timeline
+        # The event clock reaches what the core has accepted.
+        if timeline.newest_ns is not None:
+            self._clock.reach(timeline.newest_ns)
+        timeline.steps.clock_set_ns = self._clock.set_by_ns()
         return self._clock.now_ns(), time.monotonic_ns()
-
-    def _follow_events(self) -> None:
-        """Let the event clock reach what the core has accepted."""
-        newest_ns = self._fusion.timeline.newest_ns
-        if newest_ns is not None:
-            self._clock.reach(newest_ns)
 
     def _fuse_ahead(self, spare_ns: int) -> None:
         """Fuse what has come in, so that little is left to do when the update is due; then wait."""
         if spare_ns > _SLICE_NS:
             with self._fusion.faults.guard("fusing"):
                 self._fusion.advance(*self._now())
-                self._follow_events()
         self._wait(min(spare_ns, _SLICE_NS))
 
     def _compute(self) -> HypothesisUpdate:
         began, spent_ns = time.monotonic_ns(), time.thread_time_ns()
         update = self._fusion.update(*self._now())
-        self._follow_events()
         took = time.monotonic_ns() - began
         self._head_start.note(took)
         self._took_ns, self._spent_ns = took, time.thread_time_ns() - spent_ns

@@ -57,29 +57,16 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     A file that cannot be used is kept as ``FILE.rejected``: it may belong to somebody else. Hypothesis ids
     go on behind those it has given out, as far as it or ``FILE.ids`` tells.
 
-    Parameters
-    ----------
-    path
-        The state file.
-    config
-        Parameters of the fusion.
-    scene
-        Name of the scene; a state of another scene is not used.
-    session
-        16 hex digits that name this run of the service.
-    now_ns
-        The wall clock in nanoseconds if the service follows it, else None. After a state from its
-        future, every observation would be late.
+    A state of another scene is not used, nor one from the future of `now_ns`, the wall clock in nanoseconds
+    if the service follows it: every observation would be late.
     """
     _remove_partials(path)
     first_id = _reserved(path)
     try:
-        head = _head(path)
+        with path.open("rb") as file:
+            head = snapshot.Header.read(file.read(snapshot.HEADER_BYTES))
         first_id = head.following
-        data = _content(path, head)
-        _try_out(config, data)
-        fusion = Fusion.restore(config, data, session=session)
-        _require_match(fusion, scene, now_ns)
+        fusion = _continued(path, head.total, config, scene, session, now_ns)
     except FileNotFoundError:
         pass
     except (ValueError, OSError) as error:
@@ -94,7 +81,7 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
 def begin_afresh(path: Path) -> None:
     """Say that a new scene takes the place of a kept one, which stays beside it as ``FILE.before``."""
     with suppress(OSError):  # there is none, or what is wrong is said when it is written
-        age, before = _age(path), path.with_name(f"{path.name}.before")
+        age, before = _age(path), _beside(path, "before")
         path.replace(before)
         _log.info("a new scene; the one of %s is kept: --state %s continues it", age, before)
 
@@ -108,54 +95,41 @@ def _age(path: Path) -> str:
     return f"{seconds:.0f} s ago"
 
 
-def _head(path: Path) -> snapshot.Header:
-    with path.open("rb") as file:
-        return snapshot.Header.read(file.read(snapshot.HEADER_BYTES))
-
-
-def _content(path: Path, head: snapshot.Header) -> bytes:
-    """Read the file, unless it is larger than what its header announces."""
-    size = path.stat().st_size
-    if size != head.total or size > snapshot.MAX_BYTES:
-        raise KnownError(f"damaged snapshot: {size} bytes, its header says {head.total}")
-    return path.read_bytes()
-
-
-def _try_out(config: FusionConfig, data: bytes) -> None:
-    """Compute an update from a state before it is trusted.
+def _continued(
+    path: Path, size: int, config: FusionConfig, scene: str, session: str, now_ns: int | None
+) -> Fusion:
+    """A fusion that goes on from a file of a size that its header announces; a twin has tried it out.
 
     Raises
     ------
     ValueError
-        If that fails.
+        If the file is another scene's, of the future or damaged, or no update follows from it.
     """
-    twin = Fusion.restore(config, data)
+    found = path.stat().st_size
+    if found != size or found > snapshot.MAX_BYTES:
+        raise KnownError(f"damaged snapshot: {found} bytes, its header says {size}")
+    data = path.read_bytes()
+    twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
+    watermark = fusion.timeline.watermark_ns
     try:
-        twin.update(twin.timeline.watermark_ns or 0)
+        twin.update(watermark or 0)
         twin.snapshot()
     except Exception as error:
         raise KnownError(f"no update follows from it: {type(error).__name__} {error}") from error
-
-
-def _require_match(fusion: Fusion, scene: str, now_ns: int | None) -> None:
     if fusion.scene != scene:
         raise KnownError(f"it is of scene {fusion.scene!r}, not {scene!r}")
-    watermark = fusion.timeline.watermark_ns
     if now_ns is not None and watermark is not None and watermark > now_ns + FUTURE_NS:
         raise KnownError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
+    return fusion
 
 
 def _put_aside(path: Path) -> str:
-    aside = path.with_name(f"{path.name}.rejected")
+    aside = _beside(path, "rejected")
     try:
         path.replace(aside)
     except OSError as error:
         return f"; nor can it be put aside: {error.strerror}"
     return f"; kept as {aside.name}"
-
-
-def _partial(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}")
 
 
 def _remove_partials(path: Path) -> None:
@@ -167,20 +141,19 @@ def _remove_partials(path: Path) -> None:
                 file.unlink(missing_ok=True)
 
 
-def ids_path(path: Path) -> Path:
-    """Where the ids of a state file are kept."""
-    return path.with_name(f"{path.name}.ids")
+def _beside(path: Path, ending: str) -> Path:
+    return path.with_name(f"{path.name}.{ending}")
 
 
 def _reserved(path: Path) -> int:
     """The id that ``FILE.ids`` holds; 1 without such a file."""
     try:
-        with ids_path(path).open("rb") as file:
+        with _beside(path, "ids").open("rb") as file:
             found = _IDS.fullmatch(file.read(_IDS_BYTES))
     except OSError:
         return 1
     if found is None or zlib.crc32(found[1]) != int(found[2], 16) or not 0 < int(found[1]) < UNDETERMINED:
-        _log.warning("%s is damaged", ids_path(path))
+        _log.warning("%s is damaged", _beside(path, "ids"))
         return 1
     return int(found[1])
 
@@ -188,12 +161,7 @@ def _reserved(path: Path) -> int:
 def write_atomically(path: Path, parts: Iterable[Any]) -> None:
     """Replace a file in one step that survives a power cut; only its owner can read it.
 
-    Parameters
-    ----------
-    path
-        The file; its folder is made where it is missing.
-    parts
-        Buffers, written one after the other.
+    `parts` are buffers, written one after the other. The folder is made where it is missing.
 
     Raises
     ------
@@ -201,7 +169,7 @@ def write_atomically(path: Path, parts: Iterable[Any]) -> None:
         If the file cannot be written; the one before is still there.
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    partial = _partial(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
         with open(descriptor, "wb") as file:  # noqa: PTH123 - of a descriptor
@@ -224,19 +192,8 @@ def write_atomically(path: Path, parts: Iterable[Any]) -> None:
 def write_state(path: Path, parts: list[Any], reserved: int = 0) -> int:
     """Write a snapshot, and before it in ``FILE.ids`` which hypothesis ids may have been given out.
 
-    Parameters
-    ----------
-    path
-        The state file.
-    parts
-        The snapshot, as buffers.
-    reserved
-        Ids below are noted already.
-
-    Returns
-    -------
-    int
-        Ids below are noted now.
+    `parts` are the buffers of the snapshot. Ids below `reserved` are noted already; returns below which they
+    are now.
 
     Raises
     ------
@@ -247,6 +204,6 @@ def write_state(path: Path, parts: list[Any], reserved: int = 0) -> int:
     if following > reserved:
         reserved = following + _RESERVED
         number = b"%d" % min(reserved, UNDETERMINED - 1)
-        write_atomically(ids_path(path), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])
+        write_atomically(_beside(path, "ids"), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])
     write_atomically(path, parts)
     return reserved

@@ -7,7 +7,6 @@ read, twice a second at most, and some in a turn of the loop: what one component
 import logging
 import threading
 import time
-from typing import NamedTuple
 
 import zenoh
 
@@ -28,32 +27,18 @@ _MOST_BYTES = 256 * 1024
 _log = logging.getLogger(__name__)
 
 
-class _Unread(NamedTuple):
-    content: bytes
-    arrived_s: float
-
-
 class Statuses:
-    """The subscription; a thread keeps the newest of each component with the time of its arrival.
+    """The subscription; a thread keeps the newest of each of so many components, with its time of arrival.
 
     `refused` counts those of another component than that of the key, those that are no Status, and those of
     more components than are remembered.
-
-    Parameters
-    ----------
-    session
-        Open Zenoh session.
-    keys
-        Keys of the scene.
-    most
-        Components that are remembered.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self.refused = 0
         self._most = most
         self._lock = threading.Lock()
-        self._unread: dict[str, _Unread] = {}
+        self._unread: dict[str, tuple[bytes, float]] = {}
         self._read_ns: dict[str, int] = {}
         self._sources: set[str] = set()
         self._limit = LogLimit(5, 60.0)
@@ -69,9 +54,9 @@ class Statuses:
         self._read_ns = {name: at for name, at in self._read_ns.items() if now - at < _AGAIN_NS}
         with self._lock:
             names = [name for name in self._unread if name not in self._read_ns][:_AT_ONCE]
-            due = [(name, self._unread.pop(name)) for name in names]
+            due = [(name, *self._unread.pop(name)) for name in names]
         self._read_ns |= dict.fromkeys(names, now)
-        decoded = ((self._decode(name, one), one.arrived_s) for name, one in due)
+        decoded = ((self._decode(name, content), arrived_s) for name, content, arrived_s in due)
         found = [(status, arrived_s) for status, arrived_s in decoded if status is not None]
         self._sources.update(status.component for status, _ in found if status.role == "source")
         return found
@@ -86,15 +71,15 @@ class Statuses:
         name = last_chunk(key)
         with self._lock:
             if name in self._unread or (len(self._unread) < self._most and is_name(name)):
-                self._unread[name] = _Unread(content, time.time())
+                self._unread[name] = content, time.time()
             else:
                 self.refused += 1
 
-    def _decode(self, name: str, one: _Unread) -> Status | None:
+    def _decode(self, name: str, content: bytes) -> Status | None:
         try:
-            if len(one.content) > _MOST_BYTES:
-                raise DecodeError("too-large", f"{len(one.content)} bytes")
-            status = decode_as(Status, one.content)
+            if len(content) > _MOST_BYTES:
+                raise DecodeError("too-large", f"{len(content)} bytes")
+            status = decode_as(Status, content)
             if status.component != name:
                 raise DecodeError("source-mismatch", f"it is about {status.component!r}")
         except DecodeError as error:

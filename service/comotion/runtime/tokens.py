@@ -23,21 +23,9 @@ _log = logging.getLogger(__name__)
 
 
 class Tokens:
-    """Presence of sources.
+    """Presence of sources, of so many names at most.
 
-    Parameters
-    ----------
-    session
-        Open Zenoh session.
-    keys
-        Keys of the scene.
-    most
-        Names that are remembered.
-
-    Attributes
-    ----------
-    present
-        Names whose token is there, and since when in monotonic ns.
+    `present` are the names whose token is there, and since when in monotonic ns.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:

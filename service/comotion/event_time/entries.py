@@ -1,7 +1,8 @@
-"""A batch on its way through event time, and what comes out: instants, and the ends of sessions."""
+"""A batch on its way through event time, the stages of that way, and the instants that come out."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Literal, Self
 
 import numpy as np
@@ -15,9 +16,32 @@ from .stats import Fate, Key
 Indices = NDArray[np.intp]
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
+Verdict = Literal["clock", "name", "watermark"] | Fate
+"""What a batch waits for, or what became of it."""
 NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
+
+
+class Stage(Enum):
+    """Where a batch is: what it waits for, or at its end."""
+
+    INBOX = "inbox"
+    CLOCK = "clock"
+    NAME = "name"
+    WATERMARK = "watermark"
+    END = "end"
+
+
+_NEXT: dict[tuple[Stage, Verdict], Stage] = {
+    (Stage.INBOX, "clock"): Stage.CLOCK,
+    (Stage.INBOX, "name"): Stage.NAME,
+    (Stage.INBOX, "watermark"): Stage.WATERMARK,
+    (Stage.CLOCK, "name"): Stage.NAME,
+    (Stage.CLOCK, "watermark"): Stage.WATERMARK,
+    (Stage.NAME, "watermark"): Stage.WATERMARK,
+}
+"""The way of a batch that is of use; what becomes of it at last ends any stage."""
 
 
 @dataclass(eq=False)
@@ -30,10 +54,8 @@ class Entry:
         What came in.
     repeated
         Whether its sequence number was seen before.
-    size
-        Bytes that it holds.
-    judged
-        Whether it has been compared with the clock.
+    stage
+        Where it is.
     at_ns
         When it was first looked at, on the clock of arrivals.
     offset_ns
@@ -42,26 +64,27 @@ class Entry:
         What of it waits for the watermark, as of :class:`Instants`.
     generation, order
         Which session of its source sent it, and which of the batches that wait it is.
-    out
-        How many of its instants have come out and are not booked.
     kept, late, refused
         Whether some of its instants were fused, some were too late, and why some were refused.
     """
 
     batch: ObservationBatch
     repeated: bool = False
-    size: int = 0
-    judged: bool = False
+    stage: Stage = Stage.INBOX
     at_ns: int = 0
     offset_ns: int = 0
     stamps: Stamps = field(default_factory=lambda: NO_STAMPS)
     rows: Indices = field(default_factory=lambda: NO_ROWS)
     generation: int = 0
     order: int = 0
-    out: int = 0
     kept: bool = False
     late: bool = False
     refused: RejectionReason | None = None
+
+    def __post_init__(self) -> None:
+        # Bytes that it holds.
+        columns = (value for value in vars(self.batch).values() if isinstance(value, np.ndarray))
+        self.size = _OBJECT_BYTES + sum(column.nbytes for column in columns)
 
     @property
     def key(self) -> Key:
@@ -76,22 +99,25 @@ class Entry:
     def __lt__(self, other: Self) -> bool:
         return self.rank < other.rank
 
+    def go(self, verdict: Verdict) -> Stage:
+        """Go to the next stage, which is returned."""
+        self.stage = _NEXT.get((self.stage, verdict), Stage.END)
+        return self.stage
+
     def take(self, watermark_ns: int, others: Iterable[Rank], session: int) -> "Instants":
         """Take the rows up to the watermark and to the ranks of others, as of a session number."""
         stop, mine = int(np.searchsorted(self.stamps, watermark_ns, side="right")), self.rank[1:]
         for stamp_ns, *other in others:
             side: Literal["left", "right"] = "right" if mine < tuple(other) else "left"
             stop = min(stop, int(np.searchsorted(self.stamps, stamp_ns, side=side)))
-        taken = Instants(self.stamps[:stop], self.rows[:stop], session, self, last=stop == len(self.stamps))
+        last = stop == len(self.stamps)
+        taken = Instants(self.stamps[:stop], self.rows[:stop], session, self.batch, last)
         self.stamps, self.rows = self.stamps[stop:], self.rows[stop:]
-        self.out += 1
         return taken
 
     @property
-    def fate(self) -> Fate | None:
-        """What became of it; None while some of it waits, or has come out and is not booked."""
-        if self.out or len(self.stamps):
-            return None
+    def fate(self) -> Fate:
+        """What has become of it, once nothing of it waits."""
         if self.kept:
             return "partly_late" if self.late else "fused"
         return self.refused or "late"
@@ -109,8 +135,8 @@ class Instants:
         intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts.
     session
         Number of the (source, session) that sent it.
-    entry
-        The batch on its way.
+    batch
+        The whole batch.
     last
         Whether nothing of the batch is left.
     """
@@ -118,25 +144,13 @@ class Instants:
     stamps: Stamps
     rows: Indices
     session: int
-    entry: Entry
+    batch: ObservationBatch
     last: bool
-
-    @property
-    def batch(self) -> ObservationBatch:
-        """The whole batch."""
-        return self.entry.batch
 
     @property
     def stamp_ns(self) -> int:
         """The first stamp."""
         return int(self.stamps[0])
-
-
-@dataclass(frozen=True)
-class SessionEnded:
-    """A source has started a new session, or was forgotten: trajectories of session `session` are over."""
-
-    session: int
 
 
 def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Indices]:
@@ -150,17 +164,3 @@ def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Indices]:
         return np.full(max(count, 1), batch.stamp_ns), np.arange(count)
     order = np.argsort(stamps, kind="stable")
     return stamps[order], order
-
-
-def count_instants(batch: ObservationBatch) -> int:
-    """How many different acquisition times a batch has."""
-    if batch.stamps_ns is None or len(batch.stamps_ns) < 2:
-        return 1
-    return len(np.unique(batch.stamps_ns))
-
-
-def size_of(batch: ObservationBatch) -> int:
-    """Bytes that a batch holds."""
-    return _OBJECT_BYTES + sum(
-        value.nbytes for value in vars(batch).values() if isinstance(value, np.ndarray)
-    )
