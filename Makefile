@@ -47,10 +47,9 @@ format: setup  ## apply lint fixes and formatting
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-schemas: setup  ## export the JSON Schema of every message header, the tables of parameters, and the list of kernels
+schemas: setup  ## export the JSON Schema of every message header, and the tables of parameters
 	$(BIN)/python -m comotion_schemas.export schemas
 	PYTHONPATH=tests $(BIN)/python -m comotion_tools.parameter_table docs/parameters.md
-	PYTHONPATH=tests $(BIN)/python -m comotion_tools.kernel_list
 
 docs: setup  ## the site in out/site, with the API; broken links and warnings are errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs

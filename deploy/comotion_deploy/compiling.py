@@ -8,26 +8,22 @@ _TICK_S = 0.5
 
 
 def show_progress(name: str, steps: Iterable[None]) -> None:
-    """Take the steps of a warm-up; a line on standard error shows how far it is, in long steps too."""
-    from comotion.warm_up import STEPS
+    """Take the steps of a warm-up; a line on standard error shows how long it has taken."""
     from comotion_schemas.terminal import reporting
 
-    begun, number, over = time.monotonic(), 1, threading.Event()
-
-    def line() -> str:
-        return f"{name}: step {number} of at most {STEPS}, {time.monotonic() - begun:.0f} s"
+    begun, over = time.monotonic(), threading.Event()
 
     with reporting() as report:
 
         def tick() -> None:
             while not over.wait(_TICK_S):
-                report(line)
+                report(lambda: f"{name}: {time.monotonic() - begun:.0f} s")
 
         ticking = threading.Thread(target=tick, daemon=True)
         ticking.start()
         try:
             for _ in steps:
-                number += 1
+                pass
         finally:
             over.set()
             ticking.join()

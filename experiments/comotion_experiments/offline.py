@@ -168,8 +168,7 @@ def run_offline(
     first = next(batches, None)
     if first is None:
         raise KnownError("there is no observation")
-    # Whether more sources come is not known yet; two need few kernels more than one.
-    compile_ahead(core.config.method, first.batch.unit, first.batch.dim, sources=2)
+    compile_ahead(core.config.method, first.batch.unit, first.batch.dim)
     start_ns = _start(first.batch)
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
     run = Run(truth, start_ns, period)

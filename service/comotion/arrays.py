@@ -34,13 +34,6 @@ def untouched_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """Zeros of which each page takes memory once something is written to it.
 
     Those of NumPy do not: it asks for pages of 2 MB, which the system clears whole.
-
-    Parameters
-    ----------
-    shape
-        Of the array.
-    dtype
-        Of its elements.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size < _LARGE_BYTES:

@@ -49,14 +49,10 @@ class PublishedIds:
     _leader: HypothesisUpdate | None = field(default=None, metadata=NOT_KEPT)
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
-        """Take over the ids of a published update.
+        """Take over the ids of what the active service has published.
 
-        Parameters
-        ----------
-        own
-            The last update of this service, with its own ids.
-        leader
-            What the active service has published at about the same watermark.
+        `own` is the last update of this service, with its own ids; that of the leader has about the same
+        watermark.
         """
         highest = max((h.id for h in leader.hypotheses), default=0)
         # The leader may have given out ids in updates that were lost with it.

@@ -71,12 +71,10 @@ class Fusion:
     ----------
     config, scene, session
         As above.
-    stats
-        The counters of Status.
+    stats, faults
+        The counters of Status, and errors of the fusion itself.
     timeline
         Event time: the watermark, the sources, the accounts of their sessions, and what sources do wrong.
-    faults
-        Errors of the fusion itself.
 
     Raises
     ------
@@ -100,14 +98,8 @@ class Fusion:
         self.timeline = Timeline(self.config, self.stats, self.faults)
         self._ids = IdAllocator(first_id)
         self._grouping = Budget(_GROUPING, to_ns(self.config.period), whole=_WHOLE)
-        self._spaces = Spaces(
-            self.config,
-            self._ids,
-            self.stats,
-            self.faults,
-            self._grouping,
-            self.timeline.troubles,
-        )
+        troubles = self.timeline.troubles
+        self._spaces = Spaces(self.config, self._ids, self.stats, self.faults, self._grouping, troubles)
         self._assembly = Assembly(self.config, self.faults)
         self._published: PublishedIds | None = None
         self._effort = FULL
@@ -117,7 +109,7 @@ class Fusion:
     @property
     def spaces(self) -> dict[str, int]:
         """Names of the spaces that have been observed, sorted, and how many rows :meth:`affinity` has."""
-        return {name: self._spaces[name].size for name in self._spaces.names()}
+        return dict(sorted((space.spec.name, space.size) for space in self._spaces))
 
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
@@ -129,10 +121,7 @@ class Fusion:
     def advance(self, now_ns: int, at_ns: int | None = None) -> None:
         """Fuse what the watermark has passed; calling it between updates spreads their work.
 
-        Parameters
-        ----------
-        now_ns, at_ns
-            As for :meth:`update`.
+        The times are those of :meth:`update`.
         """
         self._spaces.at(now_ns if at_ns is None else at_ns)
         self.timeline.advance(now_ns, at_ns, self._spaces.store, self._spaces.end_session)
@@ -293,13 +282,8 @@ class Fusion:
 
     def _refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch cannot be fused, whatever its time; None if it can."""
-        refused = self._spaces.refusal(batch)
-        if refused is not None:
-            return refused
         stamps = batch.stamps_ns
         oldest = batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
-        if oldest < 0 or batch.stamp_ns > _MAX_STAMP_NS:
-            return "range"
-        if np.abs(batch.positions).max(initial=0.0) > MAX_COORDINATE:
-            return "range"
-        return None
+        in_range = oldest >= 0 and batch.stamp_ns <= _MAX_STAMP_NS
+        in_range = in_range and np.abs(batch.positions).max(initial=0.0) <= MAX_COORDINATE
+        return self._spaces.refusal(batch) or (None if in_range else "range")

@@ -58,14 +58,9 @@ class LastGrouping:
         return cls(partition, current, *keys, window.source[current], window.id[current])
 
     def extended(self, window: Window, current: Slots, before: Labels) -> Partition:
-        """The same groups for all that are current now.
+        """The same groups for all that are current now, slots intp [n].
 
-        Parameters
-        ----------
-        current
-            intp [n], their slots.
-        before
-            int64 [capacity], hypothesis of each slot until now.
+        `before` int64 [capacity] is the hypothesis of each slot until now.
         """
         last = self.partition
         kept = _same(window, last.slots, self.keys)

@@ -17,16 +17,8 @@ def shared_counts(
 ) -> tuple[Labels, NDArray[Any]]:
     """Count the trajectories that old hypotheses and new groups share.
 
-    Parameters
-    ----------
-    before
-        int64 [N], hypothesis of each trajectory until now, negative for none.
-    groups
-        intp [N], group of each, negative for none.
-    count
-        Number of groups.
-    weights
-        float64 [N], how much each trajectory counts; None: 1.
+    `before` int64 [N] is the hypothesis of each trajectory until now and `groups` intp [N] the group of each,
+    of `count`, both negative for none; `weights` float64 [N] says how much each counts, None: 1.
 
     Returns
     -------

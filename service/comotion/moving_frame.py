@@ -58,21 +58,11 @@ class MovingFrame:
     def relative(
         self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
     ) -> tuple[list[Hypothesis], Pose | None]:
-        """Describe hypotheses relative to the world.
+        """Describe hypotheses of the axes of the frame relative to the world; absent ones stay as they are.
 
-        Parameters
-        ----------
-        stamp_ns
-            The watermark.
-        hypotheses
-            As described in the axes of the frame; absent ones stay as they are.
-        labels, positions
-            int64 [n] and float64 [n, dim], of the current trajectories.
-
-        Returns
-        -------
-        tuple
-            The hypotheses, and x(world) = R x(frame) + t; None while the world has no pose.
+        `stamp_ns` is the watermark; `labels` int64 [n] and `positions` float64 [n, dim] are those of the
+        current trajectories. Returns the hypotheses, and x(world) = R x(frame) + t; None while the world has
+        no pose.
         """
         present = {h.id: h for h in hypotheses if not h.absent}
         self._choose(stamp_ns, present, labels, positions)
@@ -149,10 +139,6 @@ class Carrying:
 
     Attributes
     ----------
-    dim, metric
-        As of :class:`MovingFrame`.
-    configured
-        What the configuration says; None: nothing.
     frame
         The frame; None while it rests.
     said

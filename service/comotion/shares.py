@@ -18,14 +18,9 @@ _AS_COSTLY = 0.5
 class Turns:
     """Lets spaces be updated in turn, as far as the budget of their sources goes.
 
-    Attributes
-    ----------
-    budget
-        What spaces may cost, by source.
-    costly
-        Sources for which spaces had to wait in the last round: what theirs cost is more than their share, and
-        at least half as much as of the costliest one. Beside that one, on a machine with little time left,
-        the share of those who cost little may be too small as well.
+    `costly` are the sources for which spaces had to wait in the last round: what theirs cost is more than
+    their share, and at least half as much as of the costliest one. Beside that one, on a machine with little
+    time left, the share of those who cost little may be too small as well.
     """
 
     budget: Budget
@@ -40,19 +35,8 @@ class Turns:
     ) -> list[str]:
         """Update some spaces, the one that has waited for longest first: one at least.
 
-        Parameters
-        ----------
-        at_ns
-            The clock of arrivals.
-        shares
-            By name of a space, the share of each source in what it costs.
-        update
-            Updates a space by its name.
-
-        Returns
-        -------
-        list[str]
-            Names of those that wait.
+        `shares` has by name of a space the share of each source in what it costs; `update` updates one by its
+        name. Returns the names of those that wait.
         """
         self._round += 1
         self._updated = {name: self._updated.get(name, 0) for name in shares}
@@ -111,17 +95,11 @@ def allowance(spaces: Collection[Space], most: int, session: int, wanted: int) -
         excess = held[greediest] - share
         if greediest == session or excess <= 0:
             break
-        freed = _displace(spaces, greediest, min(due - free, excess))
+        freed, most_freed = 0, min(due - free, excess)
+        for space in spaces:
+            freed += space.displace(greediest, most_freed - freed)
         if not freed:
             break
         held[greediest] -= freed
         free += freed
     return min(wanted, free)
-
-
-def _displace(spaces: Collection[Space], session: int, count: int) -> int:
-    """Drop the youngest trajectories of a session; returns how many."""
-    freed = 0
-    for space in spaces:
-        freed += space.displace(session, count - freed)
-    return freed

@@ -92,17 +92,10 @@ class Load:
     _stretched: deque[tuple[int, float]] = field(default_factory=deque)
 
     def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
-        """Take note of an update; returns the level from now on.
+        """Take note of an update at a time on a clock that is never set; returns the level from now on.
 
-        One slow update is enough to raise it. It falls half a second later, to where updates fit into the
-        period as the machine is now.
-
-        Parameters
-        ----------
-        took_ns, spent_ns
-            How long it took, and its processor time.
-        at_ns
-            A clock that is never set.
+        How long it took and its processor time are in ns. One slow update is enough to raise the level. It
+        falls half a second later, to where updates fit into the period as the machine is now.
         """
         most_ns = _SHARE * self.period_ns
         spent_ns = max(spent_ns, 1)

@@ -13,7 +13,7 @@ import hashlib
 import struct
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Self, TypeVar, cast
 
 import msgpack
@@ -87,27 +87,30 @@ class Header:
 def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
     """Serialise nested dicts and lists of plain values and numeric arrays, without a copy of the arrays.
 
-    Parameters
-    ----------
-    state
-        What to keep.
-    following
-        The next hypothesis id, for the header.
-
-    Returns
-    -------
-    list
-        Buffers that make up the snapshot, in their order.
+    `following` is the next hypothesis id, for the header. Returns buffers that make up the snapshot, in
+    order.
 
     Raises
     ------
     TypeError
         If there is anything else in `state`.
     """
-    arrays = _Arrays()
-    values = cast("bytes", msgpack.packb(state, default=arrays.refer))
-    digest = _digest([values, *arrays.parts])
-    return [Header(len(values), arrays.size, following, digest).pack(), values, *arrays.parts]
+    parts: list[memoryview] = []
+    size = 0
+
+    def refer(value: Any) -> Any:
+        """Put an array behind the others; what is kept in its place says where it is."""
+        nonlocal size
+        if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
+            parts.append(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
+            size += parts[-1].nbytes
+            return {_ARRAY: [value.dtype.str, list(value.shape), size - parts[-1].nbytes]}
+        if isinstance(value, np.generic):
+            return value.item()
+        raise TypeError(f"cannot store a {type(value).__name__}")
+
+    values = cast("bytes", msgpack.packb(state, default=refer))
+    return [Header(len(values), size, following, _digest([values, *parts])).pack(), values, *parts]
 
 
 def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
@@ -143,25 +146,6 @@ def _digest(parts: Iterable[Any]) -> bytes:
     for part in parts:
         found.update(part)
     return found.digest()
-
-
-@dataclass
-class _Arrays:
-    """The arrays of a state, put one behind the other."""
-
-    parts: list[memoryview] = field(default_factory=list)
-    size: int = 0
-
-    def refer(self, value: Any) -> Any:
-        """Put an array behind the others; what is kept in its place says where it is."""
-        if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
-            part = np.ascontiguousarray(value).reshape(-1).view(np.uint8).data
-            self.parts.append(part)
-            self.size += part.nbytes
-            return {_ARRAY: [value.dtype.str, list(value.shape), self.size - part.nbytes]}
-        if isinstance(value, np.generic):
-            return value.item()
-        raise TypeError(f"cannot store a {type(value).__name__}")
 
 
 def _resolve(value: dict[Any, Any], arrays: memoryview) -> Any:

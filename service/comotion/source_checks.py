@@ -56,11 +56,8 @@ class _Record:
 class SourceChecks:
     """Follows the ids of every session number in a space.
 
-    Parameters
-    ----------
-    troubles
-        What is wrong is noted there, with a number that says how much: the instants that an id lasts, or the
-        share of features that jump (0: ended ids come back).
+    Troubles are noted with a number that says how much: the instants that an id lasts, or the share of
+    features that jump (0: ended ids come back).
     """
 
     def __init__(self, troubles: Troubles) -> None:

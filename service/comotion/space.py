@@ -42,19 +42,6 @@ class Space:
 
     States in different spaces are not comparable, so spaces share nothing but the id allocator.
 
-    Parameters
-    ----------
-    config
-        Parameters of the fusion.
-    spec
-        Name, unit and dimension.
-    method
-        Method for this space.
-    ids
-        Where new hypotheses get their ids.
-    stats, troubles
-        Counters of the fusion; what sources do wrong.
-
     Attributes
     ----------
     index
@@ -96,21 +83,10 @@ class Space:
         self.carrying = Carrying(spec.dim, spec.unit == "m", None if known is None else known.moving)
 
     def store(self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None) -> bool:
-        """Put instants into the window.
+        """Put released rows into the window, in event-time order; False if all are too far out.
 
-        Parameters
-        ----------
-        instants
-            Released rows, in event-time order.
-        allowance
-            Says how many of so many new trajectories may be opened; the rows of others are refused.
-        taken
-            bool [n], rows whose id stands for a feature elsewhere: they are refused.
-
-        Returns
-        -------
-        bool
-            False if all are too far out.
+        `allowance` says how many of so many new trajectories may be opened: the rows of others are refused.
+        So are those that are `taken`, bool [n], whose id stands for a feature elsewhere.
         """
         session, source, refused = instants.session, instants.batch.source, self._stats.refused_rows
         fits, fresh, ended = self._store(instants, allowance, taken)
@@ -223,16 +199,10 @@ class Space:
         return len(gone)
 
     def update(self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL) -> SpaceUpdate:
-        """Move the window to the watermark and group what is current.
+        """Move the window to the watermark and group what is current, as far as `effort` says.
 
-        Parameters
-        ----------
-        stamp_ns
-            The watermark.
-        timeout_ns
-            Gives the time without observation after which a trajectory of a session number is outdated.
-        effort
-            What to do and what to leave out.
+        `timeout_ns` gives the time without observation after which a trajectory of a session number is
+        outdated.
         """
         window = self._window
         self._evict(stamp_ns)

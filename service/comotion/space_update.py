@@ -1,7 +1,7 @@
 """What an update of one space comes to: its current trajectories, and their hypotheses."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from .arrays import Bools, Floats, Labels, Slots
 from .linking.linker import SpaceView
 from .trajectories.window import Ids
 
-_COLUMNS = ("sessions", "ids", "positions", "labels", "confidence")
 # Of what is in doubt.
 _MAX_CONFIDENCE = 0.5
 
@@ -53,7 +52,9 @@ class SpaceUpdate:
     def without_some(self, kept: Bools) -> Self:
         """The same again, without events, and with some of its trajectories: bool [n]."""
         view = replace(self.view, current=self.view.current[kept], labels=self.view.labels[kept])
-        columns = {name: getattr(self, name)[kept] for name in _COLUMNS}
+        columns: dict[str, Any] = {
+            name: one[kept] for name, one in vars(self).items() if isinstance(one, np.ndarray)
+        }
         return replace(self, **columns, events=[], view=view)
 
     def doubted(self, sessions: list[int]) -> Self:

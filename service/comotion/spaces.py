@@ -70,10 +70,6 @@ class Spaces:
                 space.fed_ns = at_ns
         self.at_ns = at_ns
 
-    def names(self) -> list[str]:
-        """Names, sorted."""
-        return sorted(self._spaces)
-
     def refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch does not fit in its space; None if it does, or the space can be released for it."""
         contradiction = self._contradiction(batch)

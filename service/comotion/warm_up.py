@@ -1,22 +1,28 @@
 """Imports and compiles all that a method needs: without this, the first updates would be late by as much.
 
-Compiling takes many seconds on the first start on a machine, and is kept on disk from then on.
+Made-up scenes compile it, those of each unit in a process of its own. That takes about half a minute on the
+first start on a machine; the result is kept on disk. What no scene needs is compiled where it is called.
 """
 
+import gc
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
 from comotion_schemas import ObservationBatch
 
+from .compiled import folder
 from .config import FusionConfig, Unit
 from .fusion import Fusion
-from .precompiling import compile_ahead, entries, kinds_of_method, load
 
-# Unit, dimension, features of a body and sources of every made-up scene. One has so many features that
+# By unit, dimension, features of a body and sources of every made-up scene. One has so many features that
 # the method chooses a subset of them; in one, some features have an orientation. With fewer features the
 # pixel method finds one group only, and never looks whether a trajectory belongs to another.
-SCENES: tuple[tuple[Unit, int, int, int], ...] = (("m", 3, 60, 2), ("m", 2, 10, 1), ("px", 2, 25, 1))
+SCENES: dict[Unit, list[tuple[int, int, int]]] = {"m": [(3, 60, 2), (2, 10, 1)], "px": [(2, 25, 1)]}
 _ORIENTED = 3
 _RATE_HZ = 15
 # More than the first columns of a window hold, and longer than the window here: what is done when
@@ -24,59 +30,100 @@ _RATE_HZ = 15
 _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
-_FEW_FRAMES = 12
-STEPS = len(SCENES) * (_FEW_FRAMES // _FRAMES_PER_UPDATE + 1) + len(entries()) + 1
-"""Most steps of :func:`prepare`."""
 _PIXELS_PER_METRE = 400.0
 # m; error of a second source's extrinsics, so that it is registered.
 _DISPLACED = 0.03
 _FIRST_STAMP_NS = 1_000_000_000_000
+# s between two looks at processes.
+_LOOK_S = 0.5
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
-    """Compile on every core what the disk has not, load it, and run through made-up scenes; yields each step.
+    """Compile what the disk has not, and run through made-up scenes; yields now and then.
 
     Parameters
     ----------
     config
         Parameters of the fusion that is about to start.
     """
-    kinds = kinds_of_method(config.method)
-    for _ in compile_ahead(kinds):
-        yield
-    load(kinds)
-    # Libraries prepare themselves at their first use.
-    for unit, dim, features, sources in SCENES:
-        yield from warm_up(config, unit, dim, features, sources, _FEW_FRAMES)
+    yield from compile_ahead(config.method, list(SCENES))
+    for unit in SCENES:
+        yield from warm_up(config, unit)
 
 
-def warm_up(
-    config: FusionConfig, unit: Unit, dim: int, features: int, sources: int, frames: int = _FRAMES
-) -> Iterator[None]:
-    """Run a separate fusion through a made-up scene; yields after each update.
+def compile_ahead(method: str, units: list[Unit]) -> Iterator[None]:
+    """Compile what scenes of some units need and the disk has not; yields twice a second meanwhile."""
+    kept = folder()
+    # A file says that the kernels of a method and unit are there.
+    marks = {} if kept is None else {unit: kept / f"{method}-{unit}.compiled" for unit in units}
+    processes: dict[Unit, subprocess.Popen[bytes]] = {}
+    try:
+        with suppress(OSError):  # where no process can be started, kernels are compiled where they are called
+            for unit in (unit for unit, mark in marks.items() if not mark.exists()):
+                processes[unit] = _start(method, unit)
+        for unit, process in processes.items():
+            while process.poll() is None:
+                yield
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(_LOOK_S)
+            if not process.returncode:
+                marks[unit].touch()
+    finally:
+        for process in processes.values():
+            process.kill()
+            process.wait()
 
-    Two bodies move in front of a third that rests, and every feature is replaced once.
+
+def _start(method: str, unit: Unit) -> "subprocess.Popen[bytes]":
+    """Start a process that compiles; it finds the modules of this one."""
+    command = [sys.executable, "-P", "-c", f"from {__name__} import _compile; _compile({method!r}, {unit!r})"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)  # noqa: S603
+
+
+def _compile(method: str, unit: Unit) -> None:
+    # The compiler makes many objects that stay: looking through them took a tenth of the time.
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 50)
+    for _ in warm_up(FusionConfig.model_validate({"method": method}), unit):
+        pass
+
+
+def warm_up(config: FusionConfig, unit: Unit) -> Iterator[None]:
+    """Run separate fusions through the made-up scenes of a unit; yields after each update.
+
+    In each scene two bodies move in front of a third that rests, and every feature is replaced once.
 
     Parameters
     ----------
     config
         Parameters of the fusion that is about to start.
-    unit, dim, features, sources
-        Of the scene; `features` are those of each body.
-    frames
-        Observations of every feature; with fewer than the default not every kernel runs.
+    unit
+        Unit of the spaces.
     """
-    fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
+    for dim, features, sources in SCENES[unit]:
+        fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
+        for frame, batches in enumerate(_batches(unit, dim, features, sources)):
+            for batch in batches:
+                fusion.ingest(batch)
+            # Once so soon after the last update that a method may hold what it has found.
+            if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1 or frame == _FRAMES - _FRAMES_PER_UPDATE:
+                fusion.update(batch.stamp_ns)
+                yield
+
+
+def _batches(unit: Unit, dim: int, features: int, sources: int) -> Iterator[list[ObservationBatch]]:
+    """What the sources of a scene see at each frame."""
     rng = np.random.default_rng(1)
     bodies, scale = rng.uniform(-0.3, 0.3, (3, features, dim)), _PIXELS_PER_METRE if unit == "px" else 1.0
-    for frame in range(frames):
+    for frame in range(_FRAMES):
         positions = bodies.copy()
         for body, way in ((1, 1.0), (2, -1.0)):
             sine, cosine = np.sin(way * 0.05 * frame), np.cos(way * 0.05 * frame)
             turned = positions[body, :, :2] @ np.array([[cosine, sine], [-sine, cosine]])
             positions[body, :, :2] = turned + np.array([way * (0.6 - 0.02 * frame), 0.4])
         positions += rng.normal(0, 0.002, bodies.shape)
-        stamp_ns = _FIRST_STAMP_NS + frame * 1_000_000_000 // _RATE_HZ
+        batches = []
         for source in range(sources):
             seen = positions[:, source::sources].reshape(-1, dim) + source * _DISPLACED
             # Every feature is replaced once, body by body at different times.
@@ -84,20 +131,18 @@ def warm_up(
             ids += len(ids) * ((frame + ids) // _FRAMES)
             quaternions = np.full((len(seen), 4), np.nan, np.float32)
             quaternions[:_ORIENTED] = [0, 0, 0, 1]
-            batch = ObservationBatch(
-                source=f"warm-up-{source}",
-                session="0" * 16,
-                seq=frame,
-                space=unit,
-                unit=unit,
-                dim=dim,
-                stamp_ns=stamp_ns,
-                ids=ids,
-                positions=(scale * seen).astype(np.float32),
-                quaternions=quaternions if source else None,
+            batches.append(
+                ObservationBatch(
+                    source=f"warm-up-{source}",
+                    session="0" * 16,
+                    seq=frame,
+                    space=unit,
+                    unit=unit,
+                    dim=dim,
+                    stamp_ns=_FIRST_STAMP_NS + frame * 1_000_000_000 // _RATE_HZ,
+                    ids=ids,
+                    positions=(scale * seen).astype(np.float32),
+                    quaternions=quaternions if source else None,
+                )
             )
-            fusion.ingest(batch)
-        # Once so soon after the last update that a method may hold what it has found.
-        if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1 or frame == frames - _FRAMES_PER_UPDATE:
-            fusion.update(stamp_ns)
-            yield
+        yield batches

@@ -7,10 +7,8 @@ import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
-from comotion.runtime.intake import Intake
+from comotion.runtime.intake import Intake, Statuses, Tokens
 from comotion.runtime.queues import IDLE_NS, OTHERS
-from comotion.runtime.statuses import Statuses
-from comotion.runtime.tokens import Tokens
 from comotion_schemas import Keys, encode
 from comotion_schemas.transport import stream_publisher
 
@@ -151,7 +149,7 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
 
     def awaited(name, newest, count):
         waiting = reader.intake.queues.of[name].waiting
-        until(lambda: waiting and waiting[-1].content == newest and len(waiting) == count)
+        until(lambda: waiting and waiting[-1][1] == newest and len(waiting) == count)
 
     for seq in range(1, 301):
         fast.put(payload("fast", seq))

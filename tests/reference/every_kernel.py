@@ -11,7 +11,7 @@ from comotion_experiments.inputs import Arrived
 from comotion_schemas import encode
 
 from ..comotion_tools.bench.scene import SceneSpec, messages
-from ..comotion_tools.kernel_list import kernels
+from ..comotion_tools.kernels import kernels
 
 # Of so many features in metres the default method searches a subset.
 SCENES = {

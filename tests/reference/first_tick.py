@@ -15,7 +15,7 @@ from comotion.warm_up import prepare
 from comotion_schemas import encode
 
 from ..builders import MS, T0, batch
-from ..comotion_tools.kernel_list import kernels
+from ..comotion_tools.kernels import kernels
 
 FRAMES, RATE_MS = 75, 40
 CAMERA = Camera(

@@ -15,8 +15,8 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import comotion
-from comotion import compiled, precompiling
-from comotion.precompiling import compile_ahead, entries, load
+from comotion import compiled, warm_up
+from comotion.warm_up import compile_ahead
 
 INNER = """
 from ..compiled import compiled
@@ -142,68 +142,26 @@ def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover():
     assert found > 50
 
 
-# What a first call needs, less what was listed.
-LEFT = """
-import numpy as np, comotion
-from comotion import precompiling
-from comotion_tools.kernel_list import kernels, spelled
-rng = np.random.default_rng(0)
-times = np.arange(60) / 30
-box, floor = rng.uniform(-.2, .2, (15, 3)), rng.uniform(-1, 1, (15, 3))
-turned = np.array([[[np.cos(t), -np.sin(t), 0], [np.sin(t), np.cos(t), 0], [0, 0, 1]] for t in times])
-moved = np.concatenate([box @ turned, np.repeat(floor[None], 60, 0)], axis=1)
-precompiling.compile_ahead = lambda kinds: ()
-comotion.group(moved + rng.normal(0, .001, moved.shape), times)
-listed = {(kernel, types) for kernel, types, kinds in precompiling.entries() if "comotion m3" in kinds}
-for name, one in kernels().items():
-    for signature in one.signatures:
-        text = spelled(tuple(signature))
-        if text and (name, text) not in listed:
-            print(name, text)
-"""
-TESTS = Path(__file__).parents[1]
-
-
-def test_a_first_group_needs_little_that_is_not_listed():
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS), *filter(None, sys.path)])}
-    command = [sys.executable, "-c", LEFT]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    # `make schemas` lists anew what kernels that have changed need.
-    assert len(done.stdout.splitlines()) < 6, done.stdout
-
-
 @pytest.fixture
-def two_tasks(monkeypatch, tmp_path):
-    """A list of two kernels, and an empty folder for what is compiled."""
-    first = {kernel.partition(":")[2]: (kernel, text, ["few"]) for kernel, text, _ in reversed(entries())}
-    chosen = [first["append"], first["count_older"]]
-    monkeypatch.setattr(precompiling, "entries", lambda: chosen)
-    monkeypatch.setattr(precompiling, "folder", lambda: tmp_path)
-    monkeypatch.setattr(precompiling, "_WORTH_PROCESSES", 1)
-    return chosen
+def quick(monkeypatch, tmp_path):
+    """An empty folder for what is compiled, and scenes that take no time."""
+    monkeypatch.setattr(warm_up, "folder", lambda: tmp_path)
+    command = [sys.executable, "-c", "pass"]
+    monkeypatch.setattr(warm_up, "_start", lambda method, unit: subprocess.Popen(command))
+    return command
+
+
+def test_what_processes_have_compiled_is_compiled_once(quick):
+    assert list(compile_ahead("comotion", ["m", "px"]))
+    assert list(compile_ahead("comotion", ["m", "px"])) == []
+    assert list(compile_ahead("thesis", ["m"]))
 
 
 @pytest.mark.parametrize("python", ["/bin/false", "/missing"])
 def test_where_processes_die_or_do_not_start_kernels_are_compiled_where_they_are_called(
-    monkeypatch, two_tasks, python
+    quick, python, tmp_path
 ):
-    monkeypatch.setattr(sys, "executable", python)
-    assert list(compile_ahead(["few"])) == [(0, 2)]
-    assert list(compile_ahead(["few"])) == [(0, 2)]
-
-
-def test_processes_compile_what_is_missing_once(two_tasks):
-    assert list(compile_ahead(["few"])) == [(0, 2), (1, 2), (2, 2)]
-    assert list(compile_ahead(["few"])) == []
-    load(["few"])
-
-
-def test_a_list_of_other_sources_is_no_error(monkeypatch, two_tasks):
-    stale = [
-        ("comotion.gone:kernel", '["int64"]', ["few"]),
-        ("comotion.trajectories.kernels:gone", '["int64"]', ["few"]),
-        ("comotion.trajectories.kernels:append", '[["comotion.gone:Arrays", "int64"]]', ["few"]),
-    ]
-    monkeypatch.setattr(precompiling, "entries", lambda: stale)
-    assert list(compile_ahead(["few"])) != []
-    load(["few"])
+    quick[0] = python
+    for _ in compile_ahead("comotion", ["m"]):
+        pass
+    assert not list(tmp_path.iterdir())

@@ -12,11 +12,10 @@ import pytest
 
 from comotion import Fusion, FusionConfig, SourceHealth
 from comotion.event_time.stats import Stats
-from comotion.runtime.clocks import EventClock, WallClock
+from comotion.runtime.clocks import EventClock, Ticker, WallClock
 from comotion.runtime.health import Health, Watchdog
 from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
 from comotion.runtime.state_keeper import StateKeeper
-from comotion.runtime.ticker import Ticker
 from comotion.snapshot import Header
 from comotion_schemas import ObservationBatch
 from comotion_schemas.component import StatusFields

@@ -1,6 +1,6 @@
 """Every parameter of the fusion, nested by method, with unit, default and bounds."""
 
-from .fusion import FusionConfig, Method, to_ns
+from .fusion import FusionConfig, Method, put, read_config, to_ns
 from .groups import (
     Camera,
     Clustering,
@@ -14,7 +14,6 @@ from .groups import (
     ThesisConfig,
     Unit,
 )
-from .reading import put, read_config
 
 __all__ = [
     "Camera",

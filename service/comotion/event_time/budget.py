@@ -32,18 +32,15 @@ class Budget:
 
     Attributes
     ----------
-    share
-        Share of time that may be spent.
+    share, whole
+        Share of time that may be spent, alone and with all else that the clock has measured since the last
+        round.
     period_ns
         The time for which at most a round may make up, ns.
     clock
         Measures costs; None: nothing is limited.
-    whole
-        Share of time that may be spent with all else that the clock has measured since the last round.
-    share_ns
-        What everyone has of a round like this one if nothing else takes time, ns.
-    cost_ns
-        What was charged last, ns.
+    share_ns, cost_ns
+        What everyone has of a round like this one if nothing else takes time, and what was charged last, ns.
     """
 
     share: float

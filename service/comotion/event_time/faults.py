@@ -20,16 +20,8 @@ _MAX_TRACE = 8000
 class Fault:
     """One error of the service itself.
 
-    Attributes
-    ----------
-    what
-        What the service was doing.
-    error
-        The exception, one line.
-    trace
-        Its trace.
-    source
-        Whose batch it was; None where it concerns a whole space.
+    `what` the service was doing, the exception in one line and its trace, and the source whose batch it was:
+    None where it concerns a whole space.
     """
 
     what: str
@@ -39,13 +31,7 @@ class Fault:
 
 
 class Faults:
-    """Collects the faults of a fusion.
-
-    Parameters
-    ----------
-    stats
-        Where they are counted.
-    """
+    """Collects the faults of a fusion, and counts them."""
 
     def __init__(self, stats: Stats) -> None:
         self._stats = stats

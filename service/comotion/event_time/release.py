@@ -61,16 +61,8 @@ class Load:
 class Release:
     """The batches that wait, and the numbers of the sessions whose instants have come out.
 
-    Parameters
-    ----------
-    sources
-        The sources; whose session is over is read there.
-    settle
-        Learns what became of a batch once all its instants have come out.
-    budget
-        Who may have instants released; charged with what they cost.
-    troubles
-        Whose instants were dropped because of what they cost is noted there.
+    `settle` learns what became of a batch once all its instants have come out. The budget says who may have
+    instants released, and is charged with what they cost.
 
     Attributes
     ----------

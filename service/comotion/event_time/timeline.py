@@ -30,28 +30,16 @@ _ROUNDS = 3
 
 
 class Timeline:
-    """Event time of one scene, as the rules say.
-
-    Parameters
-    ----------
-    config
-        `window`, `allowed_lateness`, `max_lag`, `source_timeout`, `track_timeout`, `period` and `limits` are
-        used.
-    stats, faults
-        Where batches, and errors of the service itself, are counted.
+    """Event time of one scene, as the rules say; batches, and errors of the service itself, are counted.
 
     Attributes
     ----------
     watermark_ns
         W on the time scale of the scene, nanoseconds; None until a source has set it.
-    sources
-        The sources.
     at_ns
         The clock of arrivals at the last :meth:`advance`.
-    ledger
-        The accounts.
-    steps
-        The time scale of the scene.
+    sources, ledger, steps
+        The sources, the accounts, and the time scale of the scene.
     budget
         What instants may cost, by source.
     sessions
@@ -108,14 +96,8 @@ class Timeline:
     def advance(self, now_ns: int, at_ns: int | None, store: Store, end: End) -> None:
         """Judge what has come in, move the watermark, and release what it has passed, in event-time order.
 
-        Parameters
-        ----------
-        now_ns
-            The caller's clock, nanoseconds since the Unix epoch.
-        at_ns
-            A clock that is never set, in ns; None: `now_ns`.
-        store, end
-            Called with instants, and with the number of a session that is over.
+        `now_ns` is the caller's clock, nanoseconds since the Unix epoch, and `at_ns` one that is never set
+        (None: `now_ns`). `store` is called with instants, `end` with the number of a session that is over.
         """
         self.at_ns = self.troubles.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from comotion_schemas import ObservationBatch
 from comotion_schemas.doubts import doubts
 from comotion_schemas.errors import KnownError
 from comotion_schemas.rows import check_space
@@ -58,6 +59,21 @@ def config_of(config: FusionConfig | Mapping[str, Any] | None, parameters: Param
         return config
     given = {name: getattr(config, name) for name in config.model_fields_set}
     return read_config({**given, **parameters})
+
+
+def batch_of(
+    source: str,
+    seq: int,
+    unit: Unit,
+    stamp_ns: int,
+    ids: NDArray[np.uint64],
+    positions: NDArray[np.float32],
+    **columns: Any,
+) -> ObservationBatch:
+    """What a source sees at one instant, as a batch of the only space of the library."""
+    where: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
+    who: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
+    return ObservationBatch(**who, **where, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)
 
 
 def longest_step_s(config: FusionConfig) -> float:

@@ -23,6 +23,7 @@ from .compiling import compile_ahead
 from .given import (
     DEFAULT,
     Parameters,
+    batch_of,
     checked,
     config_of,
     longest_step_s,
@@ -32,7 +33,6 @@ from .given import (
 )
 from .results import Grouping
 
-_SESSION = "0" * 16
 # Updates in a time without data: so many after it begins, and as many before it ends.
 _GAP_UPDATES = 10
 
@@ -95,8 +95,7 @@ def group(
     seconds = {name: clock for name, (_, clock) in arrays.items()}
     origin = one_clock(seconds)
     say_doubts(states, chosen)
-    dim = max(one.shape[2] for one in states.values())
-    compile_ahead(used.method, chosen, dim, len(states))
+    compile_ahead(used.method, chosen, max(one.shape[2] for one in states.values()))
     updates = list(_updates(_batches(arrays, chosen, origin), used))
     labels = {name: _labels(name, *arrays[name], origin, updates) for name in arrays}
     return Grouping(labels, updates, states, seconds, chosen)
@@ -106,10 +105,8 @@ def _batches(
     arrays: Mapping[str, tuple[Floats, Floats]], unit: Unit, origin: float
 ) -> list[ObservationBatch]:
     """All instants as batches, in time order; at equal times in the order of the sources."""
-    return sorted(
-        (batch for name, one in arrays.items() for batch in _of_source(name, *one, unit, origin)),
-        key=lambda batch: batch.stamp_ns,
-    )
+    given = (batch for name, one in arrays.items() for batch in _of_source(name, *one, unit, origin))
+    return sorted(given, key=lambda batch: batch.stamp_ns)
 
 
 def _of_source(
@@ -120,19 +117,9 @@ def _of_source(
     # A feature ends after its last observation.
     last = np.where(seen.any(axis=0), len(states) - 1 - np.argmax(seen[::-1], axis=0), -2)
     for k, t in enumerate((times - origin).tolist()):
-        ended = ids[last == k - 1]
-        yield ObservationBatch(
-            source=name,
-            session=_SESSION,
-            seq=k,
-            space="scene",
-            unit=unit,
-            dim=states.shape[2],
-            stamp_ns=round(t * 1e9),
-            ids=ids[seen[k]],
-            positions=states[k, seen[k]].astype(np.float32),
-            ended=ended if ended.size else None,
-        )
+        ended, positions = ids[last == k - 1], states[k, seen[k]].astype(np.float32)
+        ending = ended if ended.size else None
+        yield batch_of(name, k, unit, round(t * 1e9), ids[seen[k]], positions, ended=ending)
 
 
 def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Iterator[HypothesisUpdate]:

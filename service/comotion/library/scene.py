@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
-from comotion_schemas import HypothesisUpdate, ObservationBatch
+from comotion_schemas import HypothesisUpdate
 from comotion_schemas.doubts import coarse
 from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.rows import Rows, check_space, usable_rows
@@ -24,9 +24,8 @@ from ..config import FusionConfig, to_ns
 from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
-from .given import Parameters, config_of, longest_step_s
+from .given import Parameters, batch_of, config_of, longest_step_s
 
-_SESSION = "0" * 16
 # First times of a source by which its unit is judged, and updates that an iteration may come late for.
 _JUDGED, _MOST_UPDATES = 4, 100
 
@@ -204,8 +203,7 @@ class Scene:
         return stamp_ns
 
     def _ingest(self, source: str, stamp_ns: int, rows: Rows) -> None:
-        seq = self._seq.get(source, 0)
-        positions = rows.positions
+        seq, positions = self._seq.get(source, 0), rows.positions
         if self._dim is None and len(positions):
             check_space(self._unit, positions.shape[1])
             self._dim = positions.shape[1]
@@ -217,17 +215,5 @@ class Scene:
             raise KnownError(f"positions have {positions.shape[1]} coordinates, those before had {dim}")
         if not is_name(str(source)):
             raise KnownError(f"source {source!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
-        batch = ObservationBatch(
-            source=source,
-            session=_SESSION,
-            seq=seq,
-            space="scene",
-            unit=self._unit,
-            dim=dim,
-            stamp_ns=stamp_ns,
-            ids=rows.ids,
-            positions=positions,
-            sigma=rows.sigma,
-        )
-        self.fusion.ingest(batch)
+        self.fusion.ingest(batch_of(source, seq, self._unit, stamp_ns, rows.ids, positions, sigma=rows.sigma))
         self._seq[source] = seq + 1

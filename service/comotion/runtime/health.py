@@ -53,22 +53,11 @@ class Health:
         notes: list[str],
         noticed: Mapping[ProblemKind, Mapping[str, Any]] | None = None,
     ) -> StatusFields:
-        """Assemble the fields of the Status.
+        """Assemble the fields of the Status, at a time on the monotonic clock.
 
-        Parameters
-        ----------
-        monotonic_ns
-            Now, on the monotonic clock.
-        intake
-            What it has received, which sources are present, and what it has refused last are told.
-        sources
-            Health of every source that has sent data.
-        stats
-            Counters of the fusion.
-        notes
-            Further troubles, in words.
-        noticed
-            Problems that the core has noticed: by kind, the sources and what shows it.
+        Told are what the intake has received, which sources are present and what it has refused last, the
+        health of every source that has sent data, the counters, further troubles in words (`notes`), and what
+        the core has noticed, by kind, the sources and what shows it.
         """
         present, counters, rejected = intake.present, stats.counters(), dict(stats.rejected)
         self._samples.append(_Sample(monotonic_ns, dict(intake.received), counters, rejected))

@@ -1,20 +1,43 @@
-"""Decodes and checks observation batches in turn; each source has a share of the time."""
+"""What the service takes in of its sources: batches, Statuses, and whether their processes are there.
+
+Batches are decoded and checked in turns; each source has a share of the time.
+
+A Status is believed about the component of its own key alone. Of a storm of them each component's newest is
+read, twice a second at most, and some in a turn of the loop: what one component sends costs nobody else.
+
+Of each known source, its liveliness token is asked for: the service has no wildcard for tokens, neither a
+subscription nor a query. Nothing limits how many a source declares, and when it leaves, a router goes through
+all matches of a wildcard for each one of them.
+"""
 
 import logging
+import threading
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
+from typing import Any
 
 import zenoh
+from zenoh.handlers import Callback
 
-from comotion_schemas import DecodeError, Keys, ObservationBatch, decode_as
+from comotion_schemas import DecodeError, Keys, ObservationBatch, Status, decode_as
+from comotion_schemas.keys import last_chunk
+from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Ledger
 from .log_limit import LogLimit
 from .queues import OTHERS, Payload, Queues
-from .statuses import Statuses
-from .tokens import Tokens
 
+# Between two queries of one token, at least; and queries without an answer.
+_ASK_AGAIN_NS, _ASKED_AT_ONCE = 1_000_000_000, 4
+_TIMEOUT_S = 5.0
+# Statuses between Zenoh and the thread; and the time between two of one component that are read.
+_RING, _READ_AGAIN_NS = 1024, 500_000_000
+# Statuses read in one turn of the loop: a millisecond of work.
+_READ_AT_ONCE = 16
+# That of a service with a thousand sources is as large.
+_MOST_BYTES = 256 * 1024
 _log = logging.getLogger(__name__)
 
 
@@ -55,13 +78,8 @@ class Intake:
     def receive(self, monotonic_ns: int, budget_ns: int = 2**62) -> Iterator[ObservationBatch]:
         """Yield valid batches that have arrived: of each source in the order of arrival, in turns.
 
-        Parameters
-        ----------
-        monotonic_ns
-            Now, on the monotonic clock.
-        budget_ns
-            For reading and whatever the caller does with a batch. Beyond it, a source that has had its share
-            waits for the next call; any source may have one batch read.
+        The budget is for reading and whatever the caller does with a batch. Beyond it, a source that has had
+        its share waits for the next call; any source may have one batch read.
         """
         self.tokens.look(monotonic_ns, self._known)
         active = self.queues.active()
@@ -121,3 +139,110 @@ class Intake:
             self._ledger.overlooked(known, 1)
         self.rejection = f"obs/{name}: {error}"
         self._limit.log(_log, logging.WARNING, "rejected a batch on obs/%s: %s", name[:64], error)
+
+
+class Statuses:
+    """The subscription; a thread keeps the newest of each of so many components, with its time of arrival.
+
+    `refused` counts those of another component than that of the key, those that are no Status, and those of
+    more components than are remembered.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
+        self.refused = 0
+        self._most = most
+        self._lock = threading.Lock()
+        self._unread: dict[str, tuple[bytes, float]] = {}
+        self._read_ns: dict[str, int] = {}
+        self._sources: set[str] = set()
+        self._limit = LogLimit(5, 60.0)
+        self._receiver = Receiver(session, keys.streams("status"), "status", _RING, self._add)
+
+    def close(self) -> None:
+        """Stop receiving."""
+        self._receiver.close()
+
+    def read(self) -> list[tuple[Status, float]]:
+        """Statuses that are due, each with the time of its arrival by this machine's wall clock, s."""
+        now = time.monotonic_ns()
+        self._read_ns = {name: at for name, at in self._read_ns.items() if now - at < _READ_AGAIN_NS}
+        with self._lock:
+            names = [name for name in self._unread if name not in self._read_ns][:_READ_AT_ONCE]
+            due = [(name, *self._unread.pop(name)) for name in names]
+        self._read_ns |= dict.fromkeys(names, now)
+        decoded = ((self._decode(name, content), arrived_s) for name, content, arrived_s in due)
+        found = [(status, arrived_s) for status, arrived_s in decoded if status is not None]
+        self._sources.update(status.component for status, _ in found if status.role == "source")
+        return found
+
+    def take_sources(self) -> set[str]:
+        """Names of the sources of which a Status was read since the last call."""
+        sources, self._sources = self._sources, set()
+        return sources
+
+    def _add(self, key: str, content: bytes) -> None:
+        """Keep the newest of a component; called in the thread."""
+        name = last_chunk(key)
+        with self._lock:
+            if name in self._unread or (len(self._unread) < self._most and is_name(name)):
+                self._unread[name] = content, time.time()
+            else:
+                self.refused += 1
+
+    def _decode(self, name: str, content: bytes) -> Status | None:
+        try:
+            if len(content) > _MOST_BYTES:
+                raise DecodeError("too-large", f"{len(content)} bytes")
+            status = decode_as(Status, content)
+            if status.component != name:
+                raise DecodeError("source-mismatch", f"it is about {status.component!r}")
+        except DecodeError as error:
+            self.refused += 1
+            self._limit.log(_log, logging.WARNING, "refused a Status on status/%s: %s", name, error)
+            return None
+        return status
+
+
+class Tokens:
+    """Presence of sources, of so many names at most.
+
+    `present` are the names whose token is there, and since when in monotonic ns.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
+        self._session, self._keys, self._most = session, keys, most
+        self._limit = LogLimit(20, 10.0)
+        self._due_ns = self._asked = 0
+        self._turn: list[str] = []
+        # Names, and whether their token is there; None: no router has said. Zenoh's threads add to it.
+        self._answers: deque[tuple[str, bool | None]] = deque()
+        self.present: dict[str, int] = {}
+
+    def look(self, monotonic_ns: int, known: Callable[[], Collection[str]]) -> None:
+        """Take in answers, and query some tokens: each second those of all names that are known by then."""
+        while self._answers:
+            self._asked -= 1
+            self._take_in(*self._answers.popleft(), monotonic_ns)
+        if not self._turn and monotonic_ns >= self._due_ns:
+            self._due_ns = monotonic_ns + _ASK_AGAIN_NS
+            self._turn = sorted(self.present.keys() | known(), reverse=True)
+        while self._turn and self._asked < _ASKED_AT_ONCE:
+            self._asked += 1
+            self._ask(self._turn.pop())
+
+    def _ask(self, name: str) -> None:
+        replies: list[bool] = []
+
+        def answered() -> None:
+            self._answers.append((name, None if False in replies else bool(replies)))
+
+        query: Any = Callback(lambda reply: replies.append(reply.ok is not None), answered)
+        self._session.liveliness().get(self._keys.live("source", name), query, timeout=_TIMEOUT_S)
+
+    def _take_in(self, name: str, there: bool | None, monotonic_ns: int) -> None:
+        if there and name not in self.present and len(self.present) < self._most:
+            self.present[name] = monotonic_ns
+            self._limit.log(_log, logging.INFO, "source %s is here", name)
+        elif there is False and name in self.present:
+            del self.present[name]
+            self._limit.log(_log, logging.INFO, "source %s has left", name)

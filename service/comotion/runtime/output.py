@@ -6,7 +6,7 @@ A standby (:mod:`.standby`) computes the same updates and keeps them to itself.
 import logging
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.component import Component
@@ -20,35 +20,24 @@ from .standby import Election
 _log = logging.getLogger(__name__)
 
 
+@dataclass
 class Output:
     """The publisher and the queryables of a service, declared while it speaks for its scene.
 
     A service that has fallen silent undeclares its publisher: its cache would give its last update to late
-    joiners.
-
-    Parameters
-    ----------
-    component
-        The open component.
-    leadership
-        Whether this service speaks.
-    handlers
-        Of the queries.
+    joiners. `leadership` says whether this service speaks.
     """
 
-    def __init__(
-        self, component: Component, leadership: Presence | Election, handlers: Mapping[QueryName, Handler]
-    ) -> None:
-        self._component = component
-        self._leadership = leadership
-        self._handlers = handlers
-        self._epoch: int | None = None
-        self._publisher: Publisher | None = None
-        self._queryables: Queryables | None = None
+    component: Component
+    leadership: Presence | Election
+    handlers: Mapping[QueryName, Handler]
+    _epoch: int | None = None
+    _publisher: Publisher | None = None
+    _queryables: Queryables | None = None
 
     def publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """Publish an update with the time of its publication; returns what was, or would have been."""
-        epoch = self._leadership.epoch
+        epoch = self.leadership.epoch
         if epoch != self._epoch:
             self._switch(epoch)
         update = replace(update, published_ns=time.time_ns(), epoch=epoch or 0)
@@ -62,21 +51,18 @@ class Output:
             self._queryables.answer(budget_ns)
 
     def _switch(self, epoch: int | None) -> None:
-        scene = self._component.keys.scene
+        scene = self.component.keys.scene
         if epoch is None:
-            if isinstance(self._leadership, Election):
+            if isinstance(self.leadership, Election):
                 _log.warning("another service may speak for scene %r: this one is a standby now", scene)
-            self._close()
+            if self._publisher is not None and self._queryables is not None:
+                self._publisher.undeclare()
+                self._queryables.close()
+            self._publisher = self._queryables = None
         elif self._publisher is None:
             if epoch:
                 _log.warning("this service speaks for scene %r now, epoch %d", scene, epoch)
-            keys, session = self._component.keys, self._component.session
+            keys, session = self.component.keys, self.component.session
             self._publisher = declare_publisher(session, keys.hypotheses, "hypotheses")
-            self._queryables = Queryables(session, keys, self._handlers)
+            self._queryables = Queryables(session, keys, self.handlers)
         self._epoch = epoch
-
-    def _close(self) -> None:
-        if self._publisher is not None and self._queryables is not None:
-            self._publisher.undeclare()
-            self._queryables.close()
-        self._publisher = self._queryables = None

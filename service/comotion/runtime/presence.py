@@ -84,14 +84,9 @@ class _Activity(NamedTuple):
 
 
 class Presence:
-    """Claims the scene of a component that stands alone; a context manager.
+    """Claims the scene of a component that stands alone and has declared no token; a context manager.
 
     `epoch` is 0 while the service may publish and None while it must not.
-
-    Parameters
-    ----------
-    component
-        The open component, which has declared no token.
     """
 
     def __init__(self, component: Component) -> None:
@@ -115,23 +110,14 @@ class Presence:
 
     @property
     def epoch(self) -> int | None:
-        """0 while the service speaks, None while it is silent; looks at the tokens first.
-
-        Raises
-        ------
-        SceneTakenError
-            If it has to yield.
-        """
+        """0 while the service speaks, None while it is silent; looks at the tokens first, and may yield."""
         self.look(time.monotonic_ns())
         return None if self._speaks_ns is None or self._looked_ns < self._speaks_ns else 0
 
     def __enter__(self) -> Self:
         """Wait for the tokens of services that are gone to vanish, then claim the scene.
 
-        Raises
-        ------
-        SceneTakenError
-            If another service has it.
+        Raises SceneTakenError if another service has it.
         """
         deadline = time.monotonic() + _PATIENCE_S
         for reply in self._component.session.liveliness().get(self._component.keys.all_live("service")):
@@ -153,14 +139,13 @@ class Presence:
     def require(self) -> None:
         """Check the claim right before the first update.
 
-        Raises
-        ------
-        SceneTakenError
-            If a service that has started at the same time has the older claim.
+        Raises SceneTakenError if a service that has started at the same time has the older claim.
         """
         deadline = time.monotonic() + _START_S
         self._drain()
-        while any(map(self._is_starting, self._older())) and time.monotonic() < deadline:
+        while time.monotonic() < deadline and any(
+            abs(time.time_ns() - other.since_ns) < _STARTING_NS for other in self._older()
+        ):
             if self._component.stop.wait(_POLL_S):
                 return
             self._drain()
@@ -171,13 +156,7 @@ class Presence:
         self._used_ns = time.process_time_ns()
 
     def look(self, monotonic_ns: int) -> None:
-        """Take in the tokens of others; called at every turn of the loop.
-
-        Raises
-        ------
-        SceneTakenError
-            If this service has to yield.
-        """
+        """Take in the tokens of others, at every turn of the loop; raises SceneTakenError where it yields."""
         was_ns, self._looked_ns = self._looked_ns, monotonic_ns
         if self._was_cut_off(monotonic_ns - was_ns, monotonic_ns):
             _log.warning("this service was cut off: it looks whether another one has its scene")
@@ -188,8 +167,12 @@ class Presence:
             self._speaks_ns = monotonic_ns + _SETTLE_NS
         elif self._own is None:
             self._return(monotonic_ns)
-        else:
-            self._defend(monotonic_ns)
+        elif (older := next(filter(self._speaks, self._older()), None)) is None:
+            self._older_ns = None
+        elif self._older_ns is None:
+            self._older_ns = monotonic_ns
+        elif monotonic_ns - self._older_ns > _SETTLE_NS:
+            raise self._taken(older)
 
     def _was_cut_off(self, gap_ns: int, monotonic_ns: int) -> bool:
         """Whether its token may have vanished meanwhile; `gap_ns` is the time since the last look."""
@@ -210,21 +193,9 @@ class Presence:
             _log.info("no other service speaks for the scene: this one goes on")
             self._claim()
 
-    def _defend(self, monotonic_ns: int) -> None:
-        older = next(filter(self._speaks, self._older()), None)
-        if older is None:
-            self._older_ns = None
-        elif self._older_ns is None:
-            self._older_ns = monotonic_ns
-        elif monotonic_ns - self._older_ns > _SETTLE_NS:
-            raise self._taken(older)
-
     def _older(self) -> Iterator[Claim]:
         own = self._own
         return (other for other in sorted(self._others.values()) if own is not None and other < own)
-
-    def _is_starting(self, other: Claim) -> bool:
-        return abs(time.time_ns() - other.since_ns) < _STARTING_NS
 
     def _speaks(self, other: Claim) -> bool:
         """Whether updates come of another service, one newer than the other."""

@@ -35,7 +35,7 @@ from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Keys, Status, enc
 from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 
-from ..fusion import AffinitySnapshot, Fusion
+from ..fusion import Fusion
 
 AFFINITY_SCHEMA = "comotion.Affinity/1"
 _AFFINITY_ENCODING = f"application/msgpack;{AFFINITY_SCHEMA}"
@@ -110,17 +110,7 @@ def handlers(
     last_update: Callable[[], HypothesisUpdate],
     status: Callable[[], Status],
 ) -> dict[QueryName, Handler]:
-    """Build the handler of every queryable.
-
-    Parameters
-    ----------
-    fusion
-        The running fusion.
-    last_update
-        Returns the update published last.
-    status
-        Returns the Status as of now.
-    """
+    """Build the handler of every queryable, from the update published last and the Status as of now."""
     answers: dict[QueryName, Handler] = {
         "snapshot": lambda _: (encode(last_update()), QOS["hypotheses"].encoding),
         "status": lambda _: (encode(status()), QOS["status"].encoding),
@@ -178,10 +168,7 @@ def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
     rows = known[space]
     if 4 * rows * rows > MAX_BYTES:
         raise QueryError(f"the affinities of {rows} trajectories exceed the limit of {MAX_BYTES} bytes")
-    return _pack_affinity(fusion.affinity(space), space, stamp_ns)
-
-
-def _pack_affinity(snapshot: AffinitySnapshot, space: str, stamp_ns: int) -> bytes:
+    snapshot = fusion.affinity(space)
     index: dict[tuple[str, str], int] = {}
     owners = [index.setdefault((source, session), len(index)) for source, session, _ in snapshot.tracks]
     content: dict[str, Any] = {

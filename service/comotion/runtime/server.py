@@ -25,7 +25,7 @@ from comotion_schemas.transport import SessionSettings
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from ..warm_up import prepare
-from .clocks import ClockName, EventClock, WallClock
+from .clocks import ClockName, EventClock, HeadStart, Ticker, WallClock
 from .health import Watchdog
 from .housekeeping import Housekeeping
 from .intake import Intake
@@ -39,7 +39,6 @@ from .standby import DEFAULT_LEASE_S, Election, Etcd
 from .standby.follower import Follower
 from .state_file import begin_afresh, load_fusion
 from .state_keeper import StateKeeper
-from .ticker import HeadStart, Ticker
 
 DEFAULT_NAME = "fusion"
 # The loop looks for new data at least this often: often enough that little is left at the deadline.

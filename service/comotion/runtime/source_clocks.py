@@ -38,16 +38,9 @@ class _Source:
 
 
 class SourceClocks:
-    """Follows the clocks of the sources of a scene.
+    """Follows the clocks of the sources of a scene; `correct` says whether :meth:`correct` shifts stamps.
 
     `steps` counts how often one was set while it was followed.
-
-    Parameters
-    ----------
-    component
-        The open component.
-    correct
-        Whether :meth:`correct` shifts the stamps of batches to the service's clock.
     """
 
     def __init__(self, component: Component, *, correct: bool) -> None:

@@ -33,15 +33,10 @@ _log = logging.getLogger(__name__)
 
 
 def default_path(scene: str, endpoints: Iterable[str]) -> Path:
-    """Where the state of a scene is kept unless an option says otherwise.
+    """Where the state of a scene, or of a replica of it, is kept unless an option says otherwise.
 
-    Parameters
-    ----------
-    scene
-        Name of the scene, and of the replica where there are several.
-    endpoints
-        Endpoints of its network unless they are the default ones: scenes of the same name in different
-        networks are different scenes.
+    Scenes of the same name in different networks are different scenes: the endpoints count unless they are
+    the default ones.
     """
     root = os.environ.get("XDG_STATE_HOME", "")
     # The specification of base directories has relative paths ignored.

@@ -20,21 +20,8 @@ class StateKeeper:
 
     The state is taken at an interval, and at once when the set of hypotheses has changed; one that takes long
     less often, so that it costs at most a tenth of the time. A thread serialises and writes the newest one.
-    On leaving the last state is written, unless an exception is the reason.
-
-    Parameters
-    ----------
-    path
-        The state file; None: nothing is kept.
-    interval_ns
-        Time between two writes.
-    fusion
-        Whose state it is.
-
-    Attributes
-    ----------
-    error
-        Why the last write failed; empty if it did not.
+    On leaving the last state is written, unless an exception is the reason. Without a path nothing is kept.
+    `error` is why the last write failed; empty if it did not.
     """
 
     def __init__(self, path: Path | None, interval_ns: int, fusion: Fusion) -> None:

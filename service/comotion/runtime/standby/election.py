@@ -18,8 +18,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 from .etcd import Entry, Etcd, EtcdUnavailableError
 
@@ -28,8 +27,7 @@ DEFAULT_LEASE_S = 2
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class _Owner:
+class _Owner(NamedTuple):
     """Who the leader's key names."""
 
     name: str
@@ -39,16 +37,8 @@ class _Owner:
 class Election:
     """Takes part in the election of a scene, in a thread, while it is open.
 
-    Parameters
-    ----------
-    connect
-        Makes the client of etcd for the thread.
-    scene
-        Name of the scene.
-    name, session
-        Name of this service, unique in its scene, and its session.
-    lease
-        Seconds until a silent owner loses the key, at least 2.
+    `connect` makes the client of etcd for the thread; name, unique in its scene, and session are those of
+    this service. A silent owner loses the key after `lease` seconds, at least 2.
     """
 
     def __init__(
@@ -104,7 +94,8 @@ class Election:
                 self._step(etcd)
             except EtcdUnavailableError as error:
                 if self.error is None:
-                    _log.warning("%s; %s", error, self._meanwhile())
+                    doing = "standby stays silent" if self.epoch is None else "service goes on"
+                    _log.warning("%s; nobody is elected meanwhile; this %s", error, doing)
                 self.error = str(error)
             else:
                 if self.error is not None:
@@ -114,11 +105,6 @@ class Election:
             self._wake.wait(self._ttl / 4)
             self._wake.clear()
         self._resign(etcd)
-
-    def _meanwhile(self) -> str:
-        return "nobody is elected meanwhile; " + (
-            "this service goes on" if self.epoch is not None else "this standby stays silent"
-        )
 
     def _step(self, etcd: Etcd) -> None:
         gone = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._me.name}
@@ -131,17 +117,14 @@ class Election:
         if owner is not None and _owner(owner).name in gone:
             etcd.revoke(owner.lease)
             owner = etcd.read(self._key)
-        if owner is None:
-            self._claim(etcd)
-        else:
+        if owner is not None:
             named = _owner(owner)
             self.leader = named.name
             self._set(owner.created if named == self._me and owner.lease == self._lease else None)
-
-    def _claim(self, etcd: Etcd) -> None:
+            return
         if self._lease is None:
             self._lease = etcd.grant(self._ttl)
-        value = json.dumps(vars(self._me)).encode()
+        value = json.dumps(self._me._asdict()).encode()
         epoch = etcd.create(self._key, value, self._lease)
         if epoch is not None:
             self.leader = self._me.name
@@ -150,19 +133,17 @@ class Election:
     def _resign(self, etcd: Etcd) -> None:
         """Give the key back, so that a standby need not wait for the end of the lease."""
         self._set(None)
-        if self._lease is None:
-            return
-        try:
-            etcd.revoke(self._lease)
-        except EtcdUnavailableError as error:
-            _log.warning("could not give back the scene: %s", error)
-        self._lease = None
+        lease, self._lease = self._lease, None
+        if lease is not None:
+            try:
+                etcd.revoke(lease)
+            except EtcdUnavailableError as error:
+                _log.warning("could not give back the scene: %s", error)
 
     def _set(self, epoch: int | None) -> None:
-        if epoch != self.epoch:
-            if epoch is None:
-                self._spoke_s = time.monotonic()
-            self.epoch = epoch
+        if epoch is None and self.epoch is not None:
+            self._spoke_s = time.monotonic()
+        self.epoch = epoch
 
 
 def _owner(entry: Entry) -> _Owner:

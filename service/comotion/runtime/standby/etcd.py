@@ -79,8 +79,7 @@ class Etcd:
 
     def create(self, key: str, value: bytes, lease: int = 0) -> int | None:
         """Make a key that does not exist; the revision of it, None if it does exist."""
-        compare = {"key": _b64(key), "result": "EQUAL", "target": "CREATE", "create_revision": 0}
-        return self._transact(compare, _put(key, value, lease))
+        return self.replace(key, 0, value, lease)
 
     def replace(self, key: str, created: int, value: bytes, lease: int = 0) -> int | None:
         """Change a key if it is still the one that `created` made; the revision, None if it is not."""

@@ -34,23 +34,11 @@ _log = logging.getLogger(__name__)
 class Follower:
     """What a replica learns from the others of its scene.
 
-    Parameters
-    ----------
-    component
-        The open component.
-    election
-        In which it takes part.
-    fusion
-        Follows the ids of the active service.
-    intake
-        Knows whether observations arrive.
+    The fusion follows the ids of the active service; the intake knows whether observations arrive.
     """
 
     def __init__(self, component: Component, election: Election, fusion: Fusion, intake: Intake) -> None:
-        self._component = component
-        self._election = election
-        self._fusion = fusion
-        self._intake = intake
+        self._component, self._election, self._fusion, self._intake = component, election, fusion, intake
         self._epochs = Epochs()
         self._asked_ns, self._period_ns = time.monotonic_ns(), 0
         keys, session = component.keys, component.session
