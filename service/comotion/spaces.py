@@ -24,8 +24,9 @@ from .event_time.faults import Faults
 from .event_time.stats import Key, Stats
 from .event_time.troubles import Troubles
 from .hypotheses.identity import IdAllocator
-from .methods import make_method
-from .partition import SpaceSpec
+from .partition import Method, SpaceSpec
+from .pixels.method import PixelMethod
+from .rigid.method import RigidMethod
 from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .space import REFUSED, Space
@@ -277,3 +278,16 @@ class Spaces:
         found: Bools = np.zeros(len(ids), bool)
         found[unknown] = np.any(taken, axis=0)
         return found if found.any() else None
+
+
+def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
+    """Build the method of `config.method` for one space."""
+    # Pixels with a third coordinate (a disparity) are no image plane: rigid motion is the better model.
+    if config.method == "comotion" and spec.unit == "px" and spec.dim == 2:
+        return PixelMethod(config, spec)
+    if config.method == "comotion":
+        return RigidMethod(config, spec)
+    # Its clustering imports scikit-learn, which takes half a second that the others do not need.
+    from .thesis.method import ThesisMethod  # noqa: PLC0415
+
+    return ThesisMethod(config, spec)

@@ -19,10 +19,10 @@ from .compiled import folder
 from .config import FusionConfig, Unit
 from .fusion import Fusion
 
-# By unit, dimension, features of a body and sources of every made-up scene. One has so many features that
+# By unit and dimension, features of a body and sources of every made-up scene. One has so many features that
 # the method chooses a subset of them; in one, some features have an orientation. With fewer features the
 # pixel method finds one group only, and never looks whether a trajectory belongs to another.
-SCENES: dict[Unit, list[tuple[int, int, int]]] = {"m": [(3, 60, 2), (2, 10, 1)], "px": [(2, 25, 1)]}
+SCENES: dict[tuple[Unit, int], tuple[int, int]] = {("m", 3): (60, 2), ("m", 2): (10, 1), ("px", 2): (25, 1)}
 _ORIENTED = 3
 _RATE_HZ = 15
 # More than the first columns of a window hold, and longer than the window here: what is done when
@@ -47,73 +47,75 @@ def prepare(config: FusionConfig) -> Iterator[None]:
         Parameters of the fusion that is about to start.
     """
     yield from compile_ahead(config.method, list(SCENES))
-    for unit in SCENES:
-        yield from warm_up(config, unit)
+    for unit, dim in SCENES:
+        yield from warm_up(config, unit, dim)
 
 
-def compile_ahead(method: str, units: list[Unit]) -> Iterator[None]:
-    """Compile what scenes of some units need and the disk has not; yields twice a second meanwhile."""
+def compile_ahead(method: str, kinds: list[tuple[Unit, int]]) -> Iterator[None]:
+    """Compile what some of the scenes need and the disk has not; yields twice a second meanwhile."""
     kept = folder()
-    # A file says that the kernels of a method and unit are there.
-    marks = {} if kept is None else {unit: kept / f"{method}-{unit}.compiled" for unit in units}
+    # A file says that the kernels of a method and scene are there.
+    marks = {} if kept is None else {kind: kept / f"{method}-{kind[0]}{kind[1]}.compiled" for kind in kinds}
+    new = [kind for kind, mark in marks.items() if not mark.exists()]
     processes: dict[Unit, subprocess.Popen[bytes]] = {}
     try:
         with suppress(OSError):  # where no process can be started, kernels are compiled where they are called
-            for unit in (unit for unit, mark in marks.items() if not mark.exists()):
-                processes[unit] = _start(method, unit)
+            for unit in dict.fromkeys(unit for unit, _ in new):
+                processes[unit] = _start(method, [kind for kind in new if kind[0] == unit])
         for unit, process in processes.items():
             while process.poll() is None:
                 yield
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(_LOOK_S)
-            if not process.returncode:
-                marks[unit].touch()
+            for kind in new:
+                if kind[0] == unit and not process.returncode:
+                    marks[kind].touch()
     finally:
         for process in processes.values():
             process.kill()
             process.wait()
 
 
-def _start(method: str, unit: Unit) -> "subprocess.Popen[bytes]":
+def _start(method: str, kinds: list[tuple[Unit, int]]) -> "subprocess.Popen[bytes]":
     """Start a process that compiles; it finds the modules of this one."""
-    command = [sys.executable, "-P", "-c", f"from {__name__} import _compile; _compile({method!r}, {unit!r})"]
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        f"from {__name__} import _compile; _compile({method!r}, {kinds!r})",
+    ]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)  # noqa: S603
 
 
-def _compile(method: str, unit: Unit) -> None:
+def _compile(method: str, kinds: list[tuple[Unit, int]]) -> None:
     # The compiler makes many objects that stay: looking through them took a tenth of the time.
     gc.freeze()
     gc.set_threshold(100_000, 50, 50)
-    for _ in warm_up(FusionConfig.model_validate({"method": method}), unit):
-        pass
+    for unit, dim in kinds:
+        for _ in warm_up(FusionConfig.model_validate({"method": method}), unit, dim):
+            pass
 
 
-def warm_up(config: FusionConfig, unit: Unit) -> Iterator[None]:
-    """Run separate fusions through the made-up scenes of a unit; yields after each update.
+def warm_up(config: FusionConfig, unit: Unit, dim: int) -> Iterator[None]:
+    """Run a separate fusion through one of the made-up scenes; yields after each update.
 
-    In each scene two bodies move in front of a third that rests, and every feature is replaced once.
-
-    Parameters
-    ----------
-    config
-        Parameters of the fusion that is about to start.
-    unit
-        Unit of the spaces.
+    Two bodies move in front of a third that rests, and every feature is replaced once. `config` has the
+    parameters of the fusion that is about to start.
     """
-    for dim, features, sources in SCENES[unit]:
-        fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
-        for frame, batches in enumerate(_batches(unit, dim, features, sources)):
-            for batch in batches:
-                fusion.ingest(batch)
-            # Once so soon after the last update that a method may hold what it has found.
-            if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1 or frame == _FRAMES - _FRAMES_PER_UPDATE:
-                fusion.update(batch.stamp_ns)
-                yield
+    fusion = Fusion(config.model_copy(update={"window": min(config.window, _WINDOW_S)}))
+    for frame, batches in enumerate(_batches(unit, dim)):
+        for batch in batches:
+            fusion.ingest(batch)
+        # Once so soon after the last update that a method may hold what it has found.
+        if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1 or frame == _FRAMES - _FRAMES_PER_UPDATE:
+            fusion.update(batch.stamp_ns)
+            yield
 
 
-def _batches(unit: Unit, dim: int, features: int, sources: int) -> Iterator[list[ObservationBatch]]:
+def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
     """What the sources of a scene see at each frame."""
+    features, sources = SCENES[unit, dim]
     rng = np.random.default_rng(1)
     bodies, scale = rng.uniform(-0.3, 0.3, (3, features, dim)), _PIXELS_PER_METRE if unit == "px" else 1.0
     for frame in range(_FRAMES):

@@ -147,14 +147,15 @@ def quick(monkeypatch, tmp_path):
     """An empty folder for what is compiled, and scenes that take no time."""
     monkeypatch.setattr(warm_up, "folder", lambda: tmp_path)
     command = [sys.executable, "-c", "pass"]
-    monkeypatch.setattr(warm_up, "_start", lambda method, unit: subprocess.Popen(command))
+    monkeypatch.setattr(warm_up, "_start", lambda method, kinds: subprocess.Popen(command))
     return command
 
 
 def test_what_processes_have_compiled_is_compiled_once(quick):
-    assert list(compile_ahead("comotion", ["m", "px"]))
-    assert list(compile_ahead("comotion", ["m", "px"])) == []
-    assert list(compile_ahead("thesis", ["m"]))
+    assert list(compile_ahead("comotion", [("m", 3), ("px", 2)]))
+    assert list(compile_ahead("comotion", [("m", 3), ("px", 2)])) == []
+    assert list(compile_ahead("comotion", [("m", 2)]))
+    assert list(compile_ahead("thesis", [("m", 3)]))
 
 
 @pytest.mark.parametrize("python", ["/bin/false", "/missing"])
@@ -162,6 +163,6 @@ def test_where_processes_die_or_do_not_start_kernels_are_compiled_where_they_are
     quick, python, tmp_path
 ):
     quick[0] = python
-    for _ in compile_ahead("comotion", ["m"]):
+    for _ in compile_ahead("comotion", [("m", 3)]):
         pass
     assert not list(tmp_path.iterdir())

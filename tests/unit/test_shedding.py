@@ -10,7 +10,7 @@ from comotion.config import LimitsConfig, ThesisConfig
 from comotion.hypotheses.registry import Registry
 from comotion.joints.joints import Joints
 from comotion.linking.linker import Linker
-from comotion.runtime import server
+from comotion.runtime.loop import Loop
 from comotion.runtime.overload import Overload
 from comotion.shedding import MOST, Load
 from comotion_experiments.offline import run_offline
@@ -209,5 +209,5 @@ class TestOverload:
         loop = SimpleNamespace(
             _fusion=fusion, _overload=Overload(PERIOD), _took_ns=10 * PERIOD, _spent_ns=PERIOD
         )
-        server._Loop._judge(loop, 3)
+        Loop._judge(loop, 3)
         assert (levels, fusion.stats.overruns) == ([8] if shedding else [], 3)

@@ -82,12 +82,14 @@ class Timeline:
         self.ledger.arrive(key)
         repeated = self.ledger.sight(key, batch.seq) == "repeated"
         entry = Entry(batch, repeated)
-        instants = 1 if batch.stamps_ns is None else len(np.unique(batch.stamps_ns))
+        stamps = batch.stamps_ns
         if repeated and not self.steps.replays:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal)
-        elif not self._load.admits(entry) or instants > self._limits.instants:
+        elif not self._load.admits(entry) or (
+            stamps is not None and len(np.unique(stamps)) > self._limits.instants
+        ):
             self.ledger.settle(key, "limit")
         else:
             self._load.add(entry)

@@ -14,7 +14,8 @@ def compile_ahead(method: str, unit: str, dim: int) -> None:
     from .. import warm_up  # noqa: PLC0415 - takes a second
 
     begun_s, said_s = time.monotonic(), None
-    for _ in warm_up.compile_ahead(method, ["px" if (unit, dim) == ("px", 2) else "m"]):
+    kinds = [kind for kind in warm_up.SCENES if kind == (unit, dim)]
+    for _ in warm_up.compile_ahead(method, kinds or [("m", 3)]):
         now_s = time.monotonic()
         if said_s is None:
             _say("compiling, once: about half a minute; the result is kept on disk")

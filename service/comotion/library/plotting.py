@@ -11,7 +11,7 @@ from comotion_schemas.colours import RGB, Palette, marker
 from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.types import Unit
 
-from ..arrays import Bools, Floats, Labels
+from ..arrays import Floats, Labels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,17 +51,28 @@ def draw(
         palette.see(update.hypotheses)
     dim = next(iter(positions.values())).shape[2]
     axes = figure.add_subplot(projection="3d" if dim == 3 else None)
-    states = np.concatenate([_padded(one, positions) for one in positions.values()], axis=1)
-    final = np.concatenate([last_labels(labels[name]) for name in positions])
-    seen = np.isfinite(states[..., 0]).any(axis=0)
+    paths: dict[int, list[Floats]] = {}
+    for source, states in positions.items():
+        for k, label in enumerate(last_labels(labels[source]).tolist()):
+            seen = np.isfinite(states[:, k, 0])
+            if seen.any():
+                paths.setdefault(label, []).append(states[seen, k])
     resting = {h.id for h in updates[-1].hypotheses if h.state == "static"}
-    for label in np.unique(final[seen]).tolist():
+    for label, those in sorted(paths.items()):
         hypothesis = label if label >= 0 else UNDETERMINED
         name = named(hypothesis, names or {}) + (" at rest" if hypothesis in resting else "")
-        _draw_group(axes, states[:, seen & (final == label)], hypothesis, name, palette.colour(hypothesis))
+        _draw_group(axes, those, hypothesis, name, palette.colour(hypothesis))
+    reach = _REACH * float(np.std(np.concatenate([path for those in paths.values() for path in those])))
     for joint in updates[-1].joints:
-        _draw_joint(axes, joint, joint_words(joint, names), _REACH * float(np.nanstd(states)))
-    _frame(axes, dim, unit, seen)
+        _draw_joint(axes, joint, joint_words(joint, names), reach)
+    for name in "xyz"[:dim]:
+        getattr(axes, f"set_{name}label")(f"{name} [{unit}]")
+    axes.set_aspect("equal")
+    if unit == "px":
+        axes.invert_yaxis()
+    axes.set_title(f"{sum(map(len, paths.values()))} features by hypothesis")
+    # Outside of the axes it hides nothing.
+    figure.legend(loc="outside right upper", fontsize=8)
     return figure
 
 
@@ -84,12 +95,6 @@ def _figure() -> "Figure":
     return figure
 
 
-def _padded(states: Floats, all_of_them: Mapping[str, Floats]) -> Floats:
-    """The same number of instants for all sources."""
-    missing = max(len(one) for one in all_of_them.values()) - len(states)
-    return np.pad(states, ((0, missing), (0, 0), (0, 0)), constant_values=np.nan)
-
-
 def last_labels(labels: Labels) -> Labels:
     """The last label of each feature, int64 [N]; -1 where it never had one."""
     known = labels >= 0
@@ -97,21 +102,18 @@ def last_labels(labels: Labels) -> Labels:
     return np.where(known.any(axis=0), labels[at, np.arange(labels.shape[1])], -1)
 
 
-def _draw_group(axes: Any, states: Floats, hypothesis: int, name: str, rgb: RGB) -> None:
+def _draw_group(axes: Any, paths: list[Floats], hypothesis: int, name: str, rgb: RGB) -> None:
     shade = tuple(value / 255 for value in rgb)
     name = "undetermined" if hypothesis == UNDETERMINED else name
-    ends = []
-    for k in range(states.shape[1]):
-        path = states[np.isfinite(states[:, k, 0]), k]
+    for path in paths:
         axes.plot(*path.T, color=shade, linewidth=0.8, alpha=0.5)
-        ends.append(path[-1])
     axes.plot(
-        *np.array(ends).T,
+        *np.array([path[-1] for path in paths]).T,
         linestyle="",
         marker=marker(hypothesis),
         markersize=4.5,
         color=shade,
-        label=f"{name} ({len(ends)})",
+        label=f"{name} ({len(paths)})",
     )
 
 
@@ -122,14 +124,3 @@ def _draw_joint(axes: Any, joint: Joint, words: str, reach: float) -> None:
     along = np.zeros(len(joint.point)) if joint.axis is None else reach * np.array(joint.axis)
     ends = np.array([joint.point - along, joint.point + along])
     axes.plot(*ends.T, color="black", linestyle="--", marker=".", linewidth=1.2, label=words)
-
-
-def _frame(axes: Any, dim: int, unit: Unit, seen: Bools) -> None:
-    for name in "xyz"[:dim]:
-        getattr(axes, f"set_{name}label")(f"{name} [{unit}]")
-    axes.set_aspect("equal")
-    if unit == "px":
-        axes.invert_yaxis()
-    axes.set_title(f"{int(seen.sum())} features by hypothesis")
-    # Outside of the axes it hides nothing.
-    axes.figure.legend(loc="outside right upper", fontsize=8)

@@ -1,0 +1,223 @@
+"""The loop between Zenoh and the core.
+
+Every turn of the loop takes in what has arrived, and either fuses ahead of time or, when a deadline is
+near, computes the next update and publishes it at the deadline. What may take a moment is done right after
+that, when the next update is farthest away: reporting, writing the state, freeing memory. Everything runs on
+the loop's thread but Zenoh's reception, the Status and the writing of the state file.
+"""
+
+import ctypes
+import gc
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+
+from threadpoolctl import threadpool_limits
+
+from comotion_schemas import HypothesisUpdate, metrics
+from comotion_schemas.component import Component
+
+from ..config import to_ns
+from ..fusion import Fusion
+from .clocks import EventClock, HeadStart, Ticker, WallClock
+from .health import Health, Watchdog
+from .intake import Intake
+from .log_limit import DefectLog
+from .output import Output
+from .overload import Overload
+from .presence import Presence
+from .queries import handlers
+from .source_clocks import SourceClocks
+from .standby import Election
+from .standby.follower import Follower
+from .state_keeper import StateKeeper
+
+# The loop looks for new data at least this often: often enough that little is left at the deadline.
+_SLICE_NS = 20_000_000
+# Twice per Status, which is published every second.
+_REPORT_NS = 500_000_000
+_COLLECT_NS = 1_000_000_000
+# Between two times at which memory is given back: some 3 ms where an attack has taken much, else half of one.
+_FREE_NS = 2_000_000_000
+
+
+class Loop:
+    """Connects the core to an open component and runs it; `recorded`: sources play recordings."""
+
+    def __init__(
+        self,
+        fusion: Fusion,
+        component: Component,
+        leadership: Presence | Election,
+        watchdog: Watchdog,
+        keeper: StateKeeper,
+        clocks: SourceClocks,
+        *,
+        recorded: bool,
+    ) -> None:
+        self._fusion, self._component, self._leadership = fusion, component, leadership
+        self._watchdog, self._keeper, self._source_clocks = watchdog, keeper, clocks
+        period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
+        self._overload, self._head_start = Overload(period_ns), HeadStart(period_ns)
+        # On a busy machine spaces wait rather than the update; what is stored for too long would be lost.
+        fusion.measure(time.thread_time_ns, self._overload.cost_ns)
+        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
+        self._clock = WallClock()
+        if recorded:
+            self._clock = EventClock(fusion.timeline.watermark_ns)
+            fusion.timeline.follow_recordings()
+        self._defects, self._health = DefectLog(), Health()
+        self._due_ns: dict[str, int] = {}
+        labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
+        self._tick_time = metrics.histogram("tick_seconds", **labels)
+        self._lag = metrics.histogram("watermark_lag_seconds", **labels)
+        # The loop looks for data in slices of a period.
+        self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
+        self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
+        # How long the last update took, and its processor time.
+        self._took_ns = self._spent_ns = 0
+        self._follower = None
+        if isinstance(leadership, Election):
+            self._follower = Follower(component, leadership, fusion, self._intake)
+        self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
+        self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
+
+    def run(self) -> None:
+        """Publish at every deadline until the process is stopped."""
+        with _uninterrupted(), closing(self._intake):
+            self._last = self._publish(self._last)
+            self._component.ready()
+            ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
+            while not self._component.stop.is_set():
+                self._receive()
+                spare_ns = ticker.remaining_ns(time.monotonic_ns()) - self._head_start.ns
+                if spare_ns > 0:
+                    self._fuse_ahead(spare_ns)
+                    continue
+                self._update(ticker)
+                self._judge(ticker.advance(time.monotonic_ns()))
+
+    def _update(self, ticker: Ticker) -> None:
+        """Compute an update, publish it at its deadline, and tidy up."""
+        with self._fusion.faults.guard("an update"):
+            began_ns, spent_ns = time.monotonic_ns(), time.thread_time_ns()
+            update = self._fusion.update(*self._now())
+            self._took_ns = time.monotonic_ns() - began_ns
+            self._spent_ns = time.thread_time_ns() - spent_ns
+            self._head_start.note(self._took_ns)
+            self._tick_time.observe(self._took_ns / 1e9)
+            self._wait(ticker.remaining_ns(time.monotonic_ns()))
+            self._last = self._publish(update)
+        with self._fusion.faults.guard("housekeeping"):
+            self._tidy()
+
+    def _judge(self, skipped: int) -> None:
+        """Count deadlines that were skipped, and leave out work where updates take too long."""
+        self._fusion.stats.overruns += skipped
+        if self._fusion.config.limits.shedding:
+            self._fusion.shed(self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns()))
+
+    def _receive(self) -> None:
+        now, fusion = time.monotonic_ns(), self._fusion
+        ledger = fusion.timeline.ledger
+        with fusion.faults.guard("taking in batches"):
+            for received in self._intake.receive(now, self._reading_ns):
+                batch = self._source_clocks.correct(received)
+                self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
+                fusion.ingest(batch)
+            for status, arrived_s in self._intake.statuses.read():
+                self._source_clocks.on_status(status, arrived_s)
+                if status.role == "source" and "sent" in status.counters:
+                    ledger.claim((status.component, status.session), status.counters["sent"], now)
+            ledger.miss(now)
+        if isinstance(self._leadership, Presence):
+            self._leadership.look(now)  # raises where another service has the scene
+        if self._follower is not None:
+            with fusion.faults.guard("following another service"):
+                self._follower.look()
+        with fusion.faults.guard("answering queries"):
+            self._output.answer(self._answering_ns)
+
+    def _now(self) -> tuple[int, int]:
+        """What stamps are compared with, and the clock of arrivals."""
+        timeline = self._fusion.timeline
+        # The event clock reaches what the core has accepted.
+        if timeline.newest_ns is not None:
+            self._clock.reach(timeline.newest_ns)
+        timeline.steps.clock_set_ns = self._clock.set_by_ns()
+        return self._clock.now_ns(), time.monotonic_ns()
+
+    def _fuse_ahead(self, spare_ns: int) -> None:
+        """Fuse what has come in, so that little is left to do when the update is due; then wait."""
+        if spare_ns > _SLICE_NS:
+            with self._fusion.faults.guard("fusing"):
+                self._fusion.advance(*self._now())
+        self._wait(min(spare_ns, _SLICE_NS))
+
+    def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
+        """Publish an update with the time of its publication; returns what was published."""
+        update = self._output.publish(update)
+        if update.stamp_ns > 0:  # not so with the event clock before the first observation
+            self._lag.observe((update.published_ns - update.stamp_ns) / 1e9)
+        return update
+
+    def _wait(self, duration_ns: int) -> None:
+        self._component.stop.wait(max(0, duration_ns) / 1e9)
+
+    def _tidy(self) -> None:
+        """Do what is due after an update was published."""
+        for fault in self._fusion.faults.take():
+            self._defects.write(fault)
+        at_ns = time.monotonic_ns()
+        self._watchdog.alive(at_ns)
+        if self._is_due("report", at_ns, _REPORT_NS):
+            self._report(at_ns)
+        if self._is_due("collect", at_ns, _COLLECT_NS):
+            gc.collect()
+        if self._is_due("free", at_ns, _FREE_NS):
+            self._intake.drop_idle(at_ns)
+            _return_memory()
+        self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
+
+    def _is_due(self, what: str, at_ns: int, every_ns: int) -> bool:
+        due = at_ns >= self._due_ns.get(what, 0)
+        if due:
+            self._due_ns[what] = at_ns + every_ns
+        return due
+
+    def _report(self, at_ns: int) -> None:
+        kept, clocks, timeline = self._keeper.error, self._source_clocks, self._fusion.timeline
+        fields = self._health.report(
+            at_ns,
+            intake=self._intake,
+            sources=timeline.sources.health(self._now()[0], at_ns),
+            stats=self._fusion.stats,
+            notes=[*([kept] if kept else []), *self._overload.notes(), *clocks.notes()],
+            noticed=timeline.troubles.lately(),
+        )
+        own = {"clock_steps": clocks.steps, "refused_statuses": self._intake.statuses.refused}
+        counters = {**fields.counters, **own}
+        self._watchdog.report(replace(fields, counters=counters, clock_offsets=clocks.offsets()))
+
+
+def _return_memory() -> None:
+    """Give freed memory back to the system: large batches leave holes that the C library would keep."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
+    if trim is not None:
+        trim(0)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Keep pools of threads and the garbage collector out of the loop."""
+    # Waking a pool of threads costs more than an update's small matrices take on one.
+    with threadpool_limits(limits=1):
+        # What exists by now stays: the collector need not look at it. Tidying collects the rest.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        try:
+            yield
+        finally:
+            gc.enable()
