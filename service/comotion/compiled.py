@@ -85,36 +85,19 @@ def folder() -> Path | None:
     # Several machines, and several copies of the package, may share a folder of caches.
     machine = f"{_PACKAGE} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
     kind = f"comotion-{hashlib.sha256(machine.encode()).hexdigest()[:8]}-"
-    for parent in _parents():
-        with suppress(OSError):
-            return _made(parent / f"{kind}{digest.hexdigest()[:16]}", kind)
-    return None
-
-
-def _parents() -> list[Path]:
     config: Any = numba.config
-    if config.CACHE_DIR:
-        return [Path(config.CACHE_DIR)]
-    parents = [_PACKAGE / "__pycache__"]
+    parents = [Path(config.CACHE_DIR)] if config.CACHE_DIR else [_PACKAGE / "__pycache__"]
     # A user without an entry in the list of users has no home.
     with suppress(RuntimeError):
-        parents.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"))
-    return parents
-
-
-def _made(folder: Path, kind: str) -> Path:
-    """The folder, in place of those of other digests.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written to.
-    """
-    if not folder.is_dir():
-        folder.mkdir(parents=True)
-        for other in folder.parent.glob(f"{kind}*"):
-            if other != folder:
-                shutil.rmtree(other, ignore_errors=True)
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(folder)
-    return folder
+        own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        parents += [] if config.CACHE_DIR else [own]
+    for parent in parents:
+        made = parent / f"{kind}{digest.hexdigest()[:16]}"
+        with suppress(OSError):
+            if not made.is_dir():
+                made.mkdir(parents=True)
+                for other in {*parent.glob(f"{kind}*")} - {made}:
+                    shutil.rmtree(other, ignore_errors=True)
+            if os.access(made, os.W_OK):
+                return made
+    return None

@@ -1,11 +1,9 @@
 """The sources of a scene: which are live, send and agree, and their health."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
-
-from comotion_schemas import ObservationBatch
 
 from ..config import FusionConfig, to_ns
 from ..saving import NOT_KEPT
@@ -148,29 +146,6 @@ class Source:
         """How long its session has been silent when another one has sent a stamp."""
         # Batches that are looked at together have no times of arrival of their own.
         return max(self.idle_ns(at_ns), 0) or stamp_ns - self.newest_ns
-
-    def hand_over(
-        self, scene_time: Callable[[ObservationBatch], int], at_ns: int, timeout_ns: int
-    ) -> Iterator[tuple[Entry, bool]]:
-        """Let the rival that came first take over once this session is silent; refuse it if it never is.
-
-        `scene_time` gives the stamp of a batch on the time scale of the scene; no longer silence than
-        `timeout_ns` is required. Yields what waits no more, and whether its session has taken over.
-        """
-        while self.rivals:
-            first, limit_ns = self.rivals[0], self.handover_ns(timeout_ns)
-            stamp_ns = scene_time(first.batch)
-            if self.silence_ns(stamp_ns, at_ns) >= limit_ns:
-                mine = [one for one in self.rivals if one.key == first.key]
-                self.rivals = [one for one in self.rivals if one.key != first.key]
-                self.start(first.batch.session, stamp_ns, at_ns)
-                for one in mine:
-                    self.observe(scene_time(one.batch), at_ns)
-                    yield one, True
-            elif at_ns - first.at_ns >= limit_ns:
-                yield self.rivals.pop(0), False
-            else:
-                return
 
 
 class Sources(dict[str, Source]):

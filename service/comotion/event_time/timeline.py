@@ -241,12 +241,23 @@ class Timeline:
         return any(self._hand_over(self.sources[name], now_ns) for name in contested)
 
     def _hand_over(self, source: Source, now_ns: int) -> bool:
-        """Give the name to the rival that came first once the session of a source is silent."""
-        waiting = len(source.rivals)
-        for entry, follows in source.hand_over(self.steps.scene_time, self.at_ns, self._source_timeout_ns):
-            if not follows:
-                self.troubles.note("duplicate-name", entry.batch.source)
-            self._take(entry, "watermark" if follows else "duplicate-name", now_ns)
+        """Give the name to the first rival once the session of a source is silent; else refuse it."""
+        at_ns, waiting = self.at_ns, len(source.rivals)
+        while source.rivals:
+            first, limit_ns = source.rivals[0], source.handover_ns(self._source_timeout_ns)
+            stamp_ns = self.steps.scene_time(first.batch)
+            if source.silence_ns(stamp_ns, at_ns) >= limit_ns:
+                mine = [one for one in source.rivals if one.key == first.key]
+                source.rivals = [one for one in source.rivals if one.key != first.key]
+                source.start(first.batch.session, stamp_ns, at_ns)
+                for one in mine:
+                    source.observe(self.steps.scene_time(one.batch), at_ns)
+                    self._take(one, "watermark", now_ns)
+            elif at_ns - first.at_ns >= limit_ns:
+                self.troubles.note("duplicate-name", first.batch.source)
+                self._take(source.rivals.pop(0), "duplicate-name", now_ns)
+            else:
+                break
         return len(source.rivals) < waiting
 
     def _admit_source(self) -> bool:
