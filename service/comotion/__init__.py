@@ -37,15 +37,12 @@ __all__ = [
 ]
 
 _DEFINED_IN = {
-    "AffinitySnapshot": ".fusion",
+    **dict.fromkeys(("AffinitySnapshot", "Fusion"), ".fusion"),
+    **dict.fromkeys(("Grouping", "Scene", "group"), ".library"),
     "Error": "comotion_schemas.errors",
-    "Fusion": ".fusion",
     "FusionConfig": ".config",
-    "Grouping": ".library",
-    "Scene": ".library",
     "SourceHealth": ".event_time.sources",
     "Stats": ".event_time.stats",
-    "group": ".library",
 }
 
 

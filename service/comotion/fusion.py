@@ -153,7 +153,7 @@ class Fusion:
         self.stats.updates += 1
         self.stats.shed += self._effort != FULL
         update = self._assembly.message(header, updates, timeline.sessions, self._effort, self._spaces.open)
-        if not live and timeline.sources.has_heard():
+        if not live and any(one.heard_ns is not None for one in timeline.sources.values()):
             update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
         return self._latest if self._published is None else self._published.apply(self._latest)
@@ -235,24 +235,20 @@ class Fusion:
         Callable
             Gives the snapshot as a list of buffers; it shares nothing with the fusion.
         """
-        state = self._state(clean)
-        following = state["next_id"]
-        if self._published is not None:
-            following = max(following, self._published.ids.following + ID_GAP)
-        return partial(snapshot.pieces, state, following)
-
-    def _state(self, clean: bool) -> dict[str, Any]:
-        """Plain values, and arrays that nothing else changes."""
-        return {
+        following = self._ids.following + (0 if clean else ID_GAP)
+        state = {
             "method": self.config.method,
             "scene": self.scene,
             "session": self.session,
-            "next_id": self._ids.following + (0 if clean else ID_GAP),
+            "next_id": following,
             "timeline": self.timeline.state(),
             **self._assembly.state(),
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
+        if self._published is not None:
+            following = max(following, self._published.ids.following + ID_GAP)
+        return partial(snapshot.pieces, state, following)
 
     @classmethod
     def restore(cls, config: FusionConfig, data: bytes, *, session: str | None = None) -> Self:

@@ -104,7 +104,7 @@ class Release:
         if watermark_ns is None:
             return
         due = {name for name, heap in self._waiting.items() if heap[0].rank[0] <= watermark_ns}
-        self._budget.begin(at_ns, due, self._sources.new())
+        self._budget.begin(at_ns, due, {name for name, one in self._sources.items() if one.is_new})
         while due:
             self._turn(due, watermark_ns, store, end)
             if not self._budget.share_rest(due):

@@ -1,11 +1,9 @@
 """The sources of a scene: which are live, send and agree, and their health."""
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
 
-from ..config import FusionConfig, to_ns
 from ..saving import NOT_KEPT
 from .entries import Entry
 
@@ -149,18 +147,11 @@ class Source:
 
 
 class Sources(dict[str, Source]):
-    """Sources by name.
+    """Sources by name, which hold the watermark for so long without data."""
 
-    Parameters
-    ----------
-    config
-        `source_timeout` and `limits` are used.
-    """
-
-    def __init__(self, config: FusionConfig) -> None:
+    def __init__(self, timeout_ns: int) -> None:
         super().__init__()
-        self._timeout_ns = to_ns(config.source_timeout)
-        self._expiry_ns = to_ns(config.limits.expiry)
+        self._timeout_ns = timeout_ns
 
     def agreed_ns(self) -> int | None:
         """When a source has agreed with the time of the scene last, on the clock of arrivals."""
@@ -175,14 +166,6 @@ class Sources(dict[str, Source]):
         """Sources whose batches still come."""
         return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]
 
-    def new(self) -> set[str]:
-        """Names of those of which batches have come for a short time only."""
-        return {name for name, source in self.items() if source.is_new}
-
-    def has_heard(self) -> bool:
-        """Whether any source has been heard since the start."""
-        return any(source.heard_ns is not None for source in self.values())
-
     def health(self, now_ns: int, at_ns: int) -> list[SourceHealth]:
         """Health of every source, by name."""
         return [
@@ -196,18 +179,3 @@ class Sources(dict[str, Source]):
             )
             for name, source in sorted(self.items())
         ]
-
-    def longest_silent(self, at_ns: int, waits: Callable[[str], bool]) -> str | None:
-        """Name of the source that has been silent for longest, without those of which something waits."""
-        silent = [
-            (source.idle_ns(at_ns), name)
-            for name, source in self.items()
-            if not source.is_sending(at_ns, self._timeout_ns) and not waits(name)
-        ]
-        return max(silent)[1] if silent else None
-
-    def forget_silent(self, at_ns: int, in_use: Callable[[str, Source], bool]) -> None:
-        """Forget the sources that have long been silent and are not in use."""
-        for name, source in list(self.items()):
-            if source.idle_ns(at_ns) > self._expiry_ns and not in_use(name, source):
-                del self[name]

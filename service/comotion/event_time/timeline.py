@@ -57,7 +57,7 @@ class Timeline:
         self._limits = config.limits
         self._stats = stats
         self._faults = faults or Faults(stats)
-        self.sources = Sources(config)
+        self.sources = Sources(self._source_timeout_ns)
         self._inbox: list[Entry] = []
         self._load = Load(config.limits)
         self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
@@ -127,7 +127,10 @@ class Timeline:
 
     def forget_idle(self, used: Collection[int]) -> None:
         """Forget sessions that are over and silent sources, but for numbers in `used`, with trajectories."""
-        self.sources.forget_silent(self.at_ns, lambda name, s: s.number in used or self._load.holds(name))
+        for name, one in list(self.sources.items()):
+            held = one.number in used or self._load.holds(name)
+            if one.idle_ns(self.at_ns) > to_ns(self._limits.expiry) and not held:
+                del self.sources[name]
         current = {source.number for source in self.sources.values()}
         for number in self.sessions.keys() - used - current:
             del self.sessions[number]
@@ -264,11 +267,14 @@ class Timeline:
         """Whether one more source is admitted; where there are too many, the one silent for longest goes."""
         if len(self.sources) < self._limits.sources:
             return True
-        name = self.sources.longest_silent(self.at_ns, self._load.holds)
-        if name is None:
-            return False
-        self._release.end(self.sources.pop(name).number)
-        return True
+        silent = [
+            (one.idle_ns(self.at_ns), name)
+            for name, one in self.sources.items()
+            if not one.is_sending(self.at_ns, self._source_timeout_ns) and not self._load.holds(name)
+        ]
+        if silent:
+            self._release.end(self.sources.pop(max(silent)[1]).number)
+        return bool(silent)
 
     def _wait(self, entry: Entry, now_ns: int) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
