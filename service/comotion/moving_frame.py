@@ -77,7 +77,7 @@ class MovingFrame:
             self._past.popleft()
         for one, h in present.items():
             if one not in self._births:
-                self._births[one] = self._frame_at(h.born_ns)
+                self._births[one] = min(self._past, key=lambda known: abs(known[0] - h.born_ns))[1]
         listed = {h.id for h in hypotheses}
         self._births = {one: born for one, born in self._births.items() if one in listed}
         found = [h if h.absent else self._described(h, world) for h in hypotheses]
@@ -114,9 +114,6 @@ class MovingFrame:
         known = [(stamp, poses[world]) for stamp, poses in self._before if world in poses]
         self._past = deque((stamp, self._anchor * pose.inv()) for stamp, pose in known)
         self._births, self._before = {}, []
-
-    def _frame_at(self, stamp_ns: int) -> RigidTransform:
-        return min(self._past, key=lambda known: abs(known[0] - stamp_ns))[1]
 
     def _described(self, one: Hypothesis, world: Hypothesis | None) -> Hypothesis:
         if one.id == self._world:

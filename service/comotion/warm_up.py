@@ -67,9 +67,10 @@ def compile_ahead(method: str, kinds: list[tuple[Unit, int]]) -> Iterator[None]:
                 yield
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(_LOOK_S)
-            for kind in new:
-                if kind[0] == unit and not process.returncode:
-                    marks[kind].touch()
+            with suppress(OSError):  # the disk is full: the next start tries again
+                for kind in new:
+                    if kind[0] == unit and not process.returncode:
+                        marks[kind].touch()
     finally:
         for process in processes.values():
             process.kill()

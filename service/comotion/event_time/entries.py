@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import IntEnum, auto
 from typing import Literal, Self
 
 import numpy as np
@@ -23,14 +23,14 @@ NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 _OBJECT_BYTES = 1500
 
 
-class Stage(Enum):
+class Stage(IntEnum):
     """Where a batch is: what it waits for, or at its end."""
 
-    INBOX = "inbox"
-    CLOCK = "clock"
-    NAME = "name"
-    WATERMARK = "watermark"
-    END = "end"
+    INBOX = auto()
+    CLOCK = auto()
+    NAME = auto()
+    WATERMARK = auto()
+    END = auto()
 
 
 _NEXT: dict[tuple[Stage, Verdict], Stage] = {

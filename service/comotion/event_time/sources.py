@@ -157,11 +157,6 @@ class Sources(dict[str, Source]):
         """When a source has agreed with the time of the scene last, on the clock of arrivals."""
         return max((s.agreed_ns for s in self.values() if s.agreed_ns is not None), default=None)
 
-    def any_agrees(self, at_ns: int) -> bool:
-        """Whether any source has lately agreed with the time of the scene."""
-        agreed = self.agreed_ns()
-        return agreed is not None and at_ns - agreed <= self._timeout_ns
-
     def sending(self, at_ns: int) -> list[Source]:
         """Sources whose batches still come."""
         return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]

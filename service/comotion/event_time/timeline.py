@@ -158,8 +158,9 @@ class Timeline:
         steps, source = self.steps, self._sender(entry)
         steps.catch_up(entry.batch, now_ns)
         if steps.is_off(entry, self._reference(now_ns), self._floor()):
-            agreed = source is not None and source.agreed_ns is not None
-            if steps.may_wait(entry, agreed=agreed, alone=not self.sources.any_agrees(self.at_ns)):
+            agreed, last_ns = source is not None and source.agreed_ns is not None, self.sources.agreed_ns()
+            alone = last_ns is None or self.at_ns - last_ns > self._source_timeout_ns
+            if steps.may_wait(entry, agreed=agreed, alone=alone):
                 if source is not None and agreed:
                     source.hear(entry.at_ns)
                 return "clock"
