@@ -123,7 +123,7 @@ def test_a_majority_is_believed_whoever_came_first():
 
     found = told(fusion, range(60), MISTAKES["scale"], *(partial(right, name=name) for name in names))
     assert set(found[-1]) == {("odd", "scale")}
-    accounts = fusion.timeline.ledger.accounts()
+    accounts = fusion.timeline.ledger.accounts
     assert all(accounts[name, "c" * 16].rejected == {} for name in names)
 
 
