@@ -7,7 +7,7 @@ import numpy as np
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Floats, Labels, Slots, distinct
+from ..arrays import Bools, Floats, Labels, Slots, distinct
 from ..matching import continued
 from ..partition import NO_HYPOTHESIS, Matching, Partition
 from ..trajectories.window import Window
@@ -20,6 +20,8 @@ _TENURE_NS = 2_000_000_000
 # others have as many for the latter. The first part settles it, the second one keeps two halves from trading
 # an id.
 _ESTABLISHED_VOTES, _VOTES = 3, 1
+# So many established members of other sources must there be, as many as confirm a hypothesis by default.
+_ENOUGH_ESTABLISHED = 3
 # A crash may come after ids were given out that nobody else has seen; ids are never reused.
 ID_GAP = 1000
 
@@ -47,6 +49,7 @@ class IdAllocator:
 def named(
     window: Window,
     partition: Partition,
+    current: Slots,
     matching: Matching,
     allocate: Callable[[], int],
     stamp_ns: int,
@@ -59,8 +62,8 @@ def named(
 
     Parameters
     ----------
-    window, partition
-        The trajectories, and their groups.
+    window, partition, current
+        The trajectories, their groups, and intp [n] those that go on.
     matching
         Which old hypothesis continues in which group.
     allocate
@@ -71,6 +74,8 @@ def named(
         Whether members of long standing decide which hypothesis a group continues, and sources that agree.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
+    if established:
+        vote = vote & ~_overruled(window, partition, current)
     known, voters = window.label[slots], groups[vote]
     # Whose the votes are does not matter in the method of the thesis.
     sources = window.source[slots[vote]] * established
@@ -87,6 +92,29 @@ def named(
     if established:
         _establish(window, slots, stamp_ns)
     return ids
+
+
+def _overruled(window: Window, partition: Partition, current: Slots) -> Bools:
+    """Trajectories that have no say in which hypothesis a group continues, bool [N].
+
+    These are late members, and trajectories out of sight, of a source without an established member, where
+    those of others are enough: in the hypothesis, or in the group. So a crowd of a new source does not take
+    the id of a body along.
+    """
+    slots, groups, sources = partition.slots, partition.groups, window.source[partition.slots]
+    old, seen = window.established[slots] != NO_HYPOTHESIS, np.isin(slots, current)
+    deciding = old & seen & partition.deciding & (groups >= 0)
+    late = ~old & _left_to_others(window.label[slots], sources, deciding)
+    return np.asarray(late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, deciding)))
+
+
+def _left_to_others(sets: Labels, sources: Slots, established: Bools) -> Bools:
+    """Whose set has enough established members, none of its own source; bool [N], as all arguments are."""
+    names, row = distinct(sets)
+    owners, column = distinct(sources)
+    cells = (row * len(owners) + column)[established]
+    counts = np.bincount(cells, minlength=len(names) * len(owners)).reshape(len(names), len(owners))
+    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, column] == 0))
 
 
 def balanced(labels: Labels, sources: Slots) -> Floats:

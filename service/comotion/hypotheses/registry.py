@@ -111,8 +111,8 @@ class Registry:
             the events of this update.
         """
         before = window.label[current]
-        allocate, established = self._allocator.next, self._established
-        self.ids = named(window, partition, matching, allocate, stamp_ns, established=established)  # 1
+        terms = current, matching, self._allocator.next, stamp_ns
+        self.ids = named(window, partition, *terms, established=self._established)  # 1
         sure = partition.confidence >= _SURE
         found = Current(window.key[current], current, window.label[current], partition.position, sure)
         if self._recall(stamp_ns, window, partition, found):  # 2
