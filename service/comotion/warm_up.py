@@ -119,6 +119,7 @@ def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
     features, sources = SCENES[unit, dim]
     rng = np.random.default_rng(1)
     bodies, scale = rng.uniform(-0.3, 0.3, (3, features, dim)), _PIXELS_PER_METRE if unit == "px" else 1.0
+    bodies[0] *= 2  # what rests before a camera at rest fills more of the picture than what moves
     for frame in range(_FRAMES):
         positions = bodies.copy()
         for body, way in ((1, 1.0), (2, -1.0)):

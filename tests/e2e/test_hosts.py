@@ -17,7 +17,7 @@ import pytest
 from comotion_tools.system import certificates
 
 from . import tracker
-from .etcd_cluster import NEEDS_ETCD
+from .etcd_server import NEEDS_ETCD
 from .network import BadLink, Wire, free_endpoints
 from .tracker import until
 
