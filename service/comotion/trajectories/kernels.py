@@ -10,9 +10,6 @@ import numpy as np
 from ..arrays import Bools, Floats, Slots, Stamps
 from ..compiled import compiled
 
-# Number of moments at which full rows are compacted, spread over the slots: 16 keep the work of one instant
-# below a tenth of what it is if slots that were opened together are compacted together.
-_COMPACTION_PHASES = 16
 # Most searches are for the newest or the oldest observations: steps from either end before a bisection.
 _LINEAR_STEPS = 4
 _SECONDS_PER_NS = 1e-9
@@ -71,23 +68,6 @@ def count_older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop:
         while start[s] + counts[n] < stop[s] and times[s, start[s] + counts[n]] < before_ns:
             counts[n] += 1
     return counts
-
-
-@compiled()
-def due_for_compaction(slots: Slots, start: Slots, stop: Slots, rows: int, more: int) -> Slots:
-    """Those of `slots` whose observations should move to the beginning of their rows.
-
-    Those cannot take `more` observations at the end of their `rows`, or are near the end with a quarter of
-    the rows free at the beginning.
-    """
-    due = np.empty(len(slots), np.intp)
-    count = 0
-    for s in slots:
-        ahead = s % _COMPACTION_PHASES * (rows // (4 * _COMPACTION_PHASES))
-        if stop[s] + more > rows or (start[s] >= rows // 4 and stop[s] >= rows - ahead):
-            due[count] = s
-            count += 1
-    return due[:count]
 
 
 @compiled()

@@ -55,8 +55,7 @@ def difference_covariances(
         step = max((seen - 3) // most, 1)
         k = 0
         for m in range(stop[i] - 4, stop[i] - seen - 1, -step):
-            if k < most and _unbroken(times, m, gap[i]):
-                _contrast(times, positions, m, contrasts[k])
+            if k < most and _contrast(times, positions, m, gap[i], contrasts[k]):
                 k += 1
         count[n] = k / _OVERLAP[min(step, 4) - 1]
         if k > 0:
@@ -93,18 +92,15 @@ def _mean_square(contrasts: Floats, squares: Floats, mean: Floats) -> None:
 
 
 @compiled()
-def _unbroken(times: Stamps, m: int, gap: int) -> bool:
-    """Whether observations m to m + 3 follow one another without a gap."""
+def _contrast(times: Stamps, positions: Floats, m: int, gap: int, contrast: Floats) -> bool:
+    """The normalised third divided difference of observations m to m + 3, to [dim].
+
+    False, and nothing is written, if they do not follow one another without a gap.
+    """
     for j in range(m, m + 3):
         step = times[j + 1] - times[j]
         if step > gap or step <= 0:
             return False
-    return True
-
-
-@compiled()
-def _contrast(times: Stamps, positions: Floats, m: int, contrast: Floats) -> None:
-    """The normalised third divided difference of observations m to m + 3, to [dim]."""
     c = np.ones(4)
     for j in range(4):
         for k in range(4):
@@ -116,3 +112,4 @@ def _contrast(times: Stamps, positions: Floats, m: int, contrast: Floats) -> Non
         contrast[d] = 0.0
         for j in range(4):
             contrast[d] += c[j] * positions[m + j, d]
+    return True

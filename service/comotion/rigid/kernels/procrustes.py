@@ -96,7 +96,10 @@ def frame_pose(
     if dim == 2:
         planar_rotation(H, R)
     else:
-        _pull(H, near)
+        pull = _PULL * np.sqrt((H * H).sum())
+        for p in range(3):
+            for q in range(3):
+                H[p, q] += pull * near[p, q]
         spatial_rotation(H, start, started, R)
     _translation(R, centres, t)
 
@@ -271,19 +274,6 @@ def _translation(R: Floats, centres: Floats, t: Floats) -> None:
     """Translation that takes the mean of b to that of y."""
     for c in range(3):
         t[c] = centres[0, c] - R[c, 0] * centres[1, 0] - R[c, 1] * centres[1, 1] - R[c, 2] * centres[1, 2]
-
-
-@compiled()
-def _pull(H: Floats, near: Floats) -> None:
-    """Pull the moments towards the rotation `near`, in place."""
-    squared = 0.0
-    for p in range(3):
-        for q in range(3):
-            squared += H[p, q] * H[p, q]
-    pull = _PULL * np.sqrt(squared)
-    for p in range(3):
-        for q in range(3):
-            H[p, q] += pull * near[p, q]
 
 
 @compiled()

@@ -51,7 +51,11 @@ def settle(
     places, mean, total = np.zeros((count, 3, m)), np.zeros((3, m)), np.zeros(m)
     for f in range(count):
         if posed[f]:
-            _place(b, R[f], t[f], places[f])
+            for c in range(3):
+                for i in range(m):
+                    places[f, c, i] = (
+                        R[f, c, 0] * b[0, i] + R[f, c, 1] * b[1, i] + R[f, c, 2] * b[2, i] + t[f, c]
+                    )
     stop, runs = count, 0
     while stop > 0:
         begin, length = _run_before(places, w, inverse, metric, dof, posed, stop)
@@ -65,14 +69,6 @@ def settle(
                     R[f], t[f], rests[f] = pose, shift, True
         stop = min(begin, stop - 1)
     return runs
-
-
-@compiled()
-def _place(b: Floats, R: Floats, t: Floats, place: Floats) -> None:
-    """Where a pose takes the points b [3, m], to [3, m]."""
-    for c in range(3):
-        for i in range(b.shape[1]):
-            place[c, i] = R[c, 0] * b[0, i] + R[c, 1] * b[1, i] + R[c, 2] * b[2, i] + t[c]
 
 
 @compiled()
