@@ -7,9 +7,9 @@ In a program of your own::
     scene = comotion.Scene(unit="m")          # online
     update = scene.push(ids, positions, t)
 
-The package is a pure core - arrays in, arrays out, time injected - and :mod:`comotion.runtime`,
-the process that puts it on the wire. Each name is imported at its first use: the compiler and SciPy take a
-second, which a program that only reads the configuration need not wait for.
+The package is a pure core, which computes on arrays and takes the time from its caller, and
+:mod:`comotion.runtime`, the process that puts it on the wire. Each name is imported at its first use: the
+compiler and SciPy take a second, which a program that only reads the configuration need not wait for.
 """
 
 from importlib import import_module
@@ -49,8 +49,8 @@ _DEFINED_IN = {
 def __getattr__(name: str) -> Any:
     if name not in _DEFINED_IN:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(import_module(_DEFINED_IN[name], __name__), name)
-    return found
+    value = globals()[name] = getattr(import_module(_DEFINED_IN[name], __name__), name)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -20,7 +20,7 @@ Labels = NDArray[np.int64]
 
 # Share of the largest entry that makes a singular matrix regular.
 _RIDGE = 1e-12
-# Integers are counted by a table where it is not so many times longer than they are.
+# Distinct integers are found by a table unless it is so many times longer than they are.
 _SPAN = 16
 # From which size on NumPy asks for large pages.
 _LARGE_BYTES = 1 << 22
@@ -52,12 +52,12 @@ def inverses(matrices: Floats) -> Floats:
 
 
 def identities(count: int) -> Floats:
-    """So many rotations by nothing, float64 [count, 3, 3]."""
+    """Identity rotations, float64 [count, 3, 3]."""
     return np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
 
 
 def thinned(indices: Ints, count: int) -> Ints:
-    """At most `count` of the indices, intp [n], evenly drawn."""
+    """At most `count` of the indices, intp [n], evenly spaced."""
     return indices[:: max(-(-len(indices) // count), 1)]
 
 
@@ -71,23 +71,23 @@ def distinct(values: NDArray[np.signedinteger[Any]]) -> tuple[Labels, Ints]:
     if span > _SPAN * (len(values) + _SPAN):
         names, rows = np.unique(values, return_inverse=True)
         return names.astype(np.int64), rows
-    there = np.zeros(span, np.bool_)
-    there[values - least] = True
-    return np.flatnonzero(there) + least, (np.cumsum(there) - 1)[values - least]
+    present = np.zeros(span, np.bool_)
+    present[values - least] = True
+    return np.flatnonzero(present) + least, (np.cumsum(present) - 1)[values - least]
 
 
 def ranks(groups: Labels, by: NDArray[Any]) -> Ints:
     """Place of each among those of its group [n], from the least `by` [n]: intp [n] from 0, ties in order."""
     order = np.lexsort((by, groups))
     begins = np.flatnonzero(np.diff(groups[order], prepend=groups[order][:1] - 1))
-    found = np.empty(len(order), np.intp)
-    found[order] = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
-    return found
+    places = np.empty(len(order), np.intp)
+    places[order] = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    return places
 
 
-def last_true(found: Bools) -> Ints:
+def last_true(flags: Bools) -> Ints:
     """Column of the last true entry of each row of bool [n, m], intp [n]; the last one if there is none."""
-    return np.asarray(found.shape[1] - 1 - np.argmax(found[:, ::-1], axis=1), np.intp)
+    return np.asarray(flags.shape[1] - 1 - np.argmax(flags[:, ::-1], axis=1), np.intp)
 
 
 def find(wanted: NDArray[Any], keys: NDArray[Any]) -> Ints:

@@ -1,4 +1,4 @@
-"""Joins the updates of all spaces in one message for the wire, with what is between them, and events."""
+"""Joins the updates of all spaces in one message for the wire, with joints, links and events."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +36,7 @@ class Header(NamedTuple):
 
 @dataclass
 class Assembly:
-    """Makes one message of the updates of all spaces, and remembers what lasts from one to the next.
+    """Makes one message of the updates of all spaces; keeps events, joints and links from one to the next.
 
     Errors go to `faults`: they cost joints, links and events, or the space that does not fit.
     """
@@ -65,21 +65,21 @@ class Assembly:
         `effort` says whether joints are judged and links decided; `reopen` builds a space anew that does not
         fit in a message.
         """
-        views = [one.view for one in updates]
+        views = [part.view for part in updates]
         with self.faults.guard("putting an update together"):
             joints, changes = self._joints.update(header.stamp_ns, views, judging=effort.joints)
-            self._joints.keep(h.id for one in updates for h in one.hypotheses)
-            self._remember(header.stamp_ns, [*(event for one in updates for event in one.events), *changes])
+            self._joints.keep(h.id for part in updates for h in part.hypotheses)
+            self._remember(header.stamp_ns, [*(event for part in updates for event in part.events), *changes])
             update = assemble(header, updates, sessions, self._events, joints)
             return self._linker.linked(update, views, deciding=effort.links)
         self._forget()
         fitting: list[SpaceUpdate] = []
-        for one in updates:
-            with self.faults.guard(f"listing space {one.view.spec.name!r}"):
-                assemble(header, [*fitting, one], sessions, [])
-                fitting.append(one)
+        for part in updates:
+            with self.faults.guard(f"listing space {part.view.spec.name!r}"):
+                assemble(header, [*fitting, part], sessions, [])
+                fitting.append(part)
                 continue
-            reopen(one.view.spec)
+            reopen(part.view.spec)
         return assemble(header, fitting, sessions, [])
 
     def _remember(self, stamp_ns: int, events: Sequence[Event]) -> None:
@@ -111,29 +111,29 @@ def assemble(
     events: Sequence[Event],
     joints: Sequence[Joint] = (),
 ) -> HypothesisUpdate:
-    """Build the message of one update: of one per space, in the order of the columns.
+    """Build the message of one update from one update per space, in the order of the columns.
 
     `sessions` are (source, session) by session number, `events` the recent events of all spaces, and `joints`
     those between their hypotheses.
     """
-    owners = np.concatenate([np.zeros(0, np.intp), *(one.sessions for one in updates)])
+    owners = np.concatenate([np.zeros(0, np.intp), *(update.sessions for update in updates)])
     used, track_source = distinct(owners)
-    labels = np.concatenate([np.zeros(0, np.int64), *(one.labels for one in updates)])
-    confidence = np.concatenate([np.zeros(0), *(one.confidence for one in updates)])
-    positions = np.concatenate([np.zeros((0, 3)), *(one.positions for one in updates)])
+    labels = np.concatenate([np.zeros(0, np.int64), *(update.labels for update in updates)])
+    confidence = np.concatenate([np.zeros(0), *(update.confidence for update in updates)])
+    positions = np.concatenate([np.zeros((0, 3)), *(update.positions for update in updates)])
     owning = [sessions[number] for number in used.tolist()]
     return HypothesisUpdate(
         **header._asdict(),
         sources=[SourceRef(name=source, session=session) for source, session in owning],
         track_source=track_source.astype(np.uint16),
-        track_id=np.concatenate([np.zeros(0, np.uint64), *(one.ids for one in updates)]),
+        track_id=np.concatenate([np.zeros(0, np.uint64), *(update.ids for update in updates)]),
         track_hypothesis=np.where(labels < 0, UNDETERMINED, labels).astype(np.uint32),
         track_confidence=np.clip(confidence, 0.0, 1.0).astype(np.float32),
         track_position=positions.astype(np.float32),
-        hypotheses=[hypothesis for one in updates for hypothesis in one.hypotheses],
+        hypotheses=[hypothesis for update in updates for hypothesis in update.hypotheses],
         events=list(events),
         joints=list(joints),
-        frames={one.view.spec.name: one.frame for one in updates if one.frame is not None},
+        frames={update.view.spec.name: update.frame for update in updates if update.frame is not None},
     )
 
 
@@ -142,17 +142,17 @@ def moved(update: HypothesisUpdate, shift_ns: int) -> HypothesisUpdate:
     return replace(
         update,
         stamp_ns=update.stamp_ns + shift_ns,
-        hypotheses=[replace(one, born_ns=one.born_ns + shift_ns) for one in update.hypotheses],
-        events=[replace(one, stamp_ns=one.stamp_ns + shift_ns) for one in update.events],
+        hypotheses=[replace(h, born_ns=h.born_ns + shift_ns) for h in update.hypotheses],
+        events=[replace(event, stamp_ns=event.stamp_ns + shift_ns) for event in update.events],
     )
 
 
 def at_rest(update: HypothesisUpdate) -> HypothesisUpdate:
-    """The same update without motion: nothing is observed any more, so that nobody knows what moves."""
+    """The same update without motion: nothing is observed any more, so it is not known what moves."""
     return replace(
         update,
         hypotheses=[
-            replace(one, state="undetermined" if one.state == "moving" else one.state, twist=None)
-            for one in update.hypotheses
+            replace(h, state="undetermined" if h.state == "moving" else h.state, twist=None)
+            for h in update.hypotheses
         ],
     )

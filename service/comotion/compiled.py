@@ -24,7 +24,7 @@ _MARK = b"@compiled"
 _USED_BY_KERNELS = {"compiled.py", "partition.py"}
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
-# Of what a kernel does, only the loops that ask for it are shared out.
+# Of a parallel kernel, only loops over :data:`numba_range` are shared out.
 _OWN_LOOPS = {
     "comprehension": False,
     "reduction": False,
@@ -54,12 +54,12 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
         # Without a folder to write to, every process compiles. Numba looks where to keep a kernel when it is
         # defined: other people's kernels in this process are kept where they would be without us.
         config: Any = numba.config
-        kept, before = folder(), config.CACHE_DIR
-        config.CACHE_DIR = str(kept or "")
+        cache_folder, previous_folder = folder(), config.CACHE_DIR
+        config.CACHE_DIR = str(cache_folder or "")
         try:
-            kernel = numba.njit(error_model="numpy", cache=kept is not None, **options)(function)
+            kernel = numba.njit(error_model="numpy", cache=cache_folder is not None, **options)(function)
         finally:
-            config.CACHE_DIR = before
+            config.CACHE_DIR = previous_folder
         return cast("Kernel", kernel)
 
     return compile_

@@ -4,7 +4,7 @@ One source that measures in another unit, or whose numbers are wild, must not sp
 body fitted across 1e9 m has no millimetres left. What lies many times farther out than all that the other
 sources see is refused. What they see is measured by medians over sources, so that one cannot move it; of two,
 the one that came first is believed. Of many the first ones count: what a batch costs does not grow with
-the number of sources. Where all agree on a unit that is hardly metres, nothing is refused, but it is told.
+the number of sources. Where all agree on a unit that is hardly metres, nothing is refused: it is reported.
 """
 
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from .trajectories.window import Window
 # What sources see is looked at once in so many updates, and when one comes or leaves: a scene does not grow
 # a hundred times larger within a second.
 _LOOK_EVERY = 8
-# What counts as most of what a source sees.
+# Share of the positions of a source that its reach covers.
 _MOST_OF_IT = 0.9
 # Sources whose views count, the first to come.
 _MAX_VIEWS = 16
@@ -36,7 +36,7 @@ class _View:
     positions: Floats
 
     def reach(self, centre: Floats) -> float:
-        """How far from a place most of it is."""
+        """Distance from a place within which most of the positions are."""
         away = np.linalg.norm(self.positions - centre, axis=1)
         most = round(_MOST_OF_IT * (len(away) - 1))
         return float(np.partition(away, most)[most])
@@ -55,7 +55,7 @@ class ExtentCheck:
     refused
         By session number: how many times as far its last refused row was.
     doubts
-        By session number: that what it sees looks as if it was in another unit.
+        By session number: a sentence that its positions look as if they were in another unit.
     """
 
     unit: Unit
@@ -63,7 +63,7 @@ class ExtentCheck:
     refused: dict[int, float] = field(default_factory=dict)
     doubts: dict[int, str] = field(default_factory=dict)
     _views: dict[int, _View] = field(default_factory=dict)
-    _known: dict[int, tuple[Floats, float]] = field(default_factory=dict)
+    _scenes: dict[int, tuple[Floats, float]] = field(default_factory=dict)
     _looks: int = 0
 
     def look(self, window: Window, current: Slots) -> None:
@@ -75,24 +75,24 @@ class ExtentCheck:
         self._looks += 1
         if self._looks % _LOOK_EVERY and list(self._views) == present:
             return
-        self._known.clear()
+        self._scenes.clear()
         positions = window.positions[current, window.stop[current] - 1]
         self._views = {
-            number: _View(np.median(mine, axis=0), mine)
+            number: _View(np.median(own_positions, axis=0), own_positions)
             for number in present
-            for mine in (positions[owners == number],)
+            for own_positions in (positions[owners == number],)
         }
         first = list(self._views.items())[:_MAX_VIEWS]
-        said = {number: other_unit(view.positions, self.unit) for number, view in first}
-        self.doubts = {number: text for number, text in said.items() if text}
+        unit_doubts = {number: other_unit(view.positions, self.unit) for number, view in first}
+        self.doubts = {number: text for number, text in unit_doubts.items() if text}
 
     def fits(self, session: int, positions: Floats) -> Bools | None:
         """Which rows float64 [n, dim] of a session may be places of the scene, bool [n]; None: all."""
         if not self._views or not self.most:
             return None
-        if session not in self._known:
-            self._known[session] = self._seen_by_others(session)
-        centre, reach = self._known[session]
+        if session not in self._scenes:
+            self._scenes[session] = self._seen_by_others(session)
+        centre, reach = self._scenes[session]
         away = positions - centre
         squares = np.einsum("nd,nd->n", away, away)
         farthest = float(np.sqrt(squares.max(initial=0.0)))
@@ -106,9 +106,9 @@ class ExtentCheck:
         """Where the scene is and how far it reaches, as others than a session see it, if there are any."""
         numbers = [number for number in self._views if number != session][:_MAX_VIEWS]
         others = {number: self._views[number] for number in numbers}
-        mine = self._views.get(session)
-        if mine is not None and (not others or (len(others) == 1 and session < min(others))):
-            others = {session: mine}
+        own_view = self._views.get(session)
+        if own_view is not None and (not others or (len(others) == 1 and session < min(others))):
+            others = {session: own_view}
         centre = np.asarray(np.median([view.centre for view in others.values()], axis=0), np.float64)
         reach = float(np.median([view.reach(centre) for view in others.values()]))
         return centre, max(reach, _MIN_EXTENT[self.unit])

@@ -40,7 +40,7 @@ class PublishedIds:
     Attributes
     ----------
     ids
-        Gives out those that nothing has been published under.
+        Gives out ids for hypotheses that have not been published yet.
     """
 
     _names: dict[int, int] = field(default_factory=dict)
@@ -60,9 +60,9 @@ class PublishedIds:
         self._leader = leader
         present, given = {h.id for h in own.hypotheses if not h.absent}, {h.id for h in leader.hypotheses}
         self._names = {
-            one: name for one, name in self._names.items() if one not in present or name not in given
+            own_id: name for own_id, name in self._names.items() if own_id not in present or name not in given
         }
-        unknown = {one for one in present if self._names.get(one) not in given}
+        unknown = {own_id for own_id in present if self._names.get(own_id) not in given}
         self._take_over(own, leader, unknown)
 
     def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
@@ -72,8 +72,11 @@ class PublishedIds:
             present = {h.id for h in update.hypotheses if not h.absent}
             self._take_over(update, leader, present - set(self._names))
         led_until_ns, events = (0, []) if leader is None else (leader.stamp_ns, leader.events)
-        told = ((e.hypothesis, *e.others) for e in update.events)
-        names = {one: self.name(one) for one in sorted({h.id for h in update.hypotheses}.union(*told))}
+        in_events = ((e.hypothesis, *e.others) for e in update.events)
+        names = {
+            number: self.name(number)
+            for number in sorted({h.id for h in update.hypotheses}.union(*in_events))
+        }
         recent = [e for e in update.events if e.stamp_ns > led_until_ns]
         oldest_ns = update.stamp_ns - EVENT_MEMORY_NS
         return replace(
@@ -86,37 +89,41 @@ class PublishedIds:
 
     def own(self, published: int) -> int | None:
         """The id inside this service of a published one."""
-        return next((one for one, name in self._names.items() if name == published), None)
+        return next((own_id for own_id, name in self._names.items() if name == published), None)
 
     def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate, unnamed: set[int]) -> None:
         """Name some hypotheses as a published update does, as far as it knows them."""
-        mine, theirs = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
-        kept = {self._names[one] for one in mine if one in self._names and not mine[one].absent}
+        own_bodies, leading = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
+        in_use = {
+            self._names[number]
+            for number in own_bodies
+            if number in self._names and not own_bodies[number].absent
+        }
         pairs = {
-            one: name
-            for one, name in (same_bodies(own, leader).items() if unnamed else ())
-            if one in unnamed and name not in kept
+            number: name
+            for number, name in (same_bodies(own, leader).items() if unnamed else ())
+            if number in unnamed and name not in in_use
         }
         taken = set(pairs.values())
-        self._names = {one: name for one, name in self._names.items() if name not in taken} | pairs
-        for one, name in pairs.items():
-            known = self._origins.get(one)
-            if known is None or known.born_ns != theirs[name].born_ns or own.stamp_ns == leader.stamp_ns:
-                self._origins[one] = _origin(mine[one], theirs[name])
-        self._origins = {one: self._origins[one] for one in self._names if one in self._origins}
+        self._names = {number: name for number, name in self._names.items() if name not in taken} | pairs
+        for number, name in pairs.items():
+            origin = self._origins.get(number)
+            if origin is None or origin.born_ns != leading[name].born_ns or own.stamp_ns == leader.stamp_ns:
+                self._origins[number] = _origin(own_bodies[number], leading[name])
+        self._origins = {number: self._origins[number] for number in self._names if number in self._origins}
 
-    def name(self, one: int) -> int:
+    def name(self, own_id: int) -> int:
         """The published id of a hypothesis; a fresh one if it has none."""
-        if one not in self._names:
-            self._names[one] = self.ids.next()
-        return self._names[one]
+        if own_id not in self._names:
+            self._names[own_id] = self.ids.next()
+        return self._names[own_id]
 
-    def _hypothesis(self, found: Hypothesis, names: Mapping[int, int]) -> Hypothesis:
-        origin = self._origins.get(found.id)
-        born_ns = found.born_ns if origin is None else origin.born_ns
-        linked = None if found.linked is None else sorted(self.name(one) for one in found.linked)
-        pose = found.pose if origin is None or found.pose is None else _since(found.pose, origin)
-        return replace(found, id=names[found.id], born_ns=born_ns, pose=pose, linked=linked)
+    def _hypothesis(self, body: Hypothesis, names: Mapping[int, int]) -> Hypothesis:
+        origin = self._origins.get(body.id)
+        born_ns = body.born_ns if origin is None else origin.born_ns
+        linked = None if body.linked is None else sorted(self.name(other) for other in body.linked)
+        pose = body.pose if origin is None or body.pose is None else _since(body.pose, origin)
+        return replace(body, id=names[body.id], born_ns=born_ns, pose=pose, linked=linked)
 
 
 def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, int]:
@@ -124,28 +131,28 @@ def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, in
 
     The assignment with most shared trajectories in all (Kuhn 1955), among hypotheses of the same space.
     """
-    before, now = _labels_of_shared(own, leader)
-    theirs = sorted(leader.hypotheses, key=lambda h: h.id)
-    columns = find(now, np.array([h.id for h in theirs], np.int64))
-    known, shared = shared_counts(before, columns, len(theirs))
+    own_labels, leader_labels = _labels_of_shared(own, leader)
+    leading = sorted(leader.hypotheses, key=lambda h: h.id)
+    columns = find(leader_labels, np.array([h.id for h in leading], np.int64))
+    own_ids, shared = shared_counts(own_labels, columns, len(leading))
     space = {h.id: h.space for h in own.hypotheses}
-    other = np.array([h.space for h in theirs], object)
-    for row, one in enumerate(known.tolist()):
-        shared[row, other != space[one]] = 0
-    return {int(known[row]): theirs[column].id for row, column in largest_total(shared)}
+    spaces = np.array([h.space for h in leading], object)
+    for row, own_id in enumerate(own_ids.tolist()):
+        shared[row, spaces != space[own_id]] = 0
+    return {int(own_ids[row]): leading[column].id for row, column in largest_total(shared)}
 
 
 def _labels_of_shared(own: HypothesisUpdate, leader: HypothesisUpdate) -> tuple[Labels, Labels]:
     """Hypotheses in both updates of the trajectories that are in both, int64 [N] each, negative for none."""
     at = {(source.name, source.session): k for k, source in enumerate(leader.sources)}
-    mine, theirs = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
+    own_rows, leader_rows = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
     for k, source in enumerate(own.sources):
-        here = np.flatnonzero(own.track_source == k)
-        there = np.flatnonzero(leader.track_source == at.get((source.name, source.session), -1))
-        _, i, j = np.intersect1d(own.track_id[here], leader.track_id[there], return_indices=True)
-        mine.append(here[i])
-        theirs.append(there[j])
-    return _labels(own, np.concatenate(mine)), _labels(leader, np.concatenate(theirs))
+        in_own = np.flatnonzero(own.track_source == k)
+        in_leader = np.flatnonzero(leader.track_source == at.get((source.name, source.session), -1))
+        _, i, j = np.intersect1d(own.track_id[in_own], leader.track_id[in_leader], return_indices=True)
+        own_rows.append(in_own[i])
+        leader_rows.append(in_leader[j])
+    return _labels(own, np.concatenate(own_rows)), _labels(leader, np.concatenate(leader_rows))
 
 
 def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
@@ -154,11 +161,11 @@ def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
     return labels
 
 
-def _origin(mine: Hypothesis, theirs: Hypothesis) -> _Origin:
-    """From poses of one body at one time, since its births here and there."""
-    if mine.pose is None or theirs.pose is None:
-        return _Origin(theirs.born_ns)
-    return _Origin(theirs.born_ns, transform(mine.pose).inv() * transform(theirs.pose))
+def _origin(own: Hypothesis, leader: Hypothesis) -> _Origin:
+    """Birth that clients know of one body, from its poses at one time since either birth."""
+    if own.pose is None or leader.pose is None:
+        return _Origin(leader.born_ns)
+    return _Origin(leader.born_ns, transform(own.pose).inv() * transform(leader.pose))
 
 
 def _since(pose: Pose, origin: _Origin) -> Pose:
@@ -170,10 +177,10 @@ def _since(pose: Pose, origin: _Origin) -> Pose:
 
 def _renamed(labels: NDArray[np.uint32], names: Mapping[int, int]) -> NDArray[np.uint32]:
     renamed = labels.copy()
-    for one, name in names.items():
-        renamed[labels == one] = name
+    for own_id, name in names.items():
+        renamed[labels == own_id] = name
     return renamed
 
 
 def _event(event: Event, names: Mapping[int, int]) -> Event:
-    return replace(event, hypothesis=names[event.hypothesis], others=[names[one] for one in event.others])
+    return replace(event, hypothesis=names[event.hypothesis], others=[names[other] for other in event.others])

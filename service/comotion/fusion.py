@@ -1,4 +1,4 @@
-"""The face of the core: fuses observation batches into updates. No clock, no I/O, deterministic.
+"""Interface of the core: fuses observation batches into updates. No clock, no I/O, deterministic.
 
     batch -> event time -> space: trajectories -> method -> hypotheses -> joints
           -> assembly -> links -> update
@@ -33,8 +33,8 @@ from .shedding import FULL, Effort
 from .space import MAX_COORDINATE
 from .spaces import Spaces
 
-# Share of a period for updating spaces: less than what makes updates slow, for who spends it must not make
-# all leave out work; and for that with all else, reading and publishing too.
+# Share of a period for updating spaces, and for that with reading and publishing. The first is less than what
+# makes updates slow: a source that spends all of it must not make all others leave out work.
 _GROUPING, _WHOLE = 0.6, 0.85
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
@@ -153,7 +153,7 @@ class Fusion:
         self.stats.updates += 1
         self.stats.shed += self._effort != FULL
         update = self._assembly.message(header, updates, timeline.sessions, self._effort, self._spaces.open)
-        if not live and any(one.heard_ns is not None for one in timeline.sources.values()):
+        if not live and any(source.heard_ns is not None for source in timeline.sources.values()):
             update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
         return self._latest if self._published is None else self._published.apply(self._latest)
@@ -216,8 +216,8 @@ class Fusion:
             hypothesis = self._published.own(hypothesis)
             if hypothesis is None:
                 return []
-        gone = (one for space in self._spaces for one in space.forget(hypothesis))
-        return sorted(gone if self._published is None else map(self._published.name, gone))
+        forgotten = (own_id for space in self._spaces for own_id in space.forget(hypothesis))
+        return sorted(forgotten if self._published is None else map(self._published.name, forgotten))
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.

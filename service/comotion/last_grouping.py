@@ -1,7 +1,7 @@
 """Extends a partition of some trajectories to all the current ones.
 
 Where a space is not grouped, or some of its trajectories only, the others keep their hypotheses. Those that
-have none join the group of whom they are near and move like.
+have none join the group of the nearest trajectory that moves alike.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ _SPREAD = 2_654_435_761
 
 @dataclass(frozen=True)
 class LastGrouping:
-    """A partition, and whose it was.
+    """A partition, and the trajectories that it was made of.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class LastGrouping:
     keys, current_keys
         int64, of the trajectories that were in the slots of the partition, and in `current`.
     sessions, ids
-        intp [n] and uint64 [n]: who the current ones were.
+        intp [n] and uint64 [n]: session number and feature id of the grouped ones.
     """
 
     partition: Partition
@@ -53,27 +53,29 @@ class LastGrouping:
 
     @classmethod
     def of(cls, window: Window, partition: Partition, current: Slots) -> Self:
-        """Take down a partition of the trajectories of now."""
+        """Record a partition of the current trajectories."""
         keys = window.key[partition.slots], window.key[current]
         return cls(partition, current, *keys, window.source[current], window.id[current])
 
-    def extended(self, window: Window, current: Slots, before: Labels) -> Partition:
+    def extended(self, window: Window, current: Slots, previous_labels: Labels) -> Partition:
         """The same groups for all that are current now, slots intp [n].
 
-        `before` int64 [capacity] is the hypothesis of each slot until now.
+        `previous_labels` int64 [capacity] is the hypothesis of each slot until now.
         """
         last = self.partition
-        kept = _same(window, last.slots, self.keys)
+        same = _same(window, last.slots, self.keys)
         groups, deciding = np.full(window.capacity, NO_HYPOTHESIS), np.zeros(window.capacity, np.bool_)
-        groups[last.slots[kept]], deciding[last.slots[kept]] = last.groups[kept], last.deciding[kept]
-        confidence, known = np.zeros(window.capacity), _same(window, self.current, self.current_keys)
-        confidence[self.current[known]] = last.confidence[known]
-        others = np.setdiff1d(current, last.slots[kept])
-        groups[others] = _by_hypothesis(before[others], before[last.slots[kept]], last.groups[kept])
+        groups[last.slots[same]], deciding[last.slots[same]] = last.groups[same], last.deciding[same]
+        confidence, same_current = np.zeros(window.capacity), _same(window, self.current, self.current_keys)
+        confidence[self.current[same_current]] = last.confidence[same_current]
+        others = np.setdiff1d(current, last.slots[same])
+        groups[others] = _by_hypothesis(
+            previous_labels[others], previous_labels[last.slots[same]], last.groups[same]
+        )
         new = others[groups[others] == NO_HYPOTHESIS]
         groups[new] = _by_place_and_motion(window, new, current, groups[current])
         confidence[others] = np.where(groups[others] == NO_HYPOTHESIS, 0.0, _JOINED_CONFIDENCE)
-        slots = np.union1d(current, last.slots[kept])
+        slots = np.union1d(current, last.slots[same])
         return replace(
             last,
             slots=slots,
@@ -97,24 +99,24 @@ def representatives(window: Window, current: Slots, labels: Labels, share: float
     return current[np.sort(np.lexsort((spread, ranks(labels[current], spread)))[:count])]
 
 
-def _by_hypothesis(wanted: Labels, before: Labels, groups: Ints) -> Ints:
-    """Group in which most of each wanted hypothesis, int64 [n], are now, or NO_HYPOTHESIS, intp [n]."""
-    known, shared = shared_counts(before, groups, int(groups.max(initial=-1)) + 1)
+def _by_hypothesis(hypotheses: Labels, previous_labels: Labels, groups: Ints) -> Ints:
+    """Group that has most members of each hypothesis, int64 [n], now, or NO_HYPOTHESIS, intp [n]."""
+    continued, shared = shared_counts(previous_labels, groups, int(groups.max(initial=-1)) + 1)
     if not shared.size:
-        return np.full(len(wanted), NO_HYPOTHESIS)
+        return np.full(len(hypotheses), NO_HYPOTHESIS)
     heir = np.where(shared.any(axis=1), shared.argmax(axis=1), NO_HYPOTHESIS)
-    return np.append(heir, NO_HYPOTHESIS)[find(wanted, known)]
+    return np.append(heir, NO_HYPOTHESIS)[find(hypotheses, continued)]
 
 
 def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:
     """Group of the nearest member that moves alike, intp [n]; NO_HYPOTHESIS where motion does not show."""
-    found = np.full(len(new), NO_HYPOTHESIS)
+    joined = np.full(len(new), NO_HYPOTHESIS)
     telling = window.counts(new) >= _MIN_OBSERVATIONS
     members = np.flatnonzero((groups != NO_HYPOTHESIS) & (window.counts(current) >= _MIN_OBSERVATIONS))
     members = members[:: -(-len(members) // _COMPARED) or 1]
     groups = groups[members]
     if not telling.any() or len(members) < 2:
-        return found
+        return joined
     place, motion = _states(window, current[members])
     own_place, own_motion = _states(window, new[telling])
     apart, differ = cdist(place, place), cdist(motion, motion)
@@ -124,12 +126,12 @@ def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Int
     nearest = apart.argmin(axis=1)
     rows = np.flatnonzero(np.isfinite(apart[np.arange(len(nearest)), nearest]))
     if not len(rows):
-        return found
+        return joined
     width = float(np.median(apart[rows, nearest[rows]])) + 1e-12
     spread = float(np.median(differ[rows, nearest[rows]])) + 1e-12
     cost = (cdist(own_place, place) / width) ** 2 + (cdist(own_motion, motion) / spread) ** 2
-    found[telling] = groups[cost.argmin(axis=1)]
-    return found
+    joined[telling] = groups[cost.argmin(axis=1)]
+    return joined
 
 
 def _states(window: Window, slots: Slots) -> tuple[Floats, Floats]:

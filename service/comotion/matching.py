@@ -13,26 +13,26 @@ Pairs = list[tuple[int, int]]
 
 
 def shared_counts(
-    before: Labels, groups: Ints, count: int, weights: Floats | None = None
+    previous_labels: Labels, groups: Ints, count: int, weights: Floats | None = None
 ) -> tuple[Labels, NDArray[Any]]:
     """Count the trajectories that old hypotheses and new groups share.
 
-    `before` int64 [N] is the hypothesis of each trajectory until now and `groups` intp [N] the group of each,
-    of `count`, both negative for none; `weights` float64 [N] says how much each counts, None: 1.
+    `previous_labels` int64 [N] is the hypothesis of each trajectory until now and `groups` intp [N] the group
+    of each, of `count`, both negative for none; `weights` float64 [N] says how much each counts, None: 1.
 
     Returns
     -------
-    known
+    ids
         int64 [H], the old hypotheses, ascending.
     shared
         int64 [H, count]; with weights float64.
     """
-    old = before >= 0
-    known, row = distinct(before[old])
-    both = groups[old] >= 0
-    cells = row[both] * count + groups[old][both]
-    some = None if weights is None else weights[old][both]
-    return known, np.bincount(cells, some, len(known) * count).reshape(len(known), count)
+    labelled = previous_labels >= 0
+    ids, row = distinct(previous_labels[labelled])
+    both = groups[labelled] >= 0
+    cells = row[both] * count + groups[labelled][both]
+    weight = None if weights is None else weights[labelled][both]
+    return ids, np.bincount(cells, weight, len(ids) * count).reshape(len(ids), count)
 
 
 def largest_first(shared: NDArray[Any]) -> Pairs:
@@ -59,12 +59,12 @@ def largest_total(shared: NDArray[Any]) -> Pairs:
 
 
 def continued(
-    before: Labels,
+    previous_labels: Labels,
     groups: Ints,
     count: int,
     matching: Callable[[NDArray[Any]], Pairs],
     weights: Floats | None = None,
 ) -> dict[int, int]:
     """Hypothesis that each group continues, {group: id}; parameters as in :func:`shared_counts`."""
-    known, shared = shared_counts(before, groups, count, weights)
-    return {group: int(known[row]) for row, group in matching(shared)}
+    ids, shared = shared_counts(previous_labels, groups, count, weights)
+    return {group: int(ids[row]) for row, group in matching(shared)}

@@ -53,7 +53,7 @@ class MovingFrame:
     _births: dict[int, RigidTransform] = field(default_factory=dict)
     _past: deque[tuple[int, RigidTransform]] = field(default_factory=deque, metadata=NOT_KEPT)
     # Before the first world: stamp, poses by hypothesis.
-    _before: list[tuple[int, dict[int, RigidTransform]]] = field(default_factory=list, metadata=NOT_KEPT)
+    _early: list[tuple[int, dict[int, RigidTransform]]] = field(default_factory=list, metadata=NOT_KEPT)
 
     def relative(
         self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
@@ -68,34 +68,34 @@ class MovingFrame:
         self._choose(stamp_ns, present, labels, positions)
         world = None if self._world is None else present.get(self._world)
         if self._world is None:
-            poses = {one: transform(h.pose) for one, h in present.items() if h.pose is not None}
-            self._before = [*self._before[-_MOST_BEFORE:], (stamp_ns, poses)]
+            poses = {number: transform(h.pose) for number, h in present.items() if h.pose is not None}
+            self._early = [*self._early[-_MOST_BEFORE:], (stamp_ns, poses)]
         if world is not None and world.pose is not None:
             self._frame = self._anchor * transform(world.pose).inv()
         self._past.append((stamp_ns, self._frame))
         while self._past[0][0] < stamp_ns - _MEMORY_NS:
             self._past.popleft()
-        for one, h in present.items():
-            if one not in self._births:
-                self._births[one] = min(self._past, key=lambda known: abs(known[0] - h.born_ns))[1]
+        for number, h in present.items():
+            if number not in self._births:
+                self._births[number] = min(self._past, key=lambda past: abs(past[0] - h.born_ns))[1]
         listed = {h.id for h in hypotheses}
-        self._births = {one: born for one, born in self._births.items() if one in listed}
-        found = [h if h.absent else self._described(h, world) for h in hypotheses]
-        known = self.metric and world is not None and world.pose is not None
-        return found, pose_of(self._frame, self.dim) if known else None
+        self._births = {number: born for number, born in self._births.items() if number in listed}
+        described = [h if h.absent else self._described(h, world) for h in hypotheses]
+        has_pose = self.metric and world is not None and world.pose is not None
+        return described, pose_of(self._frame, self.dim) if has_pose else None
 
     def _choose(
         self, stamp_ns: int, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats
     ) -> None:
         """Keep the world, or take the largest body for it."""
         sizes = {
-            one: _size(positions[labels == one])
-            for one, h in present.items()
+            number: _size(positions[labels == number])
+            for number, h in present.items()
             if h.pose is not None or not self.metric
         }
         if not sizes:
             return
-        largest = max(sizes, key=lambda one: (sizes[one], -one))
+        largest = max(sizes, key=lambda number: (sizes[number], -number))
         if self._world is None and not _is_first(stamp_ns, present[largest], labels):
             return
         if self._world in sizes and sizes[largest] < _TIMES_LARGER * sizes[self._world]:
@@ -111,22 +111,22 @@ class MovingFrame:
 
     def _look_back(self, world: int) -> None:
         """Find where the frame was before the first world was chosen."""
-        known = [(stamp, poses[world]) for stamp, poses in self._before if world in poses]
-        self._past = deque((stamp, self._anchor * pose.inv()) for stamp, pose in known)
-        self._births, self._before = {}, []
+        placed = [(stamp, poses[world]) for stamp, poses in self._early if world in poses]
+        self._past = deque((stamp, self._anchor * pose.inv()) for stamp, pose in placed)
+        self._births, self._early = {}, []
 
-    def _described(self, one: Hypothesis, world: Hypothesis | None) -> Hypothesis:
-        if one.id == self._world:
-            still = None if one.twist is None else _twist(np.zeros(3), np.zeros(3), self.dim)
-            pose = None if one.pose is None else pose_of(RigidTransform.identity(), self.dim)
-            return replace(one, state="static", pose=pose, twist=still)
+    def _described(self, body: Hypothesis, world: Hypothesis | None) -> Hypothesis:
+        if body.id == self._world:
+            still = None if body.twist is None else _twist(np.zeros(3), np.zeros(3), self.dim)
+            pose = None if body.pose is None else pose_of(RigidTransform.identity(), self.dim)
+            return replace(body, state="static", pose=pose, twist=still)
         # What rests in the frame of a moving camera is carried with it.
-        state = "moving" if one.state == "static" and world is not None else one.state
-        if one.pose is None:
-            return replace(one, state=state)
-        moved = self._frame * transform(one.pose) * self._births[one.id].inv()
+        state = "moving" if body.state == "static" and world is not None else body.state
+        if body.pose is None:
+            return replace(body, state=state)
+        moved = self._frame * transform(body.pose) * self._births[body.id].inv()
         return replace(
-            one, state=state, pose=pose_of(moved, self.dim), twist=_relative_twist(one, world, self.dim)
+            body, state=state, pose=pose_of(moved, self.dim), twist=_relative_twist(body, world, self.dim)
         )
 
 
@@ -138,7 +138,7 @@ class Carrying:
     ----------
     frame
         The frame; None while it rests.
-    said
+    declared
         By session number its source, and whether that says that the frame moves.
     contradicting
         Sources that say so where not all do.
@@ -148,7 +148,7 @@ class Carrying:
     metric: bool
     configured: bool | None
     frame: MovingFrame | None = None
-    said: dict[int, tuple[str, bool]] = field(default_factory=dict)
+    declared: dict[int, tuple[str, bool]] = field(default_factory=dict)
     contradicting: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -156,11 +156,11 @@ class Carrying:
 
     def follow(self, present: list[int], in_use: set[int]) -> None:
         """Follow what sessions with current trajectories say; forget those that are not in use."""
-        said = [self.said[number] for number in present if number in self.said]
-        if self.configured is None and said:
-            self._carry(moving=all(moving for _, moving in said))
-        self.contradicting = [name for name, moving in said if moving and self.frame is None]
-        self.said = {number: declared for number, declared in self.said.items() if number in in_use}
+        claims = [self.declared[number] for number in present if number in self.declared]
+        if self.configured is None and claims:
+            self._carry(moving=all(moving for _, moving in claims))
+        self.contradicting = [name for name, moving in claims if moving and self.frame is None]
+        self.declared = {number: claim for number, claim in self.declared.items() if number in in_use}
 
     def load(self, state: Mapping[str, Any] | None) -> None:
         """The frame moves: as it was kept, or anew where nothing was."""
@@ -175,10 +175,10 @@ class Carrying:
             self.frame = MovingFrame(self.dim, self.metric)
 
 
-def _is_first(stamp_ns: int, one: Hypothesis, labels: Labels) -> bool:
+def _is_first(stamp_ns: int, body: Hypothesis, labels: Labels) -> bool:
     """Whether enough is known of a body to take it for the first world."""
-    share = np.count_nonzero(labels == one.id) / len(labels)
-    return one.confirmed or bool(share >= _FIRST_SHARE and stamp_ns - one.born_ns >= _FIRST_NS)
+    share = np.count_nonzero(labels == body.id) / len(labels)
+    return body.confirmed or bool(share >= _FIRST_SHARE and stamp_ns - body.born_ns >= _FIRST_NS)
 
 
 def _size(points: Floats) -> float:
@@ -188,14 +188,14 @@ def _size(points: Floats) -> float:
     return float(len(points) * np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean()))
 
 
-def _relative_twist(one: Hypothesis, world: Hypothesis | None, dim: int) -> Twist | None:
+def _relative_twist(body: Hypothesis, world: Hypothesis | None, dim: int) -> Twist | None:
     """Velocities against the world, in the axes of the space."""
-    if one.twist is None or world is None or world.twist is None:
-        return one.twist
-    lever = three(one.centroid) - three(world.centroid)
+    if body.twist is None or world is None or world.twist is None:
+        return body.twist
+    lever = three(body.centroid) - three(world.centroid)
     turning = spin(world.twist)
     carried = three(world.twist.linear) + np.cross(turning, lever)
-    return _twist(three(one.twist.linear) - carried, spin(one.twist) - turning, dim)
+    return _twist(three(body.twist.linear) - carried, spin(body.twist) - turning, dim)
 
 
 def _twist(linear: Floats, angular: Floats, dim: int) -> Twist:

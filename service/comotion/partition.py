@@ -1,4 +1,4 @@
-"""What a method takes and what it answers: the words that methods and the rest of the core share."""
+"""Defines the input and the output of a method: the types that methods and the rest of the core share."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
@@ -35,7 +35,7 @@ class SpaceSpec:
 
 @dataclass(frozen=True)
 class Previous:
-    """What the last update has left.
+    """Labels of the last update.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
 
 
 class Method(ABC):
-    """A method, for one space. It sees what leaves the window, and answers once per update."""
+    """A method, for one space. It is told what leaves the window, and groups once per update."""
 
     matching: Matching
     """How its groups continue hypotheses; see :mod:`comotion.matching`."""
@@ -197,7 +197,7 @@ class Method(ABC):
 
     @property
     def delays_ns(self) -> Mapping[int, int]:
-        """What it adds to the times of sources that are late, by session number."""
+        """Time that it adds to the stamps of sources that are late, ns by session number."""
         return {}
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:  # noqa: B027

@@ -1,4 +1,4 @@
-"""In objects, out plain values and arrays that a snapshot keeps, and the other way round by their types.
+"""Turns objects into plain values and arrays that a snapshot keeps, and restores them by their types.
 
 What is kept are dataclasses and named tuples of numbers, texts, arrays, rigid motions and more of them, also
 in dicts, lists, tuples, sets and queues. Fields that are marked with :data:`NOT_KEPT` come from elsewhere.
@@ -20,23 +20,23 @@ _UNIONS = (Union, UnionType)
 _ATOMS = frozenset((int, str, float, bool, NoneType))
 
 
-def plain(one: Any) -> Any:
-    """A copy as plain values and arrays: nothing else changes it; of a dict with its items as a list."""
-    kind: Any = type(one)
-    found = one
+def plain(original: Any) -> Any:
+    """Copy a value to plain values and arrays that share nothing with it; a dict becomes a list of items."""
+    kind: Any = type(original)
+    copied = original
     if kind in _ATOMS:
         pass
-    elif is_dataclass(one):
-        found = {name: plain(getattr(one, name)) for name in _kept(kind)}
-    elif isinstance(one, np.ndarray):
-        found = one.copy()
-    elif isinstance(one, RigidTransform):
-        found = one.as_matrix()
-    elif isinstance(one, Mapping):
-        found = [[plain(key), plain(value)] for key, value in one.items()]
-    elif isinstance(one, list | tuple | set | deque):
-        found = [plain(member) for member in one]
-    return found
+    elif is_dataclass(original):
+        copied = {name: plain(getattr(original, name)) for name in _kept(kind)}
+    elif isinstance(original, np.ndarray):
+        copied = original.copy()
+    elif isinstance(original, RigidTransform):
+        copied = original.as_matrix()
+    elif isinstance(original, Mapping):
+        copied = [[plain(key), plain(value)] for key, value in original.items()]
+    elif isinstance(original, list | tuple | set | deque):
+        copied = [plain(member) for member in original]
+    return copied
 
 
 def restored(kind: Any, state: Any) -> Any:
@@ -49,34 +49,34 @@ def restored(kind: Any, state: Any) -> Any:
     """
     origin: Any = get_origin(kind) or kind
     members = [member for member in get_args(kind) if member is not NoneType]
-    found = state
+    rebuilt = state
     if state is None or (origin in _UNIONS and len(members) > 1):
-        # Of several kinds of numbers the state says which one it is.
+        # A union of several types of numbers: the state has the right one already.
         pass
     elif origin is RigidTransform:
-        found = RigidTransform.from_matrix(state)
+        rebuilt = RigidTransform.from_matrix(state)
     elif origin in _UNIONS:
-        found = restored(members[0], state)
+        rebuilt = restored(members[0], state)
     elif is_dataclass(origin):
         types = _types(kind)
-        found = kind(**{name: restored(types[name], value) for name, value in state.items()})
+        rebuilt = kind(**{name: restored(types[name], value) for name, value in state.items()})
     elif hasattr(origin, "_fields"):
-        found = kind(*map(restored, _types(kind).values(), state))
+        rebuilt = kind(*map(restored, _types(kind).values(), state))
     elif origin is dict:
-        found = {restored(members[0], key): restored(members[1], value) for key, value in state}
+        rebuilt = {restored(members[0], key): restored(members[1], value) for key, value in state}
     elif origin is tuple and members[-1] is not Ellipsis:
-        found = tuple(map(restored, members, state))
+        rebuilt = tuple(map(restored, members, state))
     elif origin in (list, tuple, set, deque):
-        found = origin(restored(members[0], member) for member in state)
-    return found
+        rebuilt = origin(restored(members[0], member) for member in state)
+    return rebuilt
 
 
-def refill(one: Any, state: Mapping[str, Any]) -> None:
-    """Give a dataclass the fields that :func:`plain` has kept of its like."""
-    kind: Any = type(one)
+def refill(target: Any, state: Mapping[str, Any]) -> None:
+    """Set the fields of a dataclass to those that :func:`plain` has kept of one of its type."""
+    kind: Any = type(target)
     types = _types(kind)
     for name in _kept(kind):
-        setattr(one, name, restored(types[name], state[name]))
+        setattr(target, name, restored(types[name], state[name]))
 
 
 @cache

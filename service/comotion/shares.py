@@ -1,4 +1,4 @@
-"""What each source has of what all share: turns in which spaces are updated, and trajectories."""
+"""Shares the time for updating spaces, and the trajectories, among the sources."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping
@@ -10,7 +10,7 @@ from .space import Space
 
 # Updates of a space whose costs are remembered: their median counts, for one may cost anything.
 _REMEMBERED = 5
-# Who costs so much of what the costliest one does is named beside it.
+# A source that costs this share of what the costliest one costs is named beside it.
 _AS_COSTLY = 0.5
 
 
@@ -43,20 +43,22 @@ class Turns:
         self._costs = {name: self._costs.get(name, deque(maxlen=_REMEMBERED)) for name in shares}
         waiting = sorted(shares, key=lambda name: (self._updated[name], name))
         self.budget.begin(at_ns, set().union(*shares.values()))
-        some = False
+        any_updated = False
         while waiting:
-            others = []
+            left_waiting = []
             for name in waiting:
-                if some and not any(self.budget.allows(source) for source in shares[name]):
-                    others.append(name)
+                if any_updated and not any(self.budget.allows(source) for source in shares[name]):
+                    left_waiting.append(name)
                     continue
-                some = True
+                any_updated = True
                 with self.budget.charge(shares[name]):
                     update(name)
                 self._updated[name] = self._round
                 cost_ns = self.budget.cost_ns
-                self._costs[name].append({one: round(part * cost_ns) for one, part in shares[name].items()})
-            waiting = others
+                self._costs[name].append(
+                    {source: round(part * cost_ns) for source, part in shares[name].items()}
+                )
+            waiting = left_waiting
             if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
                 break
         self.costly = self._costliest(shares) if waiting else set()
@@ -66,7 +68,7 @@ class Turns:
         """Sources whose spaces cost more than their share, and about as much as those of any other."""
         paid = {name: _medians(costs) for name, costs in self._costs.items() if costs}
         # What has not been updated yet counts as others do.
-        usual_ns = median_low(sum(one.values()) for one in paid.values())
+        usual_ns = median_low(sum(cost.values()) for cost in paid.values())
         spent: Counter[str] = Counter()
         for name, parts in shares.items():
             spent.update(paid.get(name) or {source: round(part * usual_ns) for source, part in parts.items()})
@@ -77,11 +79,11 @@ class Turns:
 def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
     """What each source has paid in the median."""
     sources: set[str] = set().union(*costs)
-    return {source: median_low(one.get(source, 0) for one in costs) for source in sources}
+    return {source: median_low(cost.get(source, 0) for cost in costs) for source in sources}
 
 
 def allowance(spaces: Collection[Space], most: int, session: int, wanted: int) -> int:
-    """How many new trajectories a session may open; of `most`, who holds more than its share loses some."""
+    """How many new trajectories a session may open of `most` in all; sessions above their share lose some."""
     free = max(most - sum(space.occupied() for space in spaces), 0)
     if wanted <= free:
         return wanted

@@ -109,7 +109,7 @@ class Load:
             self.level, self._slow_ns = min(self.level + steps, MOST), at_ns
         elif self.level and at_ns - self._slow_ns >= _CALM_NS:
             busy = max(stretch for _, stretch in self._stretched)
-            fitting = (one for one in range(self.level) if busy * self._expected(one, at_ns) <= most_ns)
+            fitting = (level for level in range(self.level) if busy * self._expected(level, at_ns) <= most_ns)
             self.level = next(fitting, self.level)
         return self.level
 

@@ -142,10 +142,10 @@ def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
 
 
 def _digest(parts: Iterable[Any]) -> bytes:
-    found = hashlib.blake2b(digest_size=_DIGEST_BYTES)
+    digest = hashlib.blake2b(digest_size=_DIGEST_BYTES)
     for part in parts:
-        found.update(part)
-    return found.digest()
+        digest.update(part)
+    return digest.digest()
 
 
 def _resolve(value: dict[Any, Any], arrays: memoryview) -> Any:

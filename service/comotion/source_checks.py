@@ -66,13 +66,13 @@ class SourceChecks:
 
     def look(self, instants: Instants, fresh: int, ended: int) -> None:
         """Look at instants, of which so many rows were new and so many had an id that has ended."""
-        source, some = instants.batch.source, instants.rows[:_MOST_ROWS]
+        source, rows = instants.batch.source, instants.rows[:_MOST_ROWS]
         record = self._records.setdefault(instants.session, _Record())
         record.returns += ended > 0
         if ended and record.returns >= _LEAST_RETURNS:
             self._troubles.note("ids-reused", source, 0.0)
-        if len(some):
-            ids, positions = instants.batch.ids[some], instants.batch.positions[some].astype(np.float64)
+        if len(rows):
+            ids, positions = instants.batch.ids[rows], instants.batch.positions[rows].astype(np.float64)
             self._compare(record, source, fresh / len(instants.rows), (instants.stamp_ns, ids, positions))
 
     def _compare(self, record: _Record, source: str, fresh: float, seen: Seen) -> None:
@@ -93,23 +93,23 @@ class SourceChecks:
                 self._troubles.note("ids-reused", source, share)
 
     def keep(self, sessions: set[int]) -> None:
-        """Forget all sessions but some."""
-        self._records = {number: one for number, one in self._records.items() if number in sessions}
+        """Forget all sessions but these, by number."""
+        self._records = {number: record for number, record in self._records.items() if number in sessions}
 
 
-def _leaps(now: Floats, before: Floats) -> bool:
+def _leaps(positions: Floats, previous: Floats) -> bool:
     """Whether any feature moves by a quarter of what all span; a cheap look at every instant."""
-    return float(np.abs(now - before).max()) > 0.25 * float(np.ptp(now, axis=0).max())
+    return float(np.abs(positions - previous).max()) > 0.25 * float(np.ptp(positions, axis=0).max())
 
 
 def _traded(record: _Record, last: Seen, new: Seen) -> float:
     """Compare two instants; the share of features that trade places of late, 0 while it says nothing."""
-    (before_ns, known, places), (stamp_ns, ids, positions) = last, new
-    _, mine, theirs = np.intersect1d(ids, known, return_indices=True)
-    if len(mine) < _LEAST_SHARED or not 0 < stamp_ns - before_ns <= _APART_NS:
+    (previous_ns, previous_ids, previous_positions), (stamp_ns, ids, positions) = last, new
+    _, rows, previous_rows = np.intersect1d(ids, previous_ids, return_indices=True)
+    if len(rows) < _LEAST_SHARED or not 0 < stamp_ns - previous_ns <= _APART_NS:
         return 0.0
     record.compared_ns = stamp_ns
     record.compared = 0.9 * record.compared + 1
-    share = trading(places[theirs], positions[mine])
+    share = trading(previous_positions[previous_rows], positions[rows])
     record.jumped = 0.9 * record.jumped + share
     return record.jumped / record.compared if share and record.jumped > _TRADED else 0.0

@@ -32,7 +32,7 @@ from .trajectories.window import Ids, Window
 # Motion shows between two observations: an outdated trajectory with fewer in the window is forgotten.
 _MIN_OBSERVATIONS = 2
 REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
-"""What is said where rows are beyond a bound."""
+"""Text where rows are beyond a bound."""
 # m or px. Farther out, single precision resolves no motion, and squares of squares leave their range.
 MAX_COORDINATE = 1e9
 
@@ -45,7 +45,7 @@ class Space:
     Attributes
     ----------
     index
-        Who the trajectories are.
+        Session and id of the trajectories.
     carrying
         Whether the frame moves, and where it is.
     owner
@@ -79,8 +79,8 @@ class Space:
         self._groupings = 0
         # Up to when trajectories were searched for jumps.
         self._searched_ns = 0
-        known = config.spaces.get(spec.name)
-        self.carrying = Carrying(spec.dim, spec.unit == "m", None if known is None else known.moving)
+        declared = config.spaces.get(spec.name)
+        self.carrying = Carrying(spec.dim, spec.unit == "m", None if declared is None else declared.moving)
 
     def store(self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None) -> bool:
         """Put released rows into the window, in event-time order; False if all are too far out.
@@ -107,26 +107,26 @@ class Space:
         if taken is not None:
             rows, stamps = rows[~taken], stamps[~taken]
         places: NDArray[Any] = batch.positions[rows]
-        near = self.extent.fits(session, places) if len(rows) else None
-        if near is not None:
-            if not near.any():
+        in_scene = self.extent.fits(session, places) if len(rows) else None
+        if in_scene is not None:
+            if not in_scene.any():
                 return False, 0, 0
-            rows, stamps = rows[near], stamps[near]
+            rows, stamps = rows[in_scene], stamps[in_scene]
         slots, fresh, ended = self._find_or_open(batch.ids[rows], session, allowance)
-        known = slots >= 0
+        has_slot = slots >= 0
         # An id that its source has declared lost for good must not come back.
-        keep = known.copy()
-        keep[known] = ~self._window.ended[slots[known]]
-        ended += int(np.count_nonzero(known & ~keep))
-        self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(keep))
-        if keep.any():
-            self._insert(instants, slots[keep], rows[keep], stamps[keep])
+        accepted = has_slot.copy()
+        accepted[has_slot] = ~self._window.ended[slots[has_slot]]
+        ended += int(np.count_nonzero(has_slot & ~accepted))
+        self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(accepted))
+        if accepted.any():
+            self._insert(instants, slots[accepted], rows[accepted], stamps[accepted])
         return True, fresh, ended
 
     def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
         """Put rows of a batch into the window, each with its slot and stamp."""
         batch = instants.batch
-        self.carrying.said[instants.session] = batch.source, bool(batch.moving)
+        self.carrying.declared[instants.session] = batch.source, bool(batch.moving)
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
@@ -150,18 +150,18 @@ class Space:
     ) -> tuple[Slots, int, int]:
         """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
         slots = self.index.find(ids, session)
-        # What comes back counts before anything new does.
+        # Trajectories that are observed again count before new ones do.
         self._window.live[slots[slots >= 0]] = True
         fresh, ended = np.flatnonzero(slots < 0), 0
         if len(fresh):
-            _, first, again = np.unique(ids[fresh], return_index=True, return_inverse=True)
+            _, first, first_of_row = np.unique(ids[fresh], return_index=True, return_inverse=True)
             # By first appearance: the oldest trajectory has the lowest number.
             new = fresh[np.sort(first)]
-            gone = self.index.has_ended(ids[new], session)
-            opened, ended = new[~gone], int(gone.sum())
+            has_ended = self.index.has_ended(ids[new], session)
+            opened, ended = new[~has_ended], int(has_ended.sum())
             opened = opened[: allowance(len(opened)) if len(opened) else 0]
             slots[opened] = self.index.open(ids[opened], session)
-            slots[fresh] = slots[fresh[first]][again]
+            slots[fresh] = slots[fresh[first]][first_of_row]
             self._stats.tracks += len(opened)
             fresh = opened
         return slots, len(fresh), ended
@@ -189,14 +189,14 @@ class Space:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""
         window = self._window
         slots = np.flatnonzero(window.live & (window.source == session))
-        gone = slots[np.argsort(window.key[slots])][len(slots) - min(count, len(slots)) :]
-        if not len(gone):
+        displaced = slots[np.argsort(window.key[slots])][len(slots) - min(count, len(slots)) :]
+        if not len(displaced):
             return 0
-        self._method.evicting(window, gone, window.counts(gone))
-        window.evict(gone, window.counts(gone))
-        self._close(gone)
+        self._method.evicting(window, displaced, window.counts(displaced))
+        window.evict(displaced, window.counts(displaced))
+        self._close(displaced)
         self._current = self._current[window.used[self._current]]
-        return len(gone)
+        return len(displaced)
 
     def update(self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL) -> SpaceUpdate:
         """Move the window to the watermark and group what is current, as far as `effort` says.
@@ -222,13 +222,13 @@ class Space:
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
         # Links and joints follow from motion in the frame; what is published is relative to the world.
-        present = [one for one in hypotheses if not one.absent]
+        present = [h for h in hypotheses if not h.absent]
         frame = None
         if self.carrying.frame is not None:
             hypotheses, frame = self.carrying.frame.relative(stamp_ns, hypotheses, labels, partition.position)
-        owners, newest, known = window.source[current], _newest(window, current), self._hypotheses
+        owners, newest, registry = window.source[current], _newest(window, current), self._hypotheses
         seen = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
-        motions = partial(self._method.motions, known.ids, known.references)
+        motions = partial(self._method.motions, registry.ids, registry.references)
         self._listed = (
             window.key[current],
             SpaceUpdate(
@@ -251,8 +251,8 @@ class Space:
             return None
         keys, last = self._listed
         slots, window = last.view.current, self._window
-        kept = window.used[slots] & (window.key[slots] == keys) & ~window.ended[slots]
-        return last.without_some(kept)
+        same = window.used[slots] & (window.key[slots] == keys) & ~window.ended[slots]
+        return last.without_some(same)
 
     def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
@@ -262,15 +262,15 @@ class Space:
         self._groupings += 1
         self.drift.look(window, current, previous.labels, stamp_ns, self._method.delays_ns)
         steady = window.used & ~np.isin(window.source, self.drift.drifting)
-        some = representatives(window, current[steady[current]], previous.labels, effort.share)
-        part = window
-        if len(some) < len(current):
-            few = len(some) < np.count_nonzero(steady[current])
-            part = window.of(some if few else np.flatnonzero(steady))
-        found = self._method.partition(part, some, stamp_ns, previous)
-        self._last = LastGrouping.of(window, found, some)
-        if len(some) == len(current):
-            return found
+        grouped = representatives(window, current[steady[current]], previous.labels, effort.share)
+        view = window
+        if len(grouped) < len(current):
+            a_share = len(grouped) < np.count_nonzero(steady[current])
+            view = window.of(grouped if a_share else np.flatnonzero(steady))
+        partition = self._method.partition(view, grouped, stamp_ns, previous)
+        self._last = LastGrouping.of(window, partition, grouped)
+        if len(grouped) == len(current):
+            return partition
         return self._last.extended(window, current, previous.labels)
 
     def _evict(self, stamp_ns: int) -> None:
@@ -286,15 +286,15 @@ class Space:
         slots, first = jumps(window, live, self._searched_ns)
         self._searched_ns = stamp_ns
         for slot, begin in zip(slots, first, strict=True):
-            left = slice(begin, window.stop[slot])
-            stamps, positions = window.times[slot, left].copy(), window.positions[slot, left].copy()
-            sigma, covariance = window.sigma[slot, left].copy(), window.covariance[slot].copy()
-            turns = None if window.quaternions is None else window.quaternions[slot, left].copy()
-            known, source = window.id[[slot]], int(window.source[slot])
+            rest = slice(begin, window.stop[slot])
+            stamps, positions = window.times[slot, rest].copy(), window.positions[slot, rest].copy()
+            sigma, covariance = window.sigma[slot, rest].copy(), window.covariance[slot].copy()
+            turns = None if window.quaternions is None else window.quaternions[slot, rest].copy()
+            track_id, source = window.id[[slot]], int(window.source[slot])
             self._close(np.array([slot]))
-            again = self.index.open(known, source)
-            window.insert(np.repeat(again, len(stamps)), stamps, positions, sigma, turns)
-            window.covariance[again] = covariance
+            reopened = self.index.open(track_id, source)
+            window.insert(np.repeat(reopened, len(stamps)), stamps, positions, sigma, turns)
+            window.covariance[reopened] = covariance
         self._stats.tracks += len(slots)
 
     def _fresh(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Bools:
@@ -309,16 +309,16 @@ class Space:
     def _forget(self, fresh: Bools) -> None:
         """Forget trajectories that are outdated and too short to show motion."""
         window = self._window
-        gone = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
-        if not len(gone):
+        forgotten = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
+        if not len(forgotten):
             return
-        self._close(gone[np.argsort(window.key[gone])])
+        self._close(forgotten[np.argsort(window.key[forgotten])])
 
-    def _close(self, gone: Slots) -> None:
+    def _close(self, slots: Slots) -> None:
         """Forget trajectories, by age."""
         window = self._window
-        self._method.forgetting(window, gone)
-        self.index.close(gone)
+        self._method.forgetting(window, slots)
+        self.index.close(slots)
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""

@@ -1,4 +1,4 @@
-"""What an update of one space comes to: its current trajectories, and their hypotheses."""
+"""Holds the result of an update of one space: its current trajectories and their hypotheses."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -11,7 +11,7 @@ from .arrays import Bools, Floats, Labels, Slots
 from .linking.linker import SpaceView
 from .trajectories.window import Ids
 
-# Of what is in doubt.
+# Highest confidence of the trajectories of a source in doubt.
 _MAX_CONFIDENCE = 0.5
 
 
@@ -34,7 +34,7 @@ class SpaceUpdate:
     events
         Those of this update only.
     view
-        What the linker needs to see.
+        Input of the linker.
     frame
         Where the frame of the space is in the world; None where it does not move.
     """
@@ -49,16 +49,16 @@ class SpaceUpdate:
     view: SpaceView
     frame: Pose | None = None
 
-    def without_some(self, kept: Bools) -> Self:
-        """The same again, without events, and with some of its trajectories: bool [n]."""
-        view = replace(self.view, current=self.view.current[kept], labels=self.view.labels[kept])
+    def without_some(self, rows: Bools) -> Self:
+        """The same update without events, and with the trajectories of `rows` only, bool [n]."""
+        view = replace(self.view, current=self.view.current[rows], labels=self.view.labels[rows])
         columns: dict[str, Any] = {
-            name: one[kept] for name, one in vars(self).items() if isinstance(one, np.ndarray)
+            name: column[rows] for name, column in vars(self).items() if isinstance(column, np.ndarray)
         }
         return replace(self, **columns, events=[], view=view)
 
     def doubted(self, sessions: list[int]) -> Self:
-        """The same with half the confidence at most in what some sessions say, by number."""
+        """The same with a confidence of a half at most in trajectories of some sessions, by number."""
         if not sessions:
             return self
         most = np.where(np.isin(self.sessions, sessions), _MAX_CONFIDENCE, 1.0)

@@ -4,8 +4,8 @@ A fault in a space costs what it has derived, at worst its trajectories; never t
 Bounds are kept here: of spaces, and of trajectories, of which each source has its share (:mod:`.shares`).
 
 Unit and dim of a space are those of the configuration, else of the source that was the first to observe
-something in it, as long as anybody who agrees does. Who contradicts is refused, and so is who is not among
-the sources that the configuration names.
+something in it, as long as any source that agrees observes it. A source that contradicts is refused, and so
+is one that is not among the sources that the configuration names.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -80,11 +80,11 @@ class Spaces:
         return "space-mismatch"
 
     def _contradiction(self, batch: ObservationBatch) -> str | None:
-        """What a batch says against its space, in words."""
+        """How a batch contradicts its space, in words."""
         name, space = batch.space, self._spaces.get(batch.space)
         declared = self.config.spaces.get(name, SpaceConfig())
         unit, dim = declared.unit, declared.dim
-        # Where nobody who has said anything is there any more, it may become another.
+        # A space whose sources are gone may take another unit and dimension.
         if space is not None and not self._is_released(space):
             unit, dim = unit or space.spec.unit, dim or space.spec.dim
         if declared.sources is not None and batch.source not in declared.sources:
@@ -109,9 +109,9 @@ class Spaces:
             refused = self._space_for(instant.batch)
             if refused is not None:
                 return refused
-            space, some, most = self._spaces[name], self._cut(instant), self.config.max_tracks
+            space, first_rows, most = self._spaces[name], self._cut(instant), self.config.max_tracks
             may_open = partial(allowance, self._spaces.values(), most, instant.session)
-            fits = space.store(some, may_open, self._elsewhere(some, space))
+            fits = space.store(first_rows, may_open, self._elsewhere(first_rows, space))
             self._end(instant)
             return None if fits else "range"
         self._rebuild(name, keep=True)
@@ -136,9 +136,9 @@ class Spaces:
     ) -> list[SpaceUpdate]:
         """Update every space, in turn as far as the budget of its sources goes. Raises nothing.
 
-        Who has spent its share has its spaces listed as they were. A space that fails is built anew, at best
-        with its trajectories. `sessions` are (source, session) by session number, the rest is as for
-        :meth:`.space.Space.update`.
+        Spaces whose sources have spent their share are listed as they were. A space that fails is built
+        anew, at best with its trajectories. `sessions` are (source, session) by session number, the rest is
+        as for :meth:`.space.Space.update`.
         """
         updates: dict[str, SpaceUpdate | None] = {}
 
@@ -158,10 +158,10 @@ class Spaces:
         self._note_troubles(sessions)
         doubted = self.troubles.sources("ids-reused", "ids-short-lived")
         numbers = [number for number, (source, _) in sessions.items() if source in doubted]
-        return [one.doubted(numbers) for _, one in sorted(updates.items()) if one is not None]
+        return [part.doubted(numbers) for _, part in sorted(updates.items()) if part is not None]
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
-        """Take note of who drifts away from the others of a space, or alone says that it is carried."""
+        """Note sources that drift away from the others of a space, or that alone say that it is carried."""
         for space in self:
             for source in space.carrying.contradicting:
                 text = f"that {space.spec.name} is carried, which others do not say"
@@ -173,14 +173,14 @@ class Spaces:
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
         space = self._spaces[name]
-        held = {sessions[one][0]: count for one, count in space.held().items() if one in sessions}
+        held = {sessions[number][0]: count for number, count in space.held().items() if number in sessions}
         total = sum(held.values())
         return {source: n / total for source, n in held.items()} if total else {space.owner: 1.0}
 
     def sessions_in_use(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
-        found: set[int] = set().union(*(space.sessions_in_use() for space in self))
-        return found
+        numbers: set[int] = set().union(*(space.sessions_in_use() for space in self))
+        return numbers
 
     def tidy(self, in_use: set[int]) -> None:
         """Forget spaces that are empty and that nobody has long published in, and sessions without tracks."""
@@ -235,12 +235,12 @@ class Spaces:
     def _admit_space(self, source: str) -> bool:
         """Whether a source may open one more; of too many, the one without data for longest goes."""
         most = self.config.limits.spaces
-        some = [space for space in self if space.owner == source]
-        if len(some) < max(_OF_ONE_SOURCE * most, 1):
-            some = list(self)
-            if len(some) < most:
+        candidates = [space for space in self if space.owner == source]
+        if len(candidates) < max(_OF_ONE_SOURCE * most, 1):
+            candidates = list(self)
+            if len(candidates) < most:
                 return True
-        oldest = min(some, key=lambda space: space.fed_ns)
+        oldest = min(candidates, key=lambda space: space.fed_ns)
         if not self._is_released(oldest):
             return False
         del self._spaces[oldest.spec.name]
@@ -275,9 +275,9 @@ class Spaces:
         if not unknown.any():
             return None
         taken = [space.index.find(ids[unknown], instant.session) >= 0 for space in others]
-        found: Bools = np.zeros(len(ids), bool)
-        found[unknown] = np.any(taken, axis=0)
-        return found if found.any() else None
+        elsewhere: Bools = np.zeros(len(ids), bool)
+        elsewhere[unknown] = np.any(taken, axis=0)
+        return elsewhere if elsewhere.any() else None
 
 
 def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:

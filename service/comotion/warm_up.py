@@ -1,4 +1,4 @@
-"""Imports and compiles all that a method needs: without this, the first updates would be late by as much.
+"""Imports and compiles all that a method needs, so that the first updates are not late by that time.
 
 Made-up scenes compile it, those of each unit in a process of its own. That takes about half a minute on the
 first start on a machine; the result is kept on disk. What no scene needs is compiled where it is called.
@@ -39,7 +39,7 @@ _LOOK_S = 0.5
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
-    """Compile what the disk has not, and run through made-up scenes; yields now and then.
+    """Compile kernels that are not on disk, and run through made-up scenes; yields now and then.
 
     Parameters
     ----------
@@ -52,10 +52,14 @@ def prepare(config: FusionConfig) -> Iterator[None]:
 
 
 def compile_ahead(method: str, kinds: list[tuple[Unit, int]]) -> Iterator[None]:
-    """Compile what some of the scenes need and the disk has not; yields twice a second meanwhile."""
-    kept = folder()
+    """Compile the kernels of some of the scenes that are not on disk; yields twice a second meanwhile."""
+    cache_folder = folder()
     # A file says that the kernels of a method and scene are there.
-    marks = {} if kept is None else {kind: kept / f"{method}-{kind[0]}{kind[1]}.compiled" for kind in kinds}
+    marks = (
+        {}
+        if cache_folder is None
+        else {kind: cache_folder / f"{method}-{kind[0]}{kind[1]}.compiled" for kind in kinds}
+    )
     new = [kind for kind, mark in marks.items() if not mark.exists()]
     processes: dict[Unit, subprocess.Popen[bytes]] = {}
     try:
