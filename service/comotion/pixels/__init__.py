@@ -1,1 +1,1 @@
-"""A window of image trajectories in, a partition of the current ones out: the method of spaces in pixels."""
+"""The method of spaces in pixels: groups the current image trajectories of a window."""

@@ -1,10 +1,10 @@
-"""Motion before a resting camera in; what is carried from update to update out: whose each trajectory is.
+"""Carries from update to update which body each trajectory before a resting camera belongs to.
 
 The background rests: that is one hypothesis that needs no fit. Each trajectory carries evidence for it and
-for each body, as logarithms of odds against belonging to nobody, within limits. Motion that a hypothesis
-explains adds to it, motion that it does not explain takes away from it. What nothing explains is nobody's,
-until enough neighbours move as it does: they become a body. Where all rest, nothing changes: what came to
-rest stays whose it was.
+for each body, as logarithms of odds against belonging to none, within limits. Motion that a hypothesis
+explains adds to it, motion that it does not explain takes away from it. What nothing explains has no body,
+until enough neighbours move as it does: they become a body. Where all rest, nothing changes: a trajectory
+that came to rest keeps its body.
 """
 
 from dataclasses import dataclass
@@ -83,15 +83,15 @@ class Belief:
     """
 
     def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
-        known = np.unique(labels[labels >= 0])
-        counts = (labels[resting] == known[:, None]).sum(axis=1)
-        known = known[np.argsort(-counts, kind="stable")]
+        ids = np.unique(labels[labels >= 0])
+        counts = (labels[resting] == ids[:, None]).sum(axis=1)
+        ids = ids[np.argsort(-counts, kind="stable")]
         self.bodies: list[Body | None] = [
-            Body(0, 0, len(known) > 0, len(known) > 0) for _ in range(max(len(known), 1))
+            Body(0, 0, len(ids) > 0, len(ids) > 0) for _ in range(max(len(ids), 1))
         ]
         self._evidence = np.full((len(labels), len(self.bodies)), -_MOST)
-        for column, one in enumerate(known.tolist()):
-            self._evidence[labels == one, column] = _MOST
+        for column, name in enumerate(ids.tolist()):
+            self._evidence[labels == name, column] = _MOST
         self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
         self._newborn = labels < 0
         # By slot: whether its own motion has been seen, and not its place alone.
@@ -118,7 +118,7 @@ class Belief:
         self._recent = recent
 
     def labels(self, slots: Slots) -> Ints:
-        """Column of the body of each slot, intp [n]; :data:`NO_HYPOTHESIS` for those that are nobody's."""
+        """Column of the body of each slot, intp [n]; :data:`NO_HYPOTHESIS` for those of no body."""
         evidence = self._evidence[slots]
         best = evidence.argmax(axis=1)
         return np.where(evidence[np.arange(len(slots)), best] > 0, best, NO_HYPOTHESIS)
@@ -126,23 +126,23 @@ class Belief:
     def shown(self, slots: Slots) -> Ints:
         """As :meth:`labels`, without the members of bodies that are too young to be shown.
 
-        The background is what rests: a trajectory must have been seen to do so, its place does not say it.
+        The background is what rests: a trajectory must have been seen at rest, its place is not enough.
         """
         shown = np.array([body is not None and body.shown for body in self.bodies])
         labels = self.labels(slots)
-        told = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
-        return np.where(told & shown[labels], labels, NO_HYPOTHESIS)
+        evident = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
+        return np.where(evident & shown[labels], labels, NO_HYPOTHESIS)
 
     def publish(self) -> Bools:
         """Whether each body was published before, bool [K]; from now on all that are shown were."""
-        before = np.array([body is not None and body.published for body in self.bodies])
+        published = np.array([body is not None and body.published for body in self.bodies])
         for body in self.bodies:
             if body is not None:
                 body.published = body.shown
-        return before
+        return published
 
     def confidence(self, slots: Slots) -> Floats:
-        """Probability of the body of each slot against the best other one, or nobody, float64 [n]."""
+        """Probability of the body of each slot against the best other one, or none, float64 [n]."""
         evidence = np.sort(np.pad(self._evidence[slots], ((0, 0), (1, 0))), axis=1)
         return np.asarray(1 / (1 + np.exp(evidence[:, -2] - evidence[:, -1])))
 
@@ -154,7 +154,7 @@ class Belief:
         return residual[slots]
 
     def compare(self, slots: Slots, groups: Ints) -> None:
-        """Take in groups of a whole window, which know bodies by their structure: intp [m] each.
+        """Take in groups of a whole window, which were found by structure: intp [m] each.
 
         Two bodies that lie mostly in one group come nearer to being merged.
         """
@@ -167,7 +167,7 @@ class Belief:
         self._together.vote({column: int(shared[column].argmax()) for column in whole})
 
     def _admit(self, window: Window, slots: Slots) -> None:
-        """Make room for every slot, and forget what was known of those that have a new trajectory."""
+        """Extend the columns to every slot, and reset those that have a new trajectory."""
         extra = window.capacity - len(self._keys)
         if extra:
             self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-_MOST)
@@ -196,25 +196,25 @@ class Belief:
         gain[:, BACKGROUND] = rest
         for column, body in self._living():
             members = labels == column
-            # What is a member by its place alone does not say how the body moves: another may pass before it.
-            found = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
-            if found is None:
+            # Members by place alone do not show how the body moves: another may pass before it.
+            fit = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
+            if fit is None:
                 continue
             # A body at rest explains all that rests: that is evidence for it only near its members.
-            near = members | (votes[:, column] > 0) | (found.motion >= AT_REST_PX)
-            gain[:, column] = np.where(near, found.gain, np.minimum(found.gain, 0.0))
-            motion[column] = found.motion
-            body.farthest = max(body.farthest, found.motion)
+            relevant = members | (votes[:, column] > 0) | (fit.motion >= AT_REST_PX)
+            gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
+            motion[column] = fit.motion
+            body.farthest = max(body.farthest, fit.motion)
         return gain, motion
 
     def _propose(self, recent: Recent, rest: Floats, stamp_ns: int) -> None:
-        """Make bodies of those that nothing explains, or members of bodies that move as they do."""
+        """Make bodies of trajectories that nothing explains, or members of bodies that move alike."""
         labels = self.labels(recent.slots)
         free = (labels < 0) & (rest < 0) & recent.seen[0]
         for members in find_groups(recent, free):
-            mine = np.isin(np.arange(len(labels)), members)
-            fits = {column: as_one(recent, labels == column, mine) for column, _ in self._living()}
-            column = max(fits, key=lambda one: fits[one], default=BACKGROUND)
+            is_member = np.isin(np.arange(len(labels)), members)
+            fits = {column: as_one(recent, labels == column, is_member) for column, _ in self._living()}
+            column = max(fits, key=lambda candidate: fits[candidate], default=BACKGROUND)
             if fits.get(column, 0.0) <= 0:
                 column = self._new_column(stamp_ns)
             self._evidence[recent.slots[members], column] = _FIRST
@@ -225,9 +225,9 @@ class Belief:
         self._together.compare(recent, members, motion)
         shown = {column for column, body in self._living() if body.shown}
         while (pair := self._together.merged(shown)) is not None:
-            kept, gone = sorted(pair, key=lambda one: (self._born(one), one))
-            self._evidence[:, kept] = self._evidence[:, [kept, gone]].max(axis=1)
-            self._drop(gone)
+            older, younger = sorted(pair, key=lambda column: (self._born(column), column))
+            self._evidence[:, older] = self._evidence[:, [older, younger]].max(axis=1)
+            self._drop(younger)
 
     def _review(self, recent: Recent, stamp_ns: int) -> None:
         """Show bodies that have lasted, drop those that have not, and those without members."""

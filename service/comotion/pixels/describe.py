@@ -1,4 +1,4 @@
-"""What is said of a hypothesis beside its members: where it is, how it moves, how well it fits."""
+"""Describes groups beside their members: whether and how they move, and how well they fit."""
 
 from dataclasses import replace
 
@@ -38,34 +38,34 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
     last = window.stop[current] - 1
     position = window.positions[current, last]
     step, span = recent_steps(window, current, _VELOCITY_NS)
-    found = []
+    described = []
     for k in range(count):
-        mine = np.flatnonzero(groups == k)
-        steady = mine[span[mine] >= _LEAST_HISTORY_NS]
-        known = residual[mine][np.isfinite(residual[mine])]
-        found.append(
+        members = np.flatnonzero(groups == k)
+        steady = members[span[members] >= _LEAST_HISTORY_NS]
+        residuals = residual[members][np.isfinite(residual[members])]
+        described.append(
             Group(
-                state=_state(step[steady], len(mine)),
+                state=_state(step[steady], len(members)),
                 twist=_twist(position[steady], step[steady] / (span[steady, None] * 1e-9)),
                 # Two coordinates share a squared residual.
-                noise=float(np.sqrt(np.median(known) / 2)) if len(known) else None,
+                noise=float(np.sqrt(np.median(residuals) / 2)) if len(residuals) else None,
             )
         )
-    return found
+    return described
 
 
 def of_moving_camera(groups: list[Group]) -> list[Group]:
     """Groups before a camera that moves: what rests in the image then is far away, or moves along with it."""
-    if all(one.state != "moving" for one in groups):
+    if all(group.state != "moving" for group in groups):
         return groups
-    return [replace(one, state="undetermined") if one.state == "static" else one for one in groups]
+    return [replace(group, state="undetermined") if group.state == "static" else group for group in groups]
 
 
 def alone_at_rest(frames: KeyFrames, labels: Ints) -> Bools:
     """Which of N trajectories rest in the image all the time while their group, intp [N], moves: bool [N].
 
     Those seen on half of the key frames at least are looked at. They may be far away, or move as the camera
-    does: nobody knows whose they are.
+    does: it is not known which body they belong to.
     """
     first = frames.positions[frames.visible.argmax(axis=0), np.arange(len(labels))]
     square = np.where(frames.visible, ((frames.positions - first) ** 2).sum(axis=2), 0).max(axis=0)

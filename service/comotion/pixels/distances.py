@@ -1,4 +1,4 @@
-"""Key frames in; how far apart trajectories are in the image, and in place and motion, out."""
+"""Measures how far apart trajectories are in the image, and in place and motion, on key frames."""
 
 from typing import NamedTuple
 
@@ -36,8 +36,8 @@ def distances(frames: KeyFrames) -> Distances:
     local *= _MOTION_WEIGHT
     local += image
     local /= np.sqrt(np.maximum(both, 1) / np.float32(len(seen)))
-    for found in (image, local):
-        found[both < 2] = np.inf
+    for distance in (image, local):
+        distance[both < 2] = np.inf
     return Distances(image, local)
 
 

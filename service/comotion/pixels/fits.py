@@ -1,4 +1,4 @@
-"""Points of groups in pairs of frames in; residuals under robust fits, an epipolar or an affine one, out.
+"""Fits epipolar geometry and affine motion robustly to points in pairs of frames, and gives the residuals.
 
 All pairs of frames are fitted at once.
 """
@@ -41,9 +41,9 @@ def fundamental(x: Floats, y: Floats, seen: Bools) -> Callable[[Floats], Floats]
         a, s, b = np.linalg.svd(vector.reshape(-1, 3, 3))
         s[:, 2] = 0
         matrix = right.mT @ (a * s[:, None] @ b) @ left
-        there, back = p @ matrix.mT, q @ matrix
-        gradient = (there[..., :2] ** 2).sum(axis=2) + (back[..., :2] ** 2).sum(axis=2)
-        return np.asarray((q * there).sum(axis=2) ** 2 / np.maximum(gradient, 1e-12))
+        lines_in_second, lines_in_first = p @ matrix.mT, q @ matrix
+        gradient = (lines_in_second[..., :2] ** 2).sum(axis=2) + (lines_in_first[..., :2] ** 2).sum(axis=2)
+        return np.asarray((q * lines_in_second).sum(axis=2) ** 2 / np.maximum(gradient, 1e-12))
 
     return squares
 

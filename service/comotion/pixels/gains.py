@@ -1,4 +1,4 @@
-"""Recent motion in; how well rest, and the motion of a group, explain that of each trajectory, out.
+"""Rates how well rest, or the motion of a group, explains the recent motion of each trajectory.
 
 A gain is evidence in nat per update: 1 where the motion is explained, 0 at three standard deviations, and
 negative beyond, down to a limit.

@@ -84,10 +84,10 @@ class _Views:
 
     def joint(self, other: "_Views", rows: Ints, model: Model) -> tuple[Floats, Floats]:
         """Median squared residual of either group when both are fitted together, px², in some pairs."""
-        both = [self.x[rows], other.x[rows]], [self.y[rows], other.y[rows]]
+        points = [self.x[rows], other.x[rows]], [self.y[rows], other.y[rows]]
         # A large group must not outvote a small one.
-        prior = [one.seen[rows] / np.sqrt(one.count[rows, None]) for one in (self, other)]
-        square = residuals(model, *(np.concatenate(part, axis=1) for part in (*both, prior)))
+        prior = [views.seen[rows] / np.sqrt(views.count[rows, None]) for views in (self, other)]
+        square = residuals(model, *(np.concatenate(part, axis=1) for part in (*points, prior)))
         n = self.seen.shape[1]
         return median(square[:, :n], 1), median(square[:, n:], 1)
 
@@ -183,11 +183,11 @@ class Geometry:
     def _typical(self) -> Floats:
         """Median variance of the pieces in each wide pair, px²; 0 where no piece is large enough."""
         large = [self._of(piece, wide=True) for piece in self._pieces if len(piece) >= _LEAST_MEMBERS]
-        found = np.zeros(len(self._wide))
-        for pair in range(len(found)):
+        typical = np.zeros(len(self._wide))
+        for pair in range(len(typical)):
             seen = [views.variance[pair] for views in large if views.count[pair] >= _LEAST_MEMBERS]
-            found[pair] = np.median(seen) + 1e-6 if seen else 0.0
-        return found
+            typical[pair] = np.median(seen) + 1e-6 if seen else 0.0
+        return typical
 
     def _of(self, group: Ints, *, wide: bool) -> _Views:
         key = group.tobytes(), wide
@@ -196,11 +196,11 @@ class Geometry:
             x, y = np.zeros((2, len(pairs), min(len(group), _POINTS), 2))
             seen = np.zeros(x.shape[:2], np.bool_)
             for k, (first, second) in enumerate(pairs):
-                there = group[self._visible[first, group] & self._visible[second, group]]
-                if len(there) > _POINTS:
-                    there = there[(np.arange(_POINTS) * len(there)) // _POINTS]
-                x[k, : len(there)], y[k, : len(there)] = self._positions[[first, second]][:, there]
-                seen[k, : len(there)] = True
+                members = group[self._visible[first, group] & self._visible[second, group]]
+                if len(members) > _POINTS:
+                    members = members[(np.arange(_POINTS) * len(members)) // _POINTS]
+                x[k, : len(members)], y[k, : len(members)] = self._positions[[first, second]][:, members]
+                seen[k, : len(members)] = True
             self._views[key] = _Views(x, y, seen)
         return self._views[key]
 

@@ -1,4 +1,4 @@
-"""Key frames in; groups of the trajectories by motion, and their number, out.
+"""Groups trajectories by their motion on key frames, and decides the number of groups.
 
 The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
 local motions that explain both, and by the subspace that they span together. The steps of the method:

@@ -1,4 +1,4 @@
-"""The window in; the compared trajectories' positions on key frames, and displacements between these, out."""
+"""Chooses key frames of the window and the trajectories that are compared by their motion between them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,11 +65,11 @@ class FramePairs:
     seen: Floats32
 
 
-def evenly_spaced(count: int, wanted: int) -> Ints:
-    """Up to `wanted` indices below `count`, evenly spread, both ends included."""
-    if count <= wanted:
+def evenly_spaced(count: int, most: int) -> Ints:
+    """Up to `most` indices below `count`, evenly spread, both ends included."""
+    if count <= most:
         return np.arange(count)
-    return np.round(np.linspace(0, count - 1, wanted)).astype(np.intp)
+    return np.round(np.linspace(0, count - 1, most)).astype(np.intp)
 
 
 def compared_trajectories(
@@ -143,6 +143,6 @@ def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = _STEPS) -> FramePair
     second = np.concatenate([np.arange(min(s, count), count) for s in steps])
     seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
     start = frames.positions[first]
-    both = np.stack([start, frames.positions[second] - start]) * seen[..., None]
-    start, displacement = np.ascontiguousarray(both.transpose(0, 1, 3, 2))
+    masked = np.stack([start, frames.positions[second] - start]) * seen[..., None]
+    start, displacement = np.ascontiguousarray(masked.transpose(0, 1, 3, 2))
     return FramePairs(start, displacement, seen)

@@ -1,4 +1,4 @@
-"""Numbers of which some are unknown in; their medians out."""
+"""Medians of numbers of which some are unknown."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from ..arrays import Floats
 
 
 def median(values: Floats, axis: int) -> Floats:
-    """Median along an axis without what is NaN; NaN where all is, without a warning."""
+    """Median along an axis, NaN left out; NaN where all are, without a warning."""
     # NaN come last.
     ranked, count = np.sort(values, axis=axis), np.isfinite(values).sum(axis=axis, keepdims=True)
     middle = np.concatenate(

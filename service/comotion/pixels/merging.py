@@ -1,4 +1,4 @@
-"""Superclusters in; the group of each, one group per object, out. This decides the number of objects."""
+"""Merges superclusters to one group per object. This decides the number of objects."""
 
 from typing import Any
 
@@ -168,10 +168,10 @@ class Merging:
             picked = small[(np.arange(_COMPARED) * len(small)) // _COMPARED]
         across, distance = self._to_nearest(picked, large)
         within, _ = self._to_nearest(picked, small)
-        known = np.isfinite(distance) & np.isfinite(within)
-        if not known.any():
+        comparable = np.isfinite(distance) & np.isfinite(within)
+        if not comparable.any():
             return None
-        return float((across - within)[known].mean()), float(np.median(distance[known]))
+        return float((across - within)[comparable].mean()), float(np.median(distance[comparable]))
 
     def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
         """Log mean similarity of the picked to their nearest others, NaN of none; mean distance in px."""
@@ -180,10 +180,10 @@ class Merging:
         apart = np.take_along_axis(distance, near, axis=1)
         seen = np.isfinite(apart)
         count = seen.sum(axis=1)
-        alike = np.where(seen, self._similarities[picked[:, None], others[near]], 0).sum(axis=1)
+        similarity = np.where(seen, self._similarities[picked[:, None], others[near]], 0).sum(axis=1)
         share = np.maximum(count, 1)
         return (
-            np.where(count > 0, np.log(alike / share + _SIMILARITY_FLOOR), np.nan),
+            np.where(count > 0, np.log(similarity / share + _SIMILARITY_FLOOR), np.nan),
             np.where(count > 0, np.where(seen, apart, 0).sum(axis=1) / share, np.inf),
         )
 
@@ -198,6 +198,6 @@ class Merging:
         """The most frequent one of the members, None if most had none."""
         if self._previous is None:
             return None
-        known, counts = np.unique(self._previous[members], return_counts=True)
-        best = int(known[counts.argmax()])
+        ids, counts = np.unique(self._previous[members], return_counts=True)
+        best = int(ids[counts.argmax()])
         return best if best >= 0 else None

@@ -1,11 +1,11 @@
-"""The default method in spaces of unit px: image trajectories in, groups of them out.
+"""The default method in spaces of unit px: groups image trajectories by body.
 
-Before a camera that rests, what is known of each trajectory is carried on (:mod:`.resting`).
+Before a camera that rests, the belief of each trajectory is carried from update to update (:mod:`.resting`).
 Before a camera that moves:
 
 1. Choose key frames and the trajectories that are compared on them (:mod:`.key_frames`).
 2. Group them, in the steps 2 to 6 of :mod:`.grouping`.
-7. Give those that are too short to be compared to their neighbours (:mod:`.newborns`).
+7. Put those that are too short to be compared into the groups of their neighbours (:mod:`.newborns`).
 """
 
 import numpy as np
@@ -59,23 +59,23 @@ class PixelMethod(Method):
         compared, frames = compared_trajectories(window, current, window.instants, self._p)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
-        before = previous.labels[compared]
+        labels = previous.labels[compared]
         if len(compared) > 1:
-            found = group(frames, self._p, previous=before)  # 2 to 6
-            alone = alone_at_rest(frames, found.labels)
-            groups[compared] = np.where(alone, NO_HYPOTHESIS, found.labels)
-            confidence[compared] = found.confidence
+            grouping = group(frames, self._p, previous=labels)  # 2 to 6
+            resting = alone_at_rest(frames, grouping.labels)
+            groups[compared] = np.where(resting, NO_HYPOTHESIS, grouping.labels)
+            confidence[compared] = grouping.confidence
             residual[compared] = 2 * frames.variance
-            self._last = current, compared, found.similarity
+            self._last = current, compared, grouping.similarity
         else:
-            known = np.unique(before[before >= 0])
-            groups[compared] = np.where(before >= 0, np.searchsorted(known, before), NO_HYPOTHESIS)
+            ids = np.unique(labels[labels >= 0])
+            groups[compared] = np.where(labels >= 0, np.searchsorted(ids, labels), NO_HYPOTHESIS)
             self._last = current, compared[:0], np.zeros((0, 0), np.float32)
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):
-            known = current[groups[current] != NO_HYPOTHESIS]
-            groups[newborn], share = assign_newborns(window, newborn, known, groups[known])
+            labelled = current[groups[current] != NO_HYPOTHESIS]
+            groups[newborn], share = assign_newborns(window, newborn, labelled, groups[labelled])
             confidence[newborn] = share / 2
         slots = np.union1d(current, compared)
         described = describe(window, current, groups[current], residual[current], count)
@@ -91,23 +91,23 @@ class PixelMethod(Method):
     def _believed(self, belief: Belief, window: Window, current: Slots, previous: Previous) -> Partition:
         """The groups before a resting camera.
 
-        A body that is new takes no id along from one that is still there, however many it has drawn from it.
+        A new body takes no id from one that still exists, however many trajectories it has taken from it.
         """
         slots = window.slots()
-        groups, mine = belief.shown(slots), belief.shown(current)
-        known = current[mine >= 0]
-        before = belief.publish()
-        kept = previous.ids[: len(before)][before[: len(previous.ids)]]
-        deciding = (groups >= 0) & (before[groups] | ~np.isin(previous.labels[slots], kept))
-        same = (mine[mine >= 0, None] == mine[mine >= 0]).astype(np.float32)
-        self._last = current, known, same
+        groups, shown = belief.shown(slots), belief.shown(current)
+        labelled = current[shown >= 0]
+        was_published = belief.publish()
+        published_ids = previous.ids[: len(was_published)][was_published[: len(previous.ids)]]
+        deciding = (groups >= 0) & (was_published[groups] | ~np.isin(previous.labels[slots], published_ids))
+        affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
+        self._last = current, labelled, affinity
         return Partition(
             slots=slots,
             groups=groups,
             deciding=deciding,
-            confidence=np.where(mine >= 0, belief.confidence(current), 0.0),
+            confidence=np.where(shown >= 0, belief.confidence(current), 0.0),
             position=window.positions[current, window.stop[current] - 1],
-            described=describe(window, current, mine, belief.residual(window, current), len(belief.bodies)),
+            described=describe(window, current, shown, belief.residual(window, current), len(belief.bodies)),
         )
 
     def affinity(self) -> NDArray[np.float32]:

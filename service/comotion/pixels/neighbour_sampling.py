@@ -1,4 +1,4 @@
-"""Distances of trajectories in; random groups of near ones, for local motions, out."""
+"""Draws random groups of near trajectories, to which local motions are fitted."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def sample_members(local: Floats32, local_motions: int, rng: np.random.Generator
     seeds = np.concatenate([rng.permutation(total) for _ in range(rounds)])[:share]
     distance = local[seeds]
     distance[np.arange(share), seeds] = -1
-    found = []
+    draws = []
     for reach in _REACHES:
         furthest = min(reach, max(total // _NEIGHBOURHOOD_DIVISOR, _MEMBERS), total - 1)
         # Ascending, so that the picks do not depend on who is a little nearer.
@@ -44,5 +44,5 @@ def sample_members(local: Floats32, local_motions: int, rng: np.random.Generator
         lots = rng.random(near.shape)
         lots[near == seeds[:, None]] = -1
         picked = np.argsort(lots, axis=1)[:, :_MEMBERS]
-        found.append(np.take_along_axis(near, picked, axis=1))
-    return found
+        draws.append(np.take_along_axis(near, picked, axis=1))
+    return draws

@@ -1,4 +1,4 @@
-"""Trajectories too short to be compared in; what their nearest neighbours say of them out."""
+"""Assigns trajectories that are too short to be compared by the groups of their nearest neighbours."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,14 +14,14 @@ _VOTERS, _SOFT_PX = 5, 5.0
 _MOTION_NS, _MOTION_WEIGHT = 100_000_000, 10.0
 
 
-def assign_newborns(window: Window, newborn: Slots, known: Slots, groups: Ints) -> tuple[Ints, Floats]:
+def assign_newborns(window: Window, newborn: Slots, labelled: Slots, groups: Ints) -> tuple[Ints, Floats]:
     """Groups of newborn trajectories by the vote of the nearest in the image that move as they do.
 
     Parameters
     ----------
     window
         Store of all trajectories.
-    newborn, known
+    newborn, labelled
         Slots intp [n] of trajectories too short to be compared, and intp [m] of others, which have the
         `groups` intp [m].
 
@@ -29,15 +29,15 @@ def assign_newborns(window: Window, newborn: Slots, known: Slots, groups: Ints) 
     -------
     groups intp [n] (NO_HYPOTHESIS without neighbours) and the share of votes float64 [n].
     """
-    both, count = np.concatenate([newborn, known]), int(groups.max(initial=-1)) + 1
+    slots, count = np.concatenate([newborn, labelled]), int(groups.max(initial=-1)) + 1
     labels = np.concatenate([np.full(len(newborn), NO_HYPOTHESIS), groups])
-    step, span = recent_steps(window, both, _MOTION_NS)
+    step, span = recent_steps(window, slots, _MOTION_NS)
     motion = _MOTION_WEIGHT * step * (_MOTION_NS / np.maximum(span, 1))[:, None]
-    place = window.positions[both, window.stop[both] - 1]
-    alike = nearest_votes(np.hstack([place, motion]), labels, count, np.inf)
-    # One that was seen once has a place, and no motion.
-    near = nearest_votes(place, labels, count, np.inf)
-    votes = np.where((span > 0)[:, None], alike, near)[: len(newborn)]
+    place = window.positions[slots, window.stop[slots] - 1]
+    motion_votes = nearest_votes(np.hstack([place, motion]), labels, count, np.inf)
+    # A trajectory that was seen once has a place, and no motion.
+    place_votes = nearest_votes(place, labels, count, np.inf)
+    votes = np.where((span > 0)[:, None], motion_votes, place_votes)[: len(newborn)]
     if not votes.any():
         return np.full(len(newborn), NO_HYPOTHESIS), np.zeros(len(newborn))
     return votes.argmax(axis=1), votes.max(axis=1)
@@ -51,15 +51,15 @@ def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floa
     place
         float64 [n, D], px; the distance is that in D dimensions.
     labels
-        intp [n], negative for none; nobody is a neighbour of their own.
+        intp [n], negative for none; no trajectory is its own neighbour.
     reach
         px.
     """
-    known = np.flatnonzero(labels >= 0)
+    labelled = np.flatnonzero(labels >= 0)
     votes = np.zeros((len(place), count))
-    if len(known) < 2:
+    if len(labelled) < 2:
         return votes
-    apart, at = cKDTree(place[known]).query(place, k=min(_VOTERS + 1, len(known)))
-    near = (apart < reach) & (known[at] != np.arange(len(place))[:, None])
-    np.add.at(votes, (np.arange(len(place))[:, None], labels[known[at]]), near / (apart + _SOFT_PX))
+    apart, nearest = cKDTree(place[labelled]).query(place, k=min(_VOTERS + 1, len(labelled)))
+    near = (apart < reach) & (labelled[nearest] != np.arange(len(place))[:, None])
+    np.add.at(votes, (np.arange(len(place))[:, None], labels[labelled[nearest]]), near / (apart + _SOFT_PX))
     return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True), 1e-12))

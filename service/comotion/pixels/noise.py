@@ -1,6 +1,6 @@
-"""The window in; the noise of each trajectory, and gross errors of single observations, out.
+"""Estimates the noise of each trajectory of a window, and finds gross errors of single observations.
 
-What the nearest trajectories do too is neither: a camera that shakes moves all that is near in the same way.
+Motion that the nearest trajectories share is neither: a camera that shakes moves all neighbours alike.
 """
 
 from collections.abc import Sequence
@@ -58,31 +58,31 @@ def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
     variance
         float64 [n], px²; noise of a coordinate.
     """
-    found = np.zeros(visible.shape, np.bool_)
+    errors = np.zeros(visible.shape, np.bool_)
     if len(visible) < 3:
-        return found
+        return errors
     last = len(visible) - 1 - visible[::-1].argmax(axis=0)
     step = np.diff(np.where(visible[..., None], position, np.nan), axis=0)
     wild, _ = _less_nearest(step, position[last, np.arange(len(last))])
     square = (wild**2).sum(axis=2)
     far = square > _WILD * np.fmax(median(square, 0), 2 * variance + _LEAST_PX2)
     back = ((wild[1:] + wild[:-1]) ** 2).sum(axis=2) < square[1:] / 4
-    found[1:-1] = far[1:] & far[:-1] & back
-    found[0], found[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
-    return found
+    errors[1:-1] = far[1:] & far[:-1] & back
+    errors[0], errors[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
+    return errors
 
 
 def _estimated(window: Window, slots: Slots, stamps: Stamps) -> Floats:
     """Variance of a coordinate from third divided differences, px² [n]."""
     square = _squared_differences(window, slots, stamps)
     count = np.isfinite(square).sum(axis=0)
-    known = count > 0
-    own = np.where(known, median(square, 0) / _CHI2_MEDIAN, 0.0) if len(square) else np.zeros(len(slots))
+    is_known = count > 0
+    own = np.where(is_known, median(square, 0) / _CHI2_MEDIAN, 0.0) if len(square) else np.zeros(len(slots))
     variance = np.zeros(len(slots))
     for source in np.unique(window.source[slots]).tolist():
-        mine = window.source[slots] == source
-        pooled = float(np.median(own[mine & known])) if (mine & known).any() else 0.0
-        variance[mine] = (_POOL * pooled + count[mine] * own[mine]) / (_POOL + count[mine])
+        rows = window.source[slots] == source
+        pooled = float(np.median(own[rows & is_known])) if (rows & is_known).any() else 0.0
+        variance[rows] = (_POOL * pooled + count[rows] * own[rows]) / (_POOL + count[rows])
     return variance
 
 
@@ -96,16 +96,16 @@ def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats
         apart = times[:, None] - times + np.eye(4)
         weight = 1 / apart.prod(axis=1)
         difference[k] = np.tensordot(weight / np.linalg.norm(weight), place[k : k + 4], axes=1)
-    known = np.flatnonzero(np.isfinite(difference[..., 0]).any(axis=0))
-    newest = window.positions[slots[known], window.stop[slots[known]] - 1]
-    less, shared = _less_nearest(difference[:, known], newest)
+    rows = np.flatnonzero(np.isfinite(difference[..., 0]).any(axis=0))
+    newest = window.positions[slots[rows], window.stop[slots[rows]] - 1]
+    remainder, shared = _less_nearest(difference[:, rows], newest)
     square = np.full(difference.shape[:2], np.nan)
-    square[:, known] = (less**2).sum(axis=2) / np.where(shared, _LESS_MEDIAN, 1)
+    square[:, rows] = (remainder**2).sum(axis=2) / np.where(shared, _LESS_MEDIAN, 1)
     return square
 
 
 def _less_nearest(values: Floats, place: Floats) -> tuple[Floats, Bools]:
-    """Values [T, n, 2], NaN unknown, less the median of those nearest in place [n, 2], and whether.
+    """Values [T, n, 2], NaN unknown, less the median of those nearest in place [n, 2], and where it is known.
 
     The median, as a neighbour may be in gross error.
     """
@@ -113,5 +113,5 @@ def _less_nearest(values: Floats, place: Floats) -> tuple[Floats, Bools]:
         return values, np.zeros(values.shape[:2], np.bool_)
     near = cKDTree(place).query(place, k=_NEAREST + 1)[1][:, 1:]
     shared = median(values[:, near], 2)
-    known = np.isfinite(shared)
-    return values - np.where(known, shared, 0.0), known[..., 0]
+    has_shared = np.isfinite(shared)
+    return values - np.where(has_shared, shared, 0.0), has_shared[..., 0]

@@ -1,4 +1,4 @@
-"""Trajectories that nothing explains in; groups with a common motion, and groups that move as one, out."""
+"""Proposes new bodies of trajectories that nothing explains, and pairs of bodies that move as one."""
 
 from itertools import combinations
 
@@ -41,21 +41,21 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     list of intp [m]
         Of :data:`LEAST_MEMBERS` or more each.
     """
-    found, left = [], np.flatnonzero(free)
+    groups, left = [], np.flatnonzero(free)
     while len(left) >= LEAST_MEMBERS:
-        some = recent.of(left)
+        unexplained = recent.of(left)
         seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
-        best = max((_around(some, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
-        members = best & _explained(some, best)
+        best = max((_around(unexplained, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
+        members = best & _explained(unexplained, best)
         if members.sum() < LEAST_MEMBERS:
             break
-        found.append(left[members])
+        groups.append(left[members])
         left = left[~best]
-    return found
+    return groups
 
 
 def _around(recent: Recent, seed: int, reach: float) -> Bools:
-    """Those that move as a trajectory and its nearest do, and are near it, bool [n]."""
+    """Trajectories that move as a seed and its nearest do, and are near it, bool [n]."""
     apart = np.linalg.norm(recent.position - recent.position[seed], axis=1)
     step = recent.displacement[0]
     apart += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
@@ -64,8 +64,8 @@ def _around(recent: Recent, seed: int, reach: float) -> Bools:
 
 
 def _explained(recent: Recent, members: Bools) -> Bools:
-    found = group_gain(recent, members)
-    return np.zeros(len(members), np.bool_) if found is None else found.gain > 0
+    fit = group_gain(recent, members)
+    return np.zeros(len(members), np.bool_) if fit is None else fit.gain > 0
 
 
 def as_one(recent: Recent, first: Bools, second: Bools) -> float:
@@ -81,7 +81,7 @@ def as_one(recent: Recent, first: Bools, second: Bools) -> float:
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
     if joint is None:
         return -1.0
-    worse = min(float(joint.gain[some[both]].mean()) for some in (first, second))
+    worse = min(float(joint.gain[group[both]].mean()) for group in (first, second))
     return (worse - _AS_ONE) / (1 - _AS_ONE)
 
 

@@ -1,4 +1,4 @@
-"""The window in; how far trajectories have moved over several time scales, and their noise, out."""
+"""Measures how far the trajectories of a window have moved over several time scales, and their noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,14 +39,14 @@ class Recent:
     seen: Bools
     variance: Floats
 
-    def of(self, some: Ints) -> "Recent":
+    def of(self, tracks: Ints) -> "Recent":
         """Some of the trajectories, by index."""
         return Recent(
-            self.slots[some],
-            self.position[some],
-            np.ascontiguousarray(self.displacement[:, some]),
-            np.ascontiguousarray(self.seen[:, some]),
-            self.variance[some],
+            self.slots[tracks],
+            self.position[tracks],
+            np.ascontiguousarray(self.displacement[:, tracks]),
+            np.ascontiguousarray(self.seen[:, tracks]),
+            self.variance[tracks],
         )
 
     @cached_property
@@ -68,9 +68,9 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
         The instant.
     """
     slots = window.slots()
-    now = states_at(window, slots, np.array([stamp_ns], np.int64))
-    here = np.flatnonzero(now.held[0])
-    slots, position = slots[here], now.position[0, here]
+    states = states_at(window, slots, np.array([stamp_ns], np.int64))
+    present = np.flatnonzero(states.held[0])
+    slots, position = slots[present], states.position[0, present]
     past, seen = _past_places(window, slots, np.array(stamps, np.int64), stamp_ns - np.array(SCALES_NS))
     return Recent(slots, position, position - past, seen, noise_variance(window, slots, stamps))
 
@@ -86,7 +86,7 @@ def _past_places(window: Window, slots: Slots, stamps: Stamps, times: Stamps) ->
     instants, rows = np.unique(np.stack([before, times, after], axis=1), return_inverse=True)
     states = states_at(window, slots, instants)
     place, held = states.position[rows.reshape(-1, 3)], states.held[rows.reshape(-1, 3)]
-    known = held[:, 0] & held[:, 1] & held[:, 2]
+    held_in_all = held[:, 0] & held[:, 1] & held[:, 2]
     # Contiguous, so that kernels are compiled for one layout.
-    past = np.where(known[..., None], np.sort(place, axis=1)[:, 1], place[:, 1])
+    past = np.where(held_in_all[..., None], np.sort(place, axis=1)[:, 1], place[:, 1])
     return np.ascontiguousarray(past), np.ascontiguousarray(held[:, 1])

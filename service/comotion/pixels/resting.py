@@ -1,4 +1,4 @@
-"""The window in; whether the camera rests, and what is believed of each trajectory then, out."""
+"""Judges whether the camera rests, and while it does, follows which body each trajectory belongs to."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ _STEP_NS = 100_000_000
 _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
-# Fewer trajectories do not tell. They are looked at over the longest of the first time
-# scales that enough were seen over.
+# Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
+# scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
 # Variances of a displacement, and px of drift, within which a feature rests: a slow camera moves all by more.
 _GATE, _DRIFT_PX = 9.0, 0.15

@@ -1,4 +1,4 @@
-"""Key frames in; how likely two trajectories belong to one body out."""
+"""Rates how likely it is that two trajectories belong to one body."""
 
 import numpy as np
 
@@ -63,8 +63,8 @@ def preference(square: Floats32, variance: Floats32) -> Floats32:
     square -= noise
     np.maximum(square, np.float32(0), out=square)
     best = _best_residuals(square)
-    known = np.isfinite(best)
-    typical = float(np.median(best[known])) if known.any() else 0.0
+    finite = np.isfinite(best)
+    typical = float(np.median(best[finite])) if finite.any() else 0.0
     width = _MISFIT_FACTOR * typical + _NOISE_FACTOR * float(np.median(noise)) + _FLOOR
     square *= np.float32(-1 / (2 * width))
     preferred = np.exp(square, out=square)
@@ -102,10 +102,10 @@ def _best_residuals(square: Floats32) -> Floats32:
     """
     draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
     least = np.stack([square[k::draws].min(axis=0) for k in range(draws)])
-    known = np.isfinite(least)
-    total = np.where(known, least, np.float32(0)).sum(axis=0)
-    mean: Floats32 = total / np.maximum(known.sum(axis=0, dtype=np.float32), 1)
-    return np.where(known.any(axis=0), mean, np.float32(np.inf))
+    finite = np.isfinite(least)
+    total = np.where(finite, least, np.float32(0)).sum(axis=0)
+    mean: Floats32 = total / np.maximum(finite.sum(axis=0, dtype=np.float32), 1)
+    return np.where(finite.any(axis=0), mean, np.float32(np.inf))
 
 
 def subspace(
@@ -123,10 +123,10 @@ def subspace(
     values, vectors = np.linalg.eigh(matrix @ matrix.T)
     values, vectors = values[::-1][:dimensions], vectors[:, ::-1][:, :dimensions]
     real = values > 1e-12 * max(float(values[0]), 1e-300)
-    found = np.zeros((dimensions, matrix.shape[1]), np.float32)
+    singular_vectors = np.zeros((dimensions, matrix.shape[1]), np.float32)
     projected = vectors[:, real].T @ matrix / np.sqrt(values[real])[:, None]
-    found[: len(projected)] = projected
-    return found
+    singular_vectors[: len(projected)] = projected
+    return singular_vectors
 
 
 def _complete(frames: KeyFrames, rank: int, rounds: int) -> Floats:
@@ -151,9 +151,9 @@ def _complete(frames: KeyFrames, rank: int, rounds: int) -> Floats:
 
 
 def _last_seen(visible: Bools, values: Floats) -> Floats:
-    """Entries from the last frame that each trajectory was seen in, or the first to come."""
+    """Entries from the last frame before in which each trajectory was seen, or else from the next one."""
     count, total = visible.shape
-    at = np.maximum.accumulate(np.where(visible, np.arange(count)[:, None], -1), axis=0)
-    at = np.where(at < 0, visible.argmax(axis=0), at)
+    frame = np.maximum.accumulate(np.where(visible, np.arange(count)[:, None], -1), axis=0)
+    frame = np.where(frame < 0, visible.argmax(axis=0), frame)
     by_frame = values.reshape(count, 2, total)
-    return np.take_along_axis(by_frame, at[:, None], axis=0).reshape(2 * count, total)
+    return np.take_along_axis(by_frame, frame[:, None], axis=0).reshape(2 * count, total)

@@ -1,1 +1,1 @@
-"""Arrays in, arrays out: all compiled code of the method. Each kernel has a readable twin among the tests."""
+"""All compiled code of the method, functions of arrays. Each kernel has a readable twin among the tests."""

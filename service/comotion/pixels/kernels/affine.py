@@ -1,4 +1,4 @@
-"""Displacements over frame pairs in; affine displacement fields fitted to them, and their residuals, out.
+"""Fits affine displacement fields to displacements over frame pairs, and gives their residuals.
 
 A field predicts the displacement (u, v) of a trajectory at (x, y): u = a x + b y + e, v = c x + d y + f.
 """

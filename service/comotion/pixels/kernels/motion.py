@@ -1,4 +1,4 @@
-"""Recent motion of a group in; how well it explains that of each trajectory out.
+"""Rates how well the recent motion of a group explains that of each trajectory.
 
 The motion of a group is a displacement as a function of place: affine for few members, quadratic for many.
 """
@@ -39,25 +39,25 @@ def motion_gain(
     noise of a coordinate in px², `drift` [S] px what adds to it. The motion is the largest median over the
     time scales; negative where too few members were seen.
     """
-    gain, known = np.ones(len(position)), np.zeros(len(position), np.bool_)
+    gain, measured = np.ones(len(position)), np.zeros(len(position), np.bool_)
     farthest = -1.0
     for k in range(len(drift)):
-        mine = np.flatnonzero(members & seen[k])
-        if len(mine) < _LEAST_MEMBERS:
+        rows = np.flatnonzero(members & seen[k])
+        if len(rows) < _LEAST_MEMBERS:
             continue
-        known |= seen[k]
+        measured |= seen[k]
         start, step = position - displacement[k], displacement[k]
-        centre, extent, field = _fit(start[mine], step[mine])
-        farthest = max(farthest, np.sqrt(np.median(step[mine, 0] ** 2 + step[mine, 1] ** 2)))
+        centre, extent, field = _fit(start[rows], step[rows])
+        farthest = max(farthest, np.sqrt(np.median(step[rows, 0] ** 2 + step[rows, 1] ** 2)))
         # Members have drawn the motion towards themselves.
-        own = len(mine) / (len(mine) - 3)
+        own = len(rows) / (len(rows) - 3)
         row = np.empty(len(field))
         for i in np.flatnonzero(seen[k]):
             square, expected = _deviation(start[i], step[i], centre, extent, field, row)
             slack = _DEVIATION**2 * expected
             width = 2 * (variance[i] + drift[k] ** 2) + slack
             gain[i] = min(gain[i], max(1 - (own if members[i] else 1.0) * square / (GATE * width), WORST))
-    return np.where(known, gain, 0.0), farthest
+    return np.where(measured, gain, 0.0), farthest
 
 
 @compiled()
