@@ -2,16 +2,16 @@
 
 Event time is one state machine, :class:`.timeline.Timeline`. It reads no clock: both its clocks come from the
 caller. `now_ns` is what stamps are compared with. `at_ns` is when something arrived; it must never be set.
-Without it, `now_ns` is taken. The rules are those of docs/protocol.md, "Time"; the accounts are those of
-Status (:mod:`.stats`).
+Without `at_ns`, `now_ns` is taken for it. The rules are those of docs/protocol.md, "Time"; the accounts are
+those of Status (:mod:`.stats`).
 
 A batch comes in (`receive`):
 
 1. Sequence numbers are followed per session. A skipped number is `lost` until it comes, a repeated batch is
    dropped.
-2. What the caller refuses is rejected, and so is what finds more waiting than its source may have.
+2. A batch that the caller refuses is rejected, and so is one whose source has as many waiting as it may have.
 
-The clock is known (`advance`). Each batch that has come in since is judged, in the order of arrival:
+The time is given (`advance`). Each batch that has come in since is judged, in the order of arrival:
 
 3. One whose stamp is far from now may have to wait until it is clear whose clock is wrong (:mod:`.steps`).
 4. Rejected, and moves nothing: a stamp more than 1 s ahead of now (`future`); one older than the window
@@ -36,7 +36,7 @@ Then the watermark moves and releases:
     share together. One that has spent its share waits for its next one, and comes out behind the watermark
     then. After a second behind it, its batches there are dropped (`over-budget`). See :mod:`.budget`.
 
-What is forgotten:
+The following is forgotten:
 
 12. A trajectory is outdated after `track_timeout` without observation, or 3 periods of its source if longer.
 13. A session is forgotten when it is not its source's and has no trajectory left, and a source when it has

@@ -1,12 +1,12 @@
 """Shares time among sources by what they cost: a deficit round robin.
 
-In each round the time that may be spent is shared evenly among those who have something to do. Who spends
-more than its share owes the rest: it waits until later shares have paid for it. What others leave of theirs
-is shared among those who wait. Those who are new have one share together, so that nobody gets more by names
-that it takes for a moment; what they owe is each one's own.
+In each round the time that may be spent is shared evenly among the sources that have something to do. A
+source that spends more than its share owes the rest: it waits until later shares have paid for it. Time that
+others leave is shared among the sources that wait. New sources have one share together, so that no sender
+gets more by taking new names; each owes for itself.
 
-Without a clock nothing is measured, and everyone may always go on: a recording, played as fast as it can be,
-gives the same answer everywhere.
+Without a clock nothing is measured, and every source may always go on: a recording, played as fast as it can
+be, gives the same answer everywhere.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -17,8 +17,8 @@ from math import inf
 CostClock = Callable[[], int]
 """Gives the time that has been spent, in ns from any start: processor time, or counted in a test."""
 
-# A single pause of the machine, or something large that was due for all, must not mute anybody for long:
-# nobody owes more than its share of so many ns.
+# A single pause of the machine, or something large that was due for all, must not mute a source for long:
+# none owes more than its share of so many ns.
 _MOST_DEBT_NS = 400_000_000
 # ns; less than this is not shared any more.
 _LEAST_REST_NS = 100_000
@@ -28,7 +28,7 @@ _LEAST = 0.25
 
 @dataclass
 class Budget:
-    """Time that may be spent in a period, by name of the spender.
+    """Time that may be spent in a period, by name of the source.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Budget:
     clock
         Measures costs; None: nothing is limited.
     share_ns, cost_ns
-        What everyone has of a round like this one if nothing else takes time, and what was charged last, ns.
+        Share of each source in a round like this if nothing else takes time, and the last charge, ns.
     """
 
     share: float
@@ -59,7 +59,7 @@ class Budget:
     _clock_ns: int | None = None
 
     def begin(self, at_ns: int, spenders: Collection[str], new: Collection[str] = ()) -> None:
-        """Begin a round at a time on the clock of arrivals, in which some, of them some new, have work."""
+        """Begin a round at a time on the clock of arrivals; `spenders` have work, of which some are `new`."""
         self._new = new
         elapsed = self.period_ns if self._at_ns is None else at_ns - self._at_ns
         self._at_ns = at_ns
@@ -67,8 +67,10 @@ class Budget:
         self._left = round(self._free(max(elapsed, 1)) * most)
         self._share(spenders)
         self.share_ns = round(self.share * most) // self._parties
-        # Who has nothing to do saves nothing.
-        self._credit = {name: one for name, one in self._credit.items() if one < 0 or name in spenders}
+        # A source without work saves no time for later.
+        self._credit = {
+            name: credit for name, credit in self._credit.items() if credit < 0 or name in spenders
+        }
 
     def _free(self, elapsed_ns: int) -> float:
         """Share of the time since the last round that may be spent now."""
@@ -78,7 +80,7 @@ class Budget:
         return min(self.share, max(self.whole - beside, _LEAST * self.share))
 
     def share_rest(self, spenders: Collection[str]) -> bool:
-        """Share what is left of the round among some; whether there was anything."""
+        """Share the rest of the round among some sources; whether there was any."""
         if self.clock is None or self._left < _LEAST_REST_NS:
             return False
         self._share(spenders)
@@ -89,21 +91,21 @@ class Budget:
         self._parties = max(len(spenders) - new + min(new, 1), 1)
         self._left_to_new = self._left // self._parties
         for name in {*spenders, *self._credit}:
-            before, quantum = self._credit.get(name, 0), self._left_to_new
+            credit, quantum = self._credit.get(name, 0), self._left_to_new
             quantum //= new if name in self._new and new else 1
-            self._credit[name] = min(before + quantum, quantum)
-            # What pays a debt has been spent already.
-            self._left -= min(max(-before, 0), quantum) if name in spenders else 0
+            self._credit[name] = min(credit + quantum, quantum)
+            # The part of a share that pays a debt has been spent already.
+            self._left -= min(max(-credit, 0), quantum) if name in spenders else 0
 
     def allows(self, name: str) -> bool:
-        """Whether somebody may go on."""
+        """Whether a source may go on."""
         if self.clock is None:
             return True
         return self._credit.get(name, 0) > 0 and (name not in self._new or self._left_to_new > 0)
 
     @contextmanager
     def charge(self, shares: Mapping[str, float]) -> Iterator[None]:
-        """Charge some with what a block costs, each with its share of it."""
+        """Charge sources with the cost of a block, each with its share of it."""
         if self.clock is None:
             yield
             return

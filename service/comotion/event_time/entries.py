@@ -41,7 +41,7 @@ _NEXT: dict[tuple[Stage, Verdict], Stage] = {
     (Stage.CLOCK, "watermark"): Stage.WATERMARK,
     (Stage.NAME, "watermark"): Stage.WATERMARK,
 }
-"""The way of a batch that is of use; what becomes of it at last ends any stage."""
+"""The stages of a batch that may be fused; a fate ends any stage."""
 
 
 @dataclass(eq=False)
@@ -61,10 +61,10 @@ class Entry:
     offset_ns
         Its stamp minus the time then.
     stamps, rows
-        What of it waits for the watermark, as of :class:`Instants`.
+        Its rows that wait for the watermark, as of :class:`Instants`.
     generation, order
-        Which session of its source sent it, and which of the batches that wait it is.
-    kept, late, refused
+        Number of the session of its source that sent it, and its own number in the order of arrival.
+    fused, late, refused
         Whether some of its instants were fused, some were too late, and why some were refused.
     """
 
@@ -77,7 +77,7 @@ class Entry:
     rows: Indices = field(default_factory=lambda: NO_ROWS)
     generation: int = 0
     order: int = 0
-    kept: bool = False
+    fused: bool = False
     late: bool = False
     refused: RejectionReason | None = None
 
@@ -106,9 +106,9 @@ class Entry:
 
     def take(self, watermark_ns: int, others: Iterable[Rank], session: int) -> "Instants":
         """Take the rows up to the watermark and to the ranks of others, as of a session number."""
-        stop, mine = int(np.searchsorted(self.stamps, watermark_ns, side="right")), self.rank[1:]
-        for stamp_ns, *other in others:
-            side: Literal["left", "right"] = "right" if mine < tuple(other) else "left"
+        stop, own_rank = int(np.searchsorted(self.stamps, watermark_ns, side="right")), self.rank[1:]
+        for stamp_ns, *rank in others:
+            side: Literal["left", "right"] = "right" if own_rank < tuple(rank) else "left"
             stop = min(stop, int(np.searchsorted(self.stamps, stamp_ns, side=side)))
         last = stop == len(self.stamps)
         taken = Instants(self.stamps[:stop], self.rows[:stop], session, self.batch, last)
@@ -118,7 +118,7 @@ class Entry:
     @property
     def fate(self) -> Fate:
         """What has become of it, once nothing of it waits."""
-        if self.kept:
+        if self.fused:
             return "partly_late" if self.late else "fused"
         return self.refused or "late"
 

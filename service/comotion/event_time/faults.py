@@ -1,4 +1,4 @@
-"""Collects what failed, and for whom. A fault costs a batch or a space, not the service."""
+"""Collects errors of the service and their sources. A fault costs a batch or a space, not the service."""
 
 import traceback
 import warnings
@@ -11,7 +11,7 @@ from comotion_schemas import ObservationBatch
 
 from .stats import Stats
 
-# Faults that nobody has read yet; a trace is cut.
+# Unread faults that are kept; characters that are kept of a trace.
 _MOST_FAULTS = 32
 _MAX_TRACE = 8000
 
@@ -35,7 +35,7 @@ class Faults:
 
     def __init__(self, stats: Stats) -> None:
         self._stats = stats
-        self._kept: deque[Fault] = deque(maxlen=_MOST_FAULTS)
+        self._unread: deque[Fault] = deque(maxlen=_MOST_FAULTS)
 
     @contextmanager
     def guard(self, what: str, batch: ObservationBatch | None = None) -> Iterator[None]:
@@ -49,13 +49,13 @@ class Faults:
                 rows = f"{len(batch.ids)} rows, space {batch.space!r}"
                 what += f" (source {batch.source}, seq {batch.seq}, {rows})"
             source = None if batch is None else batch.source
-            self._kept.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
+            self._unread.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
 
     def take(self) -> list[Fault]:
         """The faults since the last call."""
-        found = list(self._kept)
-        self._kept.clear()
-        return found
+        faults = list(self._unread)
+        self._unread.clear()
+        return faults
 
 
 def warn_of(faults: Iterable[Fault], stacklevel: int) -> None:

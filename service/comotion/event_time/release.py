@@ -1,6 +1,6 @@
 """Holds batches until the watermark has passed, and releases their instants in time order.
 
-These are rules 9 to 11 of :mod:`comotion.event_time`. What waits is bounded for each source here too.
+These are rules 9 to 11 of :mod:`comotion.event_time`. The batches that wait are bounded for each source here.
 """
 
 import heapq
@@ -27,12 +27,12 @@ End = Callable[[int], None]
 
 
 class Load:
-    """What waits of each source, and of all, against its bounds."""
+    """Counts the batches and bytes that wait, of each source and of all, against their bounds."""
 
     def __init__(self, limits: LimitsConfig) -> None:
         self._batches = limits.waiting_batches
         self._bytes = round(limits.waiting * _MEGABYTE)
-        self._all = round(limits.waiting_all * _MEGABYTE)
+        self._bytes_of_all = round(limits.waiting_all * _MEGABYTE)
         self._held: dict[str, tuple[int, int]] = {}
         self._total = 0
 
@@ -40,8 +40,8 @@ class Load:
         """Whether one more batch of its source may wait."""
         batches, size = self._held.get(entry.batch.source, (0, 0))
         share = self._bytes
-        if self._total + entry.size > self._all:
-            share = min(share, self._all // max(len(self._held), 1))
+        if self._total + entry.size > self._bytes_of_all:
+            share = min(share, self._bytes_of_all // max(len(self._held), 1))
         return batches < self._batches and size + entry.size <= share
 
     def add(self, entry: Entry, count: int = 1) -> None:
@@ -61,8 +61,8 @@ class Load:
 class Release:
     """The batches that wait, and the numbers of the sessions whose instants have come out.
 
-    `settle` learns what became of a batch once all its instants have come out. The budget says who may have
-    instants released, and is charged with what they cost.
+    `settle` is called with the fate of a batch once all its instants have come out. The budget says which
+    sources may have instants released, and is charged with what they cost.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Release:
         if watermark_ns is None:
             return
         due = {name for name, heap in self._waiting.items() if heap[0].rank[0] <= watermark_ns}
-        self._budget.begin(at_ns, due, {name for name, one in self._sources.items() if one.is_new})
+        self._budget.begin(at_ns, due, {name for name, source in self._sources.items() if source.is_new})
         while due:
             self._turn(due, watermark_ns, store, end)
             if not self._budget.share_rest(due):
@@ -112,7 +112,7 @@ class Release:
         self._drop_costly(due, watermark_ns, at_ns)
 
     def _turn(self, due: set[str], watermark_ns: int, store: Store, end: End) -> None:
-        """Release what is due until its source has spent its share; `due` keeps who has some left."""
+        """Release due instants until their source has spent its share; `due` keeps sources with some left."""
         heads = [self._waiting[name][0].rank for name in due if self._budget.allows(name)]
         heapq.heapify(heads)
         while heads:
@@ -155,9 +155,9 @@ class Release:
         """Book instants that came out: they were fused, or refused for a reason."""
         if refused is not None:
             entry.refused = refused
-        # Of a batch that is late as a whole what it says about ended trajectories has come out.
+        # Of a batch that is late as a whole, only its ended trajectories have come out.
         elif len(instants.rows) or not entry.late:
-            entry.kept = True
+            entry.fused = True
         if instants.last:
             self._settle(entry, entry.fate)
 

@@ -9,7 +9,7 @@ from .entries import Entry
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
 _GAPS = 15
-# Bound on what a source that restarts all the time can make us remember.
+# Past sessions that are remembered of a source, however often it restarts.
 _PAST_SESSIONS = 64
 # A source is silent, and hands its name over, after so many of its periods.
 PERIODS = 3

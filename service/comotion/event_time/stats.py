@@ -21,7 +21,7 @@ _GRACE_NS, _CLAIMS = 2_000_000_000, 8
 # Accounts of single sessions that are kept; those not seen for longest go first. The totals hold them all.
 MAX_ACCOUNTS = 4096
 
-# What a person should know of batches beyond a bound.
+# Texts of the problem of a source whose batches are beyond a bound.
 _BEYOND = {
     "overflow": "batches come faster than they can be read; send fewer or smaller ones",
     "limit": "batches are beyond a bound of `limits`; see docs/limits.md",
@@ -64,17 +64,17 @@ class Account:
     lost: int = 0
     rejected: dict[RejectionReason, int] = field(default_factory=dict)
 
-    def add(self, what: str, count: int = 1) -> None:
+    def add(self, name: str, count: int = 1) -> None:
         """Count batches, by the name of a counter or the reason of a rejection."""
-        if hasattr(self, what):
-            setattr(self, what, getattr(self, what) + count)
+        if hasattr(self, name):
+            setattr(self, name, getattr(self, name) + count)
         else:
-            self.rejected[what] = self.rejected.get(what, 0) + count  # type: ignore[index, call-overload]
+            self.rejected[name] = self.rejected.get(name, 0) + count  # type: ignore[index, call-overload]
 
     def settled(self) -> int:
         """Sum of all that became of the batches: equals `batches`."""
-        known = self.fused + self.partly_late + self.late + self.duplicates + self.overflow + self.waiting
-        return known + sum(self.rejected.values())
+        counted = self.fused + self.partly_late + self.late + self.duplicates + self.overflow + self.waiting
+        return counted + sum(self.rejected.values())
 
 
 @dataclass
@@ -124,10 +124,10 @@ class Ledger:
     total
         The totals.
     troubles
-        Whose batches are beyond a bound is noted there.
+        Notes the sources whose batches are beyond a bound.
     unknown
-        The newest sessions of an earlier run of the service of which nothing has come since: what they have
-        sent meanwhile nobody knows.
+        The newest sessions of an earlier run of the service of which nothing has come since: how much they
+        have sent meanwhile is not known.
     sequences
         The sequence numbers.
     accounts
@@ -143,7 +143,7 @@ class Ledger:
     accounts: dict[Key, Account] = field(default_factory=dict)
     # What sessions say they have sent, and when they said so.
     _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
-    # Of each source, batches that came in unread before the next one that is read; None: nobody knows.
+    # Of each source, batches that came in unread before the next one that is read; None: not known.
     _unread: dict[str, int | None] = field(default_factory=dict, metadata=NOT_KEPT)
 
     def arrive(self, key: Key) -> None:
@@ -165,10 +165,10 @@ class Ledger:
     def _book(self, key: Key, counts: Mapping[str, int]) -> None:
         """Add to the account of a session and to the totals."""
         for account in (self.total, self._of(key)):
-            for what, count in counts.items():
-                account.add(what, count)
-        for what in counts.keys() & _BEYOND.keys():
-            self.troubles.note("limit", key[0], _BEYOND[what])
+            for name, count in counts.items():
+                account.add(name, count)
+        for name in counts.keys() & _BEYOND.keys():
+            self.troubles.note("limit", key[0], _BEYOND[name])
 
     def sight(self, key: Key, seq: int) -> Order:
         """Follow the sequence number of a batch; what is missing before it is lost."""
@@ -185,13 +185,13 @@ class Ledger:
         return order
 
     def overlooked(self, source: str, count: int | None) -> None:
-        """Take note of batches of a source that came in but whose sequence numbers nobody has read.
+        """Take note of batches of a source that came in but whose sequence numbers were not read.
 
         They are accounted already, unless `count` is None: then the next gap in the numbers tells how many
         there were, and counts as overflow.
         """
-        before = self._unread.pop(source, 0)
-        self._unread[source] = None if count is None or before is None else before + count
+        unread = self._unread.pop(source, 0)
+        self._unread[source] = None if count is None or unread is None else unread + count
         if len(self._unread) > MAX_ACCOUNTS:
             del self._unread[next(iter(self._unread))]
 
@@ -203,7 +203,7 @@ class Ledger:
             del self._claims[next(iter(self._claims))]
 
     def miss(self, at_ns: int) -> None:
-        """Count as lost what sessions have claimed so long ago that it should be here, and has not come."""
+        """Count batches as lost that sessions have claimed for some time and that have not come."""
         for key, claims in list(self._claims.items()):
             while claims and at_ns - claims[0][0] >= _GRACE_NS:
                 if lost := self.sequences.expect(*key, claims.popleft()[1]):
@@ -224,7 +224,7 @@ class Ledger:
         self.unknown |= {source: session for source, session in self.accounts if session}.items()
         self.unknown &= self.accounts.keys()
         # The clock of arrivals has ended with the process: what was claimed then should be here.
-        self._claims = {key: deque([(-_GRACE_NS, said[-1][1])]) for key, said in self._claims.items()}
+        self._claims = {key: deque([(-_GRACE_NS, claims[-1][1])]) for key, claims in self._claims.items()}
         for account in (self.total, *self.accounts.values()):
             account.batches -= account.waiting
             account.lost += account.waiting
@@ -234,7 +234,7 @@ class Ledger:
         account = self.accounts.pop(key, None) or Account()
         self.accounts[key] = account
         if len(self.accounts) > MAX_ACCOUNTS:
-            idle = next((k for k, one in self.accounts.items() if not one.waiting), None)
+            idle = next((k for k, other in self.accounts.items() if not other.waiting), None)
             if idle is not None:
                 del self.accounts[idle]
         return account

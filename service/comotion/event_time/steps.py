@@ -34,9 +34,9 @@ FUTURE_NS = 1_000_000_000
 _SILENCE_NS = 500_000_000
 # Nothing is acquired in the future: clocks that are synchronised agree better than this.
 AHEAD_NS = 250_000_000
-# A source that agrees so long after the first that waits is not on its way since before the step.
+# A batch that agrees and comes so long after the first that waits was sent after the step.
 _MARGIN_NS = 250_000_000
-# What a recording that is played again leaves to the end of the last one.
+# Gap between the end of a recording and its start when it is played again.
 _GAP_NS = 100_000_000
 # A clock counts as having been set as the service's was when it differs by less.
 _SAME_STEP_NS = 1_000_000_000
@@ -46,7 +46,7 @@ _ZERO_NS = 10**18
 
 @dataclass
 class Steps:
-    """What waits for a decision about clocks, and the time scale, of sources that stamp what happens now.
+    """Batches that wait for a decision about clocks, and the time scale, of sources that stamp live data.
 
     Attributes
     ----------
@@ -120,13 +120,13 @@ class Steps:
         self._keys.add(entry.key)
 
     def let_go(self) -> list[Entry]:
-        """Those that wait; none does any more."""
+        """Take out the batches that wait."""
         held, self.held = self.held, []
         self._keys.clear()
         return held
 
     def decide(self, agreed_ns: int | None, at_ns: int) -> Literal["wait", "judge", "follow"]:
-        """What to do with those that wait; `agreed_ns` is when any source has agreed last."""
+        """What to do with the batches that wait; `agreed_ns` is when any source has agreed last."""
         if not self.held:
             return "wait"
         first = self.held[0].at_ns
@@ -135,14 +135,14 @@ class Steps:
         return "follow" if at_ns - first >= _SILENCE_NS else "wait"
 
     def follow(self, reference_ns: int) -> None:
-        """Move the time scale to the clock of those that wait."""
+        """Move the time scale to the clock of the batches that wait."""
         self.shift_ns += self._shift(reference_ns)
         self.followed += 1
 
     def _shift(self, reference_ns: int) -> int:  # noqa: ARG002
         by_source: dict[str, list[int]] = {}
-        for one in self.held:
-            by_source.setdefault(one.batch.source, []).append(one.offset_ns)
+        for entry in self.held:
+            by_source.setdefault(entry.batch.source, []).append(entry.offset_ns)
         return median_low(median_low(offsets) for offsets in by_source.values())
 
     def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:
@@ -154,7 +154,7 @@ class Steps:
 
 @dataclass
 class Recordings(Steps):
-    """The same of sources that play recordings: the time is theirs."""
+    """The same for sources that play recordings: the stamps set the time."""
 
     replays: ClassVar = True
 
@@ -167,7 +167,7 @@ class Recordings(Steps):
         return now_ns if watermark_ns is None else max(now_ns, watermark_ns)
 
     def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
-        """Nothing: nobody is late."""
+        """Do nothing: no source is late."""
 
     def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
         """Whether a batch is far from a time, or of a session of which one waits."""
@@ -184,7 +184,7 @@ class Recordings(Steps):
 
     def _shift(self, reference_ns: int) -> int:
         # So that the earliest follows what was fused; a gap in a recording has lasted as long as it says.
-        earliest = min(self.scene_time(one.batch) for one in self.held) - reference_ns
+        earliest = min(self.scene_time(entry.batch) for entry in self.held) - reference_ns
         return earliest - _GAP_NS if earliest < 0 else 0
 
     def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:  # noqa: ARG002

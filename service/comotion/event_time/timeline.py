@@ -1,6 +1,6 @@
-"""Merges batches of many sources, in any order, into one time line, by the rules of this room.
+"""Merges batches of many sources, in any order, into one time line.
 
-The rules are in the head of :mod:`comotion.event_time`.
+The rules are in the docstring of :mod:`comotion.event_time`.
 """
 
 from collections.abc import Collection
@@ -109,7 +109,7 @@ class Timeline:
                 self._take(entry, self._admit(entry, now_ns), now_ns)
             if entry.stage is Stage.INBOX:
                 self._settle(entry, "defect")
-        # One decision may allow another: that on a clock tells the stamps of rivals, a new session agrees.
+        # One decision may allow another: one on a clock moves stamps of rivals, and a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
             pass
         self._move_watermark(now_ns)
@@ -122,21 +122,21 @@ class Timeline:
 
     def track_timeout_ns(self, session: int) -> int:
         """Time without observation after which a trajectory of this session number is outdated."""
-        known = self.sources.get(self.sessions[session][0])
-        return max(self._track_timeout_ns, PERIODS * (known.period_ns if known else 0))
+        source = self.sources.get(self.sessions[session][0])
+        return max(self._track_timeout_ns, PERIODS * (source.period_ns if source else 0))
 
     def forget_idle(self, used: Collection[int]) -> None:
-        """Forget sessions that are over and silent sources, but for numbers in `used`, with trajectories."""
-        for name, one in list(self.sources.items()):
-            held = one.number in used or self._load.holds(name)
-            if one.idle_ns(self.at_ns) > to_ns(self._limits.expiry) and not held:
+        """Forget ended sessions and silent sources, except those with trajectories: numbers in `used`."""
+        for name, source in list(self.sources.items()):
+            held = source.number in used or self._load.holds(name)
+            if source.idle_ns(self.at_ns) > to_ns(self._limits.expiry) and not held:
                 del self.sources[name]
         current = {source.number for source in self.sources.values()}
         for number in self.sessions.keys() - used - current:
             del self.sessions[number]
 
     def _take(self, entry: Entry, verdict: Verdict, now_ns: int) -> None:
-        """Let a batch wait for what was found, or book what became of it."""
+        """Let a batch wait as its verdict says, or book its fate."""
         match entry.go(verdict):
             case Stage.CLOCK:
                 self.steps.hold(entry)
@@ -148,7 +148,7 @@ class Timeline:
                 self._settle(entry, cast("Fate", verdict))
 
     def _settle(self, entry: Entry, fate: Fate) -> None:
-        """Book what became of a batch."""
+        """Book the fate of a batch."""
         entry.go(fate)
         self._load.add(entry, -1)
         self.ledger.settle(entry.key, fate)
@@ -180,30 +180,30 @@ class Timeline:
         return self.steps.reference(now_ns, self.watermark_ns)
 
     def _decide(self, now_ns: int) -> bool:
-        """Judge the batches that wait because of their clock; whether it was clear who is wrong."""
+        """Judge the batches that wait because of their clock; whether it was clear which clock is wrong."""
         steps, at_ns = self.steps, self.at_ns
         decision = steps.decide(self.sources.agreed_ns(), at_ns)
         if decision == "wait":
             return False
         if decision == "follow":
             steps.follow(self._reference(now_ns))
-        again: set[Key] = set()
+        replayed: set[Key] = set()
         for entry in steps.let_go():
             source = self._sender(entry)
             if decision == "judge":
                 # The clock of its session is wrong: others agree.
                 if source is not None:
                     source.agreed_ns = None
-            elif entry.repeated or entry.key in again:
-                self._play_again(entry, again)
+            elif entry.repeated or entry.key in replayed:
+                self._play_again(entry, replayed)
             self._take(entry, self._judge(entry, now_ns, trusted=decision == "follow"), now_ns)
         return True
 
-    def _play_again(self, entry: Entry, again: set[Key]) -> None:
+    def _play_again(self, entry: Entry, replayed: set[Key]) -> None:
         """A recording is played again, with the session that it had before: it is a new one."""
         batch, source = entry.batch, self._sender(entry)
-        if entry.key not in again:
-            again.add(entry.key)
+        if entry.key not in replayed:
+            replayed.add(entry.key)
             self.ledger.sequences.forget(*entry.key)
             if source is not None:
                 source.start(batch.session, self.steps.scene_time(batch), self.at_ns)
@@ -251,12 +251,12 @@ class Timeline:
             first, limit_ns = source.rivals[0], source.handover_ns(self._source_timeout_ns)
             stamp_ns = self.steps.scene_time(first.batch)
             if source.silence_ns(stamp_ns, at_ns) >= limit_ns:
-                mine = [one for one in source.rivals if one.key == first.key]
-                source.rivals = [one for one in source.rivals if one.key != first.key]
+                admitted = [entry for entry in source.rivals if entry.key == first.key]
+                source.rivals = [entry for entry in source.rivals if entry.key != first.key]
                 source.start(first.batch.session, stamp_ns, at_ns)
-                for one in mine:
-                    source.observe(self.steps.scene_time(one.batch), at_ns)
-                    self._take(one, "watermark", now_ns)
+                for entry in admitted:
+                    source.observe(self.steps.scene_time(entry.batch), at_ns)
+                    self._take(entry, "watermark", now_ns)
             elif at_ns - first.at_ns >= limit_ns:
                 self.troubles.note("duplicate-name", first.batch.source)
                 self._take(source.rivals.pop(0), "duplicate-name", now_ns)
@@ -269,9 +269,9 @@ class Timeline:
         if len(self.sources) < self._limits.sources:
             return True
         silent = [
-            (one.idle_ns(self.at_ns), name)
-            for name, one in self.sources.items()
-            if not one.is_sending(self.at_ns, self._source_timeout_ns) and not self._load.holds(name)
+            (source.idle_ns(self.at_ns), name)
+            for name, source in self.sources.items()
+            if not source.is_sending(self.at_ns, self._source_timeout_ns) and not self._load.holds(name)
         ]
         if silent:
             self._release.end(self.sources.pop(max(silent)[1]).number)

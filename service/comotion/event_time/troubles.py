@@ -9,8 +9,8 @@ from comotion_schemas.messages import ProblemKind
 _LASTS_NS, _MOST = 3_000_000_000, 256
 CLOCKS: tuple[ProblemKind, ...] = ("clock-ahead", "clock-behind", "clock-zero")
 """Of one source at most one of these."""
-# A single batch may be late for its clock: so many are told.
-_TELLING = dict.fromkeys(CLOCKS, 3)
+# A single batch may seem late for its clock: a trouble is reported after so many in a row.
+_REPORTED_AFTER = dict.fromkeys(CLOCKS, 3)
 
 
 @dataclass(frozen=True)
@@ -45,22 +45,22 @@ class Troubles:
         self._seen: dict[ProblemKind, dict[str, _Seen]] = {}
 
     def note(self, kind: ProblemKind, source: str, evidence: Any = None) -> None:
-        """Take note of one; of too many sources, the one seen longest ago is forgotten."""
+        """Take note of a trouble; of too many sources, the one seen longest ago is forgotten."""
         seen = self._seen.setdefault(kind, {})
-        before = seen.pop(source, None)
+        previous = seen.pop(source, None)
         if len(seen) >= _MOST:
             del seen[next(iter(seen))]
-        count = before.count if before is not None and self._lasts(before) else 0
+        count = previous.count if previous is not None and self._lasts(previous) else 0
         seen[source] = _Seen(self.at_ns, count + 1, evidence)
 
     def note_clock(self, source: str, stamp_ns: int, offset_ns: int, kind: ProblemKind) -> None:
         """Take note of a stamp that is off the time of the scene."""
-        before = self._seen.get(kind, {}).get(source)
+        previous = self._seen.get(kind, {}).get(source)
         pace = 0.0
-        if before is not None and self._lasts(before):
-            pace = before.evidence.pace
-            if self.at_ns > before.at_ns:
-                pace = (stamp_ns - before.evidence.stamp_ns) / (self.at_ns - before.at_ns)
+        if previous is not None and self._lasts(previous):
+            pace = previous.evidence.pace
+            if self.at_ns > previous.at_ns:
+                pace = (stamp_ns - previous.evidence.stamp_ns) / (self.at_ns - previous.at_ns)
         self.clear_clock(source, but=kind)
         self.note(kind, source, ClockTrouble(offset_ns, stamp_ns, pace))
 
@@ -76,13 +76,17 @@ class Troubles:
 
     def lately(self) -> dict[ProblemKind, dict[str, Any]]:
         """What has been seen within 3 s: by kind and source, the evidence."""
-        found = {kind: self._of(kind) for kind in self._seen}
-        return {kind: sources for kind, sources in found.items() if sources}
+        by_kind = {kind: self._of(kind) for kind in self._seen}
+        return {kind: sources for kind, sources in by_kind.items() if sources}
 
     def _of(self, kind: ProblemKind) -> dict[str, Any]:
-        seen, least = self._seen.get(kind, {}), _TELLING.get(kind, 1)
-        told = {name: one for name, one in sorted(seen.items()) if one.count >= least and self._lasts(one)}
-        return {name: one.evidence for name, one in told.items()}
+        seen, least = self._seen.get(kind, {}), _REPORTED_AFTER.get(kind, 1)
+        reported = {
+            name: sighting
+            for name, sighting in sorted(seen.items())
+            if sighting.count >= least and self._lasts(sighting)
+        }
+        return {name: sighting.evidence for name, sighting in reported.items()}
 
-    def _lasts(self, one: _Seen) -> bool:
-        return self.at_ns - one.at_ns <= _LASTS_NS
+    def _lasts(self, sighting: _Seen) -> bool:
+        return self.at_ns - sighting.at_ns <= _LASTS_NS
