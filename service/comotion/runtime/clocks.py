@@ -1,4 +1,4 @@
-"""The service's "now", the wall clock or the newest event of a replay; and its deadlines.
+"""Gives the service its "now", the wall clock or the newest event of a replay, and its deadlines.
 
 Deadlines neither drift nor bunch; the work for them begins so early that it is done in time.
 """
@@ -10,9 +10,9 @@ from typing import Literal
 from ..event_time.timeline import FUTURE_NS
 
 ClockName = Literal["wall", "event"]
-# Daemons that keep the time slew by less between two looks; more is a step.
+# Time daemons slew the clock by less between two readings; more is a step.
 _SLEW_NS = 50_000_000
-# Two looks at clocks take less, unless something else had the processor: then once more.
+# Readings of both clocks take less, unless another process had the processor: then they are repeated.
 _AT_ONCE_NS, _MOST_LOOKS = 1_000_000, 5
 # How long no source may have followed the clock before a stamp far ahead is believed.
 _UNFOLLOWED_NS = 1_000_000_000
@@ -23,20 +23,20 @@ _SLOWER = 1.5
 
 
 class WallClock:
-    """The wall clock as it was at the start, carried on by one that is never set.
+    """The wall clock as it was at the start, continued by one that is never set.
 
-    When somebody sets the clock of the machine, the core decides by the stamps whether the sources were set
-    too. So no step of it stops the updates.
+    When the clock of the machine is set, the core decides by the stamps whether the sources were set too. So
+    no step of it stops the updates.
     """
 
     def __init__(self) -> None:
         self._offset_ns = _offset_ns()
 
     def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
-        """Take note of a stamp that came in, and when on the monotonic clock, ns: of no use here."""
+        """Ignore a stamp that came in at a time on the monotonic clock, ns: the event clock uses it."""
 
     def reach(self, stamp_ns: int) -> None:
-        """Take note of a stamp that the core has accepted, ns: of no use here."""
+        """Ignore a stamp that the core has accepted, ns: the event clock uses it."""
 
     def now_ns(self) -> int:
         """Wall clock time without its steps, ns since the Unix epoch."""
@@ -79,7 +79,7 @@ class EventClock(WallClock):
         return self._now_ns or 0
 
     def set_by_ns(self) -> int:
-        """Nobody sets this clock."""
+        """Always 0: this clock is not set."""
         return 0
 
 
@@ -126,7 +126,7 @@ class HeadStart:
 
 
 def _offset_ns() -> int:
-    """The wall clock minus the one that is never set, ns, whatever comes between the two looks at them."""
+    """The wall clock minus the one that is never set, ns, by the closest pair of readings."""
     looks: list[tuple[int, int]] = []
     while not looks or (looks[-1][0] > _AT_ONCE_NS and len(looks) < _MOST_LOOKS):
         before_ns, wall_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()

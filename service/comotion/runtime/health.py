@@ -55,31 +55,31 @@ class Health:
     ) -> StatusFields:
         """Assemble the fields of the Status, at a time on the monotonic clock.
 
-        Told are what the intake has received, which sources are present and what it has refused last, the
-        health of every source that has sent data, the counters, further troubles in words (`notes`), and what
-        the core has noticed, by kind, the sources and what shows it.
+        The arguments give what the intake has received, which sources are present and what it has refused
+        last, the health of every source that has sent data, the counters, further troubles in words
+        (`notes`), and the problems that the core has noticed: by kind, the evidence of each source.
         """
         present, counters, rejected = intake.present, stats.counters(), dict(stats.rejected)
         self._samples.append(_Sample(monotonic_ns, dict(intake.received), counters, rejected))
         while self._samples[0].at_ns < monotonic_ns - _RECENT_NS:
             self._samples.popleft()
-        before = self._samples[0]
+        oldest = self._samples[0]
         sources = [s for s in sources if s.name in present or s.age_ns < _FORGET_NS]
-        found = problems.in_words({**(noticed or {}), **problems.silence(present, sources, monotonic_ns)})
-        if stats.faults > before.counters["faults"]:
-            found[None, "defect"] = problems.DEFECT
-        lasting = self._problems.update(found, monotonic_ns)
+        texts = problems.in_words({**(noticed or {}), **problems.silence(present, sources, monotonic_ns)})
+        if stats.faults > oldest.counters["faults"]:
+            texts[None, "defect"] = problems.DEFECT
+        lasting = self._problems.update(texts, monotonic_ns)
         live = [s.name for s in sources if s.sending]
         silent = sorted(present.keys() - live)
         trouble = [*notes, *self._recent(counters, rejected, intake.rejection)]
         if silent:
             ages = {s.name: f" ({s.age_ns / 1e9:.1f} s)" for s in sources}
             trouble.append("no data from " + ", ".join(name + ages.get(name, "") for name in silent[:10]))
-        # The texts are in `problems`; who is silent has been said.
+        # The texts are in `problems`; silent sources are listed already.
         trouble += [
-            f"{one.kind} of {one.source}" if one.source else one.kind
-            for one in lasting
-            if one.kind not in ("silent", "no-data")
+            f"{problem.kind} of {problem.source}" if problem.source else problem.kind
+            for problem in lasting
+            if problem.kind not in ("silent", "no-data")
         ]
         dead = not live and stats.fused + stats.partly_late > 0
         if dead:
@@ -112,9 +112,9 @@ class Health:
         rejected: Mapping[RejectionReason, int],
         rejection: str,
     ) -> list[str]:
-        before = self._samples[0]
-        grown = {name: counters[name] - before.counters[name] for name in _TROUBLE}
-        refused = sum(rejected.values()) - sum(before.rejected.values())
+        oldest = self._samples[0]
+        grown = {name: counters[name] - oldest.counters[name] for name in _TROUBLE}
+        refused = sum(rejected.values()) - sum(oldest.rejected.values())
         words = [counter_words(name, count) for name, count in grown.items() if count > 0]
         words += [f"{refused} rejected"] if refused else []
         if not words:

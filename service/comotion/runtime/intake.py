@@ -1,13 +1,13 @@
-"""What the service takes in of its sources: batches, Statuses, and whether their processes are there.
+"""Receives the batches and Statuses of the sources, and follows whether their processes are there.
 
 Batches are decoded and checked in turns; each source has a share of the time.
 
 A Status is believed about the component of its own key alone. Of a storm of them each component's newest is
-read, twice a second at most, and some in a turn of the loop: what one component sends costs nobody else.
+read, twice a second at most, and some in a turn of the loop: what one component sends costs no other.
 
-Of each known source, its liveliness token is asked for: the service has no wildcard for tokens, neither a
-subscription nor a query. Nothing limits how many a source declares, and when it leaves, a router goes through
-all matches of a wildcard for each one of them.
+The liveliness token of each known source is queried by itself: the service has no wildcard for tokens,
+neither a subscription nor a query. Nothing limits how many a source declares, and when it leaves, a router
+goes through all matches of a wildcard for each of them.
 """
 
 import logging
@@ -42,14 +42,14 @@ _log = logging.getLogger(__name__)
 
 
 class Intake:
-    """All that the service subscribes to of so many sources; refusals and overflow go to the ledger.
+    """All subscriptions of the service to `most` sources; refusals and overflow go to the ledger.
 
     Attributes
     ----------
     rejection
-        On whose key the newest payload came that was refused, and why; empty before any.
+        Key and reason of the newest payload that was refused; empty before any.
     tokens, queues, statuses
-        Which sources are there, what has come of them, and what they say.
+        The tokens of the sources, their payloads that wait, and their Statuses.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, ledger: Ledger, most: int = 1024) -> None:
@@ -81,7 +81,7 @@ class Intake:
         The budget is for reading and whatever the caller does with a batch. Beyond it, a source that has had
         its share waits for the next call; any source may have one batch read.
         """
-        self.tokens.look(monotonic_ns, self._known)
+        self.tokens.look(monotonic_ns, self._heard)
         active = self.queues.active()
         share_ns, total_ns, spent = budget_ns // max(len(active), 1), 0, dict.fromkeys(active, 0)
         while active:
@@ -101,7 +101,7 @@ class Intake:
                 if not queue.waiting or (total_ns > budget_ns and spent[name] >= share_ns):
                     del active[name]
 
-    def _known(self) -> set[str]:
+    def _heard(self) -> set[str]:
         """Names of which something has come: batches, or Statuses since the last call."""
         return self.queues.received().keys() | self.statuses.take_sources()
 
@@ -133,10 +133,10 @@ class Intake:
         return None
 
     def _reject(self, name: str, error: DecodeError) -> None:
-        known = name if is_name(name) else ""
-        self._ledger.refuse((known, ""), error.reason)
-        if known:
-            self._ledger.overlooked(known, 1)
+        source = name if is_name(name) else ""
+        self._ledger.refuse((source, ""), error.reason)
+        if source:
+            self._ledger.overlooked(source, 1)
         self.rejection = f"obs/{name}: {error}"
         self._limit.log(_log, logging.WARNING, "rejected a batch on obs/%s: %s", name[:64], error)
 
@@ -171,9 +171,9 @@ class Statuses:
             due = [(name, *self._unread.pop(name)) for name in names]
         self._read_ns |= dict.fromkeys(names, now)
         decoded = ((self._decode(name, content), arrived_s) for name, content, arrived_s in due)
-        found = [(status, arrived_s) for status, arrived_s in decoded if status is not None]
-        self._sources.update(status.component for status, _ in found if status.role == "source")
-        return found
+        statuses = [(status, arrived_s) for status, arrived_s in decoded if status is not None]
+        self._sources.update(status.component for status, _ in statuses if status.role == "source")
+        return statuses
 
     def take_sources(self) -> set[str]:
         """Names of the sources of which a Status was read since the last call."""
@@ -204,7 +204,7 @@ class Statuses:
 
 
 class Tokens:
-    """Presence of sources, of so many names at most.
+    """Presence of sources, of `most` names at most.
 
     `present` are the names whose token is there, and since when in monotonic ns.
     """
@@ -212,22 +212,22 @@ class Tokens:
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._session, self._keys, self._most = session, keys, most
         self._limit = LogLimit(20, 10.0)
-        self._due_ns = self._asked = 0
+        self._due_ns = self._pending = 0
         self._turn: list[str] = []
-        # Names, and whether their token is there; None: no router has said. Zenoh's threads add to it.
+        # Names, and whether their token is there; None: no router has answered. Zenoh's threads add to it.
         self._answers: deque[tuple[str, bool | None]] = deque()
         self.present: dict[str, int] = {}
 
-    def look(self, monotonic_ns: int, known: Callable[[], Collection[str]]) -> None:
-        """Take in answers, and query some tokens: each second those of all names that are known by then."""
+    def look(self, monotonic_ns: int, heard: Callable[[], Collection[str]]) -> None:
+        """Take in answers, and query some tokens: each second those of all names that `heard` gives."""
         while self._answers:
-            self._asked -= 1
+            self._pending -= 1
             self._take_in(*self._answers.popleft(), monotonic_ns)
         if not self._turn and monotonic_ns >= self._due_ns:
             self._due_ns = monotonic_ns + _ASK_AGAIN_NS
-            self._turn = sorted(self.present.keys() | known(), reverse=True)
-        while self._turn and self._asked < _ASKED_AT_ONCE:
-            self._asked += 1
+            self._turn = sorted(self.present.keys() | heard(), reverse=True)
+        while self._turn and self._pending < _ASKED_AT_ONCE:
+            self._pending += 1
             self._ask(self._turn.pop())
 
     def _ask(self, name: str) -> None:
@@ -239,10 +239,10 @@ class Tokens:
         query: Any = Callback(lambda reply: replies.append(reply.ok is not None), answered)
         self._session.liveliness().get(self._keys.live("source", name), query, timeout=_TIMEOUT_S)
 
-    def _take_in(self, name: str, there: bool | None, monotonic_ns: int) -> None:
-        if there and name not in self.present and len(self.present) < self._most:
+    def _take_in(self, name: str, alive: bool | None, monotonic_ns: int) -> None:
+        if alive and name not in self.present and len(self.present) < self._most:
             self.present[name] = monotonic_ns
             self._limit.log(_log, logging.INFO, "source %s is here", name)
-        elif there is False and name in self.present:
+        elif alive is False and name in self.present:
             del self.present[name]
             self._limit.log(_log, logging.INFO, "source %s has left", name)

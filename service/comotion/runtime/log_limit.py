@@ -18,7 +18,7 @@ class LogLimit:
     Parameters
     ----------
     lines, seconds
-        How many in which time.
+        At most so many lines in so much time.
     """
 
     def __init__(self, lines: int, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -46,11 +46,11 @@ class DefectLog:
         self._logged_s: dict[str, float] = {}
 
     def write(self, fault: Fault) -> None:
-        """Log one."""
+        """Log a fault."""
         kind, now = f"{fault.what.partition('(')[0]}{fault.error}"[:200], time.monotonic()
         fresh = now - self._logged_s.get(kind, -_AGAIN_S) >= _AGAIN_S
         if fresh:
-            self._logged_s = {one: at for one, at in self._logged_s.items() if now - at < _AGAIN_S}
+            self._logged_s = {logged: at for logged, at in self._logged_s.items() if now - at < _AGAIN_S}
             self._logged_s[kind] = now
         text, level = "a defect in %s: %s; please report this", logging.ERROR if fresh else logging.DEBUG
         self._limit.log(_log, level, text, fault.what, fault.error)

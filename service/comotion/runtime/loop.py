@@ -1,4 +1,4 @@
-"""The loop between Zenoh and the core.
+"""Runs the loop between Zenoh and the core.
 
 Every turn of the loop takes in what has arrived, and either fuses ahead of time or, when a deadline is
 near, computes the next update and publishes it at the deadline. What may take a moment is done right after
@@ -140,7 +140,7 @@ class Loop:
             self._output.answer(self._answering_ns)
 
     def _now(self) -> tuple[int, int]:
-        """What stamps are compared with, and the clock of arrivals."""
+        """The time that stamps are compared with, and the clock of arrivals."""
         timeline = self._fusion.timeline
         # The event clock reaches what the core has accepted.
         if timeline.newest_ns is not None:
@@ -180,20 +180,20 @@ class Loop:
             _return_memory()
         self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
 
-    def _is_due(self, what: str, at_ns: int, every_ns: int) -> bool:
-        due = at_ns >= self._due_ns.get(what, 0)
+    def _is_due(self, task: str, at_ns: int, every_ns: int) -> bool:
+        due = at_ns >= self._due_ns.get(task, 0)
         if due:
-            self._due_ns[what] = at_ns + every_ns
+            self._due_ns[task] = at_ns + every_ns
         return due
 
     def _report(self, at_ns: int) -> None:
-        kept, clocks, timeline = self._keeper.error, self._source_clocks, self._fusion.timeline
+        state_error, clocks, timeline = self._keeper.error, self._source_clocks, self._fusion.timeline
         fields = self._health.report(
             at_ns,
             intake=self._intake,
             sources=timeline.sources.health(self._now()[0], at_ns),
             stats=self._fusion.stats,
-            notes=[*([kept] if kept else []), *self._overload.notes(), *clocks.notes()],
+            notes=[*([state_error] if state_error else []), *self._overload.notes(), *clocks.notes()],
             noticed=timeline.troubles.lately(),
         )
         own = {"clock_steps": clocks.steps, "refused_statuses": self._intake.statuses.refused}

@@ -12,26 +12,26 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class Overload(Load):
-    """Finds the level, and says what is left out. Times are monotonic nanoseconds."""
+    """Finds the level, and logs what is left out. Times are monotonic nanoseconds."""
 
     _limit: LogLimit = field(default_factory=lambda: LogLimit(10, 60.0))
     _cost_ns: float = 0.0
     _spent_ns: int = 0
 
     def cost_ns(self) -> int:
-        """What this thread costs so far: on a busy machine a second of its processor time takes longer."""
+        """Cost of this thread so far: on a busy machine a second of its processor time takes longer."""
         before_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
         self._cost_ns += (self._spent_ns - before_ns) * self.busy
         return int(self._cost_ns)
 
     def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
         """Take note of how long an update took, and its processor time; returns the level from now on."""
-        before = self.level
+        previous = self.level
         level = super().note(took_ns, spent_ns, at_ns)
-        if level > before:
-            kind = logging.INFO if before else logging.WARNING
+        if level > previous:
+            kind = logging.INFO if previous else logging.WARNING
             self._limit.log(_log, kind, "%s", *self.notes())
-        elif before and not level:
+        elif previous and not level:
             self._limit.log(_log, logging.INFO, "updates are on time again: nothing is left out")
         return level
 

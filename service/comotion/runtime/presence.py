@@ -4,7 +4,7 @@ Without an election (:mod:`.standby`) one service has a scene, and the others re
 
 - The token of a service is ``live/service/<name>-<claim>-<session>``, where the claim is the time at which it
   was declared, ns since the Unix epoch in 16 hex digits.
-- A service speaks while its updates come, one newer than the other. A token alone makes nobody yield.
+- A service speaks while its updates come, one newer than the other. A token alone makes no service yield.
 - A service that starts looks for tokens of others before it declares its own, and refuses if one of them
   speaks. It waits as long as the token of a service that was killed or stopped may take to vanish.
 - Of those that start together, the oldest claim has the scene. The others refuse before they publish: they
@@ -35,7 +35,7 @@ _LEASE_NS = LEASE_MS * 1_000_000
 # Until the token of a service that was stopped has vanished.
 _PATIENCE_S = LEASE_MS / 1000 + 1.0
 _POLL_S = 0.02
-# Share of a processor below which a process that was not heard of did not run: a slow update takes more.
+# Share of a processor below which a process was stopped and not busy: a slow update takes more.
 _AT_WORK = 0.05
 # Until the tokens of all others have come in; and until one that was cut off has withdrawn its own.
 _SETTLE_NS = _SECOND_NS
@@ -44,7 +44,7 @@ _STARTING_NS = 300 * _SECOND_NS
 _START_S = 10.0
 # Silence after which a service speaks no more: so many of its periods, at least so long.
 _SILENT_PERIODS, _SILENT_NS = 3, _SECOND_NS
-# Tokens, and updates of others, that come in between two looks.
+# Tokens, and updates of others, that are held between two readings.
 _MOST_TOKENS = 256
 _MOST_UPDATES = 4
 _MAX_OTHERS = 256
@@ -69,10 +69,10 @@ class Claim:
     @classmethod
     def read(cls, token: str) -> Self:
         """Parse the last chunk of the key; a token of another form makes no service yield that runs."""
-        found = _TOKEN.fullmatch(token)
-        if found is None:
+        match = _TOKEN.fullmatch(token)
+        if match is None:
             return cls(_NEVER_NS, token, token, "")
-        return cls(int(found[2], 16), token, found[1], found[3])
+        return cls(int(match[2], 16), token, match[1], match[3])
 
 
 class _Activity(NamedTuple):
@@ -185,7 +185,7 @@ class Presence:
         return monotonic_ns - before_ns > max(_LEASE_NS, gap_ns + _SECOND_NS)
 
     def _return(self, monotonic_ns: int) -> None:
-        """Claim the scene anew, if it has been connected for long enough and nobody else has it."""
+        """Claim the scene anew, if it has been connected for long enough and no other service has it."""
         if not self._is_connected():
             self._speaks_ns = monotonic_ns + _SETTLE_NS
         elif self._speaks_ns is not None and monotonic_ns >= self._speaks_ns:
@@ -226,11 +226,11 @@ class Presence:
             update = decode_as(HypothesisUpdate, sample.payload.to_bytes())
         except DecodeError:
             return
-        known = {other.session for other in self._others.values()}
-        who = update.session if update.session in known else ""
-        before, lasts_ns = self._activities.get(who), max(_SILENT_NS, _SILENT_PERIODS * update.period_ns)
-        is_newer = before is not None and update.seq > before.seq
-        self._activities[who] = _Activity(update.seq, time.monotonic_ns() + lasts_ns, is_newer)
+        sessions = {other.session for other in self._others.values()}
+        sender = update.session if update.session in sessions else ""
+        previous, lasts_ns = self._activities.get(sender), max(_SILENT_NS, _SILENT_PERIODS * update.period_ns)
+        is_newer = previous is not None and update.seq > previous.seq
+        self._activities[sender] = _Activity(update.seq, time.monotonic_ns() + lasts_ns, is_newer)
 
     def _note(self, token: str, *, present: bool) -> None:
         # Its own session is in all of its tokens, those that it has withdrawn too.

@@ -1,6 +1,6 @@
-"""Says in words what a person should change, from what the fusion and the intake have noticed.
+"""Words problems that the fusion and the intake have noticed, and what a person should change.
 
-A problem is said once in the log when it begins, once when it ends, and is in the Status until then.
+A problem is logged once when it begins and once when it ends, and is in the Status until then.
 """
 
 import logging
@@ -18,23 +18,23 @@ from ..event_time.sources import SourceHealth
 from ..event_time.troubles import ClockTrouble
 from .log_limit import LogLimit
 
-# A problem ends when it has not been seen for so long: what comes and goes is said once.
+# A problem ends when it has not been seen for so long: one that comes and goes is logged once.
 _LASTS_NS = 10_000_000_000
 # A process that has just started may take so long to its first batch.
 _START_NS = 3_000_000_000
-# Bound on what a hostile scene can make the Status.
+# Problems that a Status lists at most, also in a hostile scene; and of one kind.
 _MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
-# Whose batches were displaced before they were read.
+# In the place of a source, where batches were displaced before they were read.
 _NO_QUEUE = "invalid names, or too many"
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
 _log = logging.getLogger(__name__)
 
 Key = tuple[str | None, ProblemKind]
-Found = dict[Key, str]
+TextByKey = dict[Key, str]
 DEFECT = "the service failed on some data and goes on; please report the trace in its log"
-"""What is said where the counter of faults has grown."""
+"""Text where the counter of faults has grown."""
 
 
 @dataclass
@@ -51,37 +51,37 @@ class Problems:
     _lasting: dict[Key, _Lasting] = field(default_factory=dict)
     _limit: LogLimit = field(default_factory=lambda: LogLimit(30, 60.0))
 
-    def update(self, found: Found, monotonic_ns: int) -> list[Problem]:
+    def update(self, texts: TextByKey, monotonic_ns: int) -> list[Problem]:
         """Follow the problems; returns those that last, the oldest first."""
-        alike = Counter(kind for _, kind in self._lasting)
-        for key, text in found.items():
-            known = self._lasting.get(key)
-            if known is not None:
-                known.seen_ns, known.text = monotonic_ns, text
-            elif len(self._lasting) < _MOST and alike[key[1]] < _MOST_OF_A_KIND:
-                alike[key[1]] += 1
+        of_kind = Counter(kind for _, kind in self._lasting)
+        for key, text in texts.items():
+            lasting = self._lasting.get(key)
+            if lasting is not None:
+                lasting.seen_ns, lasting.text = monotonic_ns, text
+            elif len(self._lasting) < _MOST and of_kind[key[1]] < _MOST_OF_A_KIND:
+                of_kind[key[1]] += 1
                 self._lasting[key] = _Lasting(time.time_ns(), monotonic_ns, text)
                 self._limit.log(_log, logging.WARNING, "%s: %s", key[1], text)
-        for key, one in list(self._lasting.items()):
-            if monotonic_ns - one.seen_ns > _LASTS_NS:
+        for key, problem in list(self._lasting.items()):
+            if monotonic_ns - problem.seen_ns > _LASTS_NS:
                 del self._lasting[key]
-                self._limit.log(_log, logging.INFO, "%s is over: %s", key[1], one.text)
+                self._limit.log(_log, logging.INFO, "%s is over: %s", key[1], problem.text)
         return [
-            Problem(source=source, kind=kind, since_ns=one.since_ns, text=one.text[:500])
-            for (source, kind), one in self._lasting.items()
+            Problem(source=source, kind=kind, since_ns=problem.since_ns, text=problem.text[:500])
+            for (source, kind), problem in self._lasting.items()
         ]
 
 
-def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> Found:
-    """What was noticed: by kind, the sources and what shows it."""
-    found: Found = {}
+def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> TextByKey:
+    """Texts of what was noticed: by kind, the evidence of each source."""
+    texts: TextByKey = {}
     for kind, evidence in noticed.items():
-        for name, one in islice(evidence.items(), _MOST_ALIKE):
-            found[name or None, kind] = f"{name or _NO_QUEUE}: {_TEXTS[kind](one)}"
+        for name, shown in islice(evidence.items(), _MOST_ALIKE):
+            texts[name or None, kind] = f"{name or _NO_QUEUE}: {_TEXTS[kind](shown)}"
         # Of many sources, the first ones and how many more: a storm of tokens is one line.
         if len(evidence) > _MOST_ALIKE:
-            found[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
-    return found
+            texts[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
+    return texts
 
 
 def _clock_zero(trouble: ClockTrouble) -> str:
@@ -110,15 +110,15 @@ def _scale(evidence: float | str) -> str:
     )
 
 
-# What a person should change, by the kind of problem, from what shows it.
+# What a person should change, by the kind of problem, from its evidence.
 _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
     "clock-zero": _clock_zero,
-    "clock-ahead": lambda one: (
-        f"its stamps are {one.offset_ns / 1e9:.1f} s ahead of this machine; synchronise the clocks (NTP or "
+    "clock-ahead": lambda off: (
+        f"its stamps are {off.offset_ns / 1e9:.1f} s ahead of this machine; synchronise the clocks (NTP or "
         "PTP)"
     ),
-    "clock-behind": lambda one: (
-        f"its stamps are {abs(one.offset_ns) / 1e9:.1f} s old when they arrive; synchronise the clocks (NTP "
+    "clock-behind": lambda off: (
+        f"its stamps are {abs(off.offset_ns) / 1e9:.1f} s old when they arrive; synchronise the clocks (NTP "
         "or PTP), or send sooner; for a recording with its own stamps, start the service with --clock event"
     ),
     "ids-short-lived": lambda life: (
@@ -157,9 +157,9 @@ def silence(
     present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int
 ) -> dict[ProblemKind, dict[str, Any]]:
     """Sources whose process is there but whose data is not."""
-    known = {one.name: one for one in sources}
+    by_name = {source.name: source for source in sources}
     settled = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
     return {
-        "no-data": {name: name for name in settled if name not in known},
-        "silent": {name: known[name] for name in present if name in known and not known[name].sending},
+        "no-data": {name: name for name in settled if name not in by_name},
+        "silent": {name: by_name[name] for name in present if name in by_name and not by_name[name].sending},
     }

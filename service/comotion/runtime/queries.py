@@ -7,7 +7,7 @@
 | config | | map of the fusion parameters | JSON |
 | schema | ``message=NAME`` (optional) | JSON Schema of that message, or map name -> schema | JSON |
 | affinity | ``space=NAME`` (optional with one space) | affinities of the last update | msgpack |
-| accounts | | what became of the batches of every source and session | JSON |
+| accounts | | the fates of the batches of every source and session | JSON |
 | forget | ``id=N``, or ``id=all`` | map ``forgotten`` -> ids of the forgotten hypotheses | JSON |
 
 Affinity reply, a msgpack map: ``schema`` ("comotion.Affinity/1"), ``space``, ``stamp_ns``,
@@ -67,18 +67,18 @@ class Queryables:
         end = time.monotonic_ns() + budget_ns
         waiting = list(self._queryables)
         while waiting:
-            for one in list(waiting):
-                queryable, name, handler = one
+            for entry in list(waiting):
+                queryable, name, handler = entry
                 query = queryable.try_recv()
                 if query is None:
-                    waiting.remove(one)
+                    waiting.remove(entry)
                     continue
                 with query:
                     self._answer(query, name, handler)
                 if time.monotonic_ns() >= end:
-                    # Whose turn it was is the last one next time.
-                    self._queryables.remove(one)
-                    self._queryables.append(one)
+                    # Next time, this queryable is the last.
+                    self._queryables.remove(entry)
+                    self._queryables.append(entry)
                     return
 
     def close(self) -> None:
@@ -135,8 +135,8 @@ def _schemas() -> dict[str, dict[str, Any]]:
 def _accounts(fusion: Fusion) -> bytes:
     listed, ledger = [], fusion.timeline.ledger
     for key, account in ledger.accounts.items():
-        one = {"source": key[0], "session": key[1]} | asdict(account)
-        listed.append(one | {"lost": None} if key in ledger.unknown else one)
+        row = {"source": key[0], "session": key[1]} | asdict(account)
+        listed.append(row | {"lost": None} if key in ledger.unknown else row)
     return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()
 
 
@@ -159,13 +159,13 @@ def _forget(fusion: Fusion, which: str | None) -> bytes:
 
 
 def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
-    known = fusion.spaces
-    if space is None and len(known) == 1:
-        (space,) = known
-    if space not in known:
+    spaces = fusion.spaces
+    if space is None and len(spaces) == 1:
+        (space,) = spaces
+    if space not in spaces:
         problem = "space is required" if space is None else f"no space {space!r}"
-        raise QueryError(f"{problem}; known: {', '.join(known) or 'none yet'}")
-    rows = known[space]
+        raise QueryError(f"{problem}; known: {', '.join(spaces) or 'none yet'}")
+    rows = spaces[space]
     if 4 * rows * rows > MAX_BYTES:
         raise QueryError(f"the affinities of {rows} trajectories exceed the limit of {MAX_BYTES} bytes")
     snapshot = fusion.affinity(space)

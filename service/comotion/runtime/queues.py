@@ -1,7 +1,7 @@
-"""Keeps what has come of each source in a queue of its own, bounded in batches and in bytes.
+"""Keeps the payloads of each source in a queue of its own, bounded in batches and in bytes.
 
-A thread takes payloads from Zenoh as they come, while an update is computed too. Who floods displaces data of
-its own. What has no valid name, or is of one source too many, shares one queue.
+A thread takes payloads from Zenoh as they come, while an update is computed too. A source that floods
+displaces its own data. Payloads without a valid name, or of one source too many, share one queue.
 """
 
 import threading
@@ -21,22 +21,22 @@ from comotion_schemas.types import is_name
 IDLE_NS, _SILENT_NS = 10_000_000_000, 1_000_000_000
 # Payloads of all sources between Zenoh and the thread, which takes some 300,000 a second.
 _RING = 16_384
-# What of a source is kept to be read in its share of the time; and of all, of which each has its share then.
+# Bounds of the queue of a source, in batches and bytes; and bytes of all, of which each then has its share.
 _MOST_BATCHES = 1024
 _MOST_BYTES, _ALL_BYTES = 32 * 1024 * 1024, 256 * 1024 * 1024
 # Sources of which nothing was read before, in one turn of the loop: two milliseconds of work.
 _NEW_AT_ONCE = 16
 OTHERS = ""
-"""Name of the queue of those that have none of their own."""
+"""Name of the queue of sources without one of their own."""
 
 
 Payload = tuple[str, bytes]
-"""The name in a key, and what has come on it."""
+"""The name in a key, and the bytes that have come on it."""
 
 
 @dataclass
 class Queue:
-    """What has come of one source and waits to be read.
+    """The payloads of one source that wait to be read.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Queue:
     received
         Valid batches that were read.
     waiting, size
-        What waits, and its bytes.
+        The payloads, and their bytes.
     displaced
         Payloads that gave way to later ones since the last one was read.
     """
@@ -57,13 +57,13 @@ class Queue:
     displaced: int = 0
 
     def take(self) -> Payload:
-        """Take the oldest of what waits."""
+        """Take the oldest payload."""
         name, content = self.waiting.popleft()
         self.size -= len(content)
         return name, content
 
     def bound(self, most_bytes: int) -> None:
-        """Drop the oldest of what is too much; the newest stays."""
+        """Drop the oldest payloads beyond a bound; the newest stays."""
         while len(self.waiting) > _MOST_BATCHES or (self.size > most_bytes and len(self.waiting) > 1):
             self.take()
             self.displaced += 1
@@ -83,18 +83,18 @@ class Queues:
         self._receiver = Receiver(session, keys.streams("obs"), "obs", _RING, self._add)
 
     def active(self) -> dict[str, Queue]:
-        """Those in which something waits; of those of which nothing valid was read, some that came first.
+        """Queues in which payloads wait; of those of which nothing valid was read, the first ones.
 
-        However many names somebody takes, what shares a queue is read: what is refused there says who it is.
+        The shared queue is always read, however many names a sender takes: what is refused there shows it.
         """
         with self._lock:
             waiting = {name: queue for name, queue in self.of.items() if queue.waiting}
-        known = {name: queue for name, queue in waiting.items() if queue.received or name == OTHERS}
-        new = (one for one in waiting.items() if one[0] not in known)
-        return known | dict(islice(new, _NEW_AT_ONCE))
+        read_before = {name: queue for name, queue in waiting.items() if queue.received or name == OTHERS}
+        new = (item for item in waiting.items() if item[0] not in read_before)
+        return read_before | dict(islice(new, _NEW_AT_ONCE))
 
     def take(self, queue: Queue) -> tuple[Payload, int]:
-        """Take the oldest of what waits in a queue, and how many were displaced before it."""
+        """Take the oldest payload of a queue, and how many were displaced before it."""
         with self._lock:
             displaced, queue.displaced = queue.displaced, 0
             name, content = queue.take()
@@ -128,12 +128,12 @@ class Queues:
         name, now_ns = last_chunk(key), time.monotonic_ns()
         with self._lock:
             queue = self._queue_of(name, now_ns)
-            before = queue.size
+            size = queue.size
             queue.waiting.append((name, content))
             queue.size += len(content)
             share = _ALL_BYTES // len(self.of) if self._size + len(content) > _ALL_BYTES else _MOST_BYTES
             queue.bound(min(share, _MOST_BYTES))
-            self._size += queue.size - before
+            self._size += queue.size - size
 
     def _queue_of(self, name: str, now_ns: int) -> Queue:
         """The queue of a source; of one too many, it takes the place of the one silent for longest."""
@@ -148,7 +148,7 @@ class Queues:
         """Whether a name may have a queue."""
         if not is_name(name) or len(self.of) <= self._most:
             return is_name(name)
-        oldest = next(one for one in self.of if one != OTHERS)
+        oldest = next(source for source in self.of if source != OTHERS)
         if self.of[oldest].waiting or now_ns - self.of[oldest].used_ns <= _SILENT_NS:
             return False
         del self.of[oldest]

@@ -1,4 +1,4 @@
-"""Runs the fusion service: opens what it needs, prepares, and hands over to its loop."""
+"""Runs the fusion service: opens its parts, compiles, and starts its loop."""
 
 import logging
 import threading
@@ -97,7 +97,7 @@ def serve(options: ServeOptions) -> None:
         loop = Loop(
             fusion, component, leadership, watchdog, keeper, clocks, recorded=options.clock == "event"
         )
-        # Last: who is not ready yet must not be elected, and who stops gives the scene back first.
+        # Last: a service that is not ready must not be elected; one that stops gives the scene back first.
         if election is not None:
             stack.enter_context(election)
         loop.run()

@@ -58,8 +58,8 @@ class SourceClocks:
         now = time.monotonic()
         self._take_answers()
         self._sources = {n: s for n, s in self._sources.items() if now - s.seen_s < _FORGET_S}
-        found = {name: source.bounds.estimate() for name, source in self._sources.items()}
-        return {name: offset[0] for name, offset in sorted(found.items()) if offset is not None}
+        estimates = {name: source.bounds.estimate() for name, source in self._sources.items()}
+        return {name: estimate[0] for name, estimate in sorted(estimates.items()) if estimate is not None}
 
     def notes(self) -> list[str]:
         """Steps of the last minute, in words."""

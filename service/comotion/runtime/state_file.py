@@ -41,16 +41,18 @@ def default_path(scene: str, endpoints: Iterable[str]) -> Path:
     root = os.environ.get("XDG_STATE_HOME", "")
     # The specification of base directories has relative paths ignored.
     folder = Path(root) if Path(root).is_absolute() else Path.home() / ".local" / "state"
-    others = sorted({re.sub(r"[^A-Za-z0-9.-]+", "-", one) for one in endpoints if one != DEFAULT_ENDPOINT})
-    network = "".join(f"@{one}" for one in others)[:_NETWORK_CHARACTERS]
+    networks = sorted(
+        {re.sub(r"[^A-Za-z0-9.-]+", "-", endpoint) for endpoint in endpoints if endpoint != DEFAULT_ENDPOINT}
+    )
+    network = "".join(f"@{endpoint}" for endpoint in networks)[:_NETWORK_CHARACTERS]
     return folder / "comotion" / f"{scene}{network}.state"
 
 
 def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
     """Continue from a state file, or start afresh with a warning when that is impossible.
 
-    A file that cannot be used is kept as ``FILE.rejected``: it may belong to somebody else. Hypothesis ids
-    go on behind those it has given out, as far as it or ``FILE.ids`` tells.
+    A file that cannot be used is kept as ``FILE.rejected``: it may be of another scene or version. Hypothesis
+    ids continue after those given out before, as far as it or ``FILE.ids`` tells.
 
     A state of another scene is not used, nor one from the future of `now_ns`, the wall clock in nanoseconds
     if the service follows it: every observation would be late.
@@ -74,11 +76,11 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
 
 
 def begin_afresh(path: Path) -> None:
-    """Say that a new scene takes the place of a kept one, which stays beside it as ``FILE.before``."""
-    with suppress(OSError):  # there is none, or what is wrong is said when it is written
-        age, before = _age(path), _beside(path, "before")
-        path.replace(before)
-        _log.info("a new scene; the one of %s is kept: --state %s continues it", age, before)
+    """Let a new scene take the place of a kept one, which stays beside it as ``FILE.before``; logs that."""
+    with suppress(OSError):  # there is none, or the error is reported when the state is written
+        age, backup = _age(path), _beside(path, "before")
+        path.replace(backup)
+        _log.info("a new scene; the one of %s is kept: --state %s continues it", age, backup)
 
 
 def _age(path: Path) -> str:
@@ -100,9 +102,9 @@ def _continued(
     ValueError
         If the file is another scene's, of the future or damaged, or no update follows from it.
     """
-    found = path.stat().st_size
-    if found != size or found > snapshot.MAX_BYTES:
-        raise KnownError(f"damaged snapshot: {found} bytes, its header says {size}")
+    actual = path.stat().st_size
+    if actual != size or actual > snapshot.MAX_BYTES:
+        raise KnownError(f"damaged snapshot: {actual} bytes, its header says {size}")
     data = path.read_bytes()
     twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
     watermark = fusion.timeline.watermark_ns
@@ -128,7 +130,7 @@ def _put_aside(path: Path) -> str:
 
 
 def _remove_partials(path: Path) -> None:
-    """Remove what processes have left that were killed while they wrote."""
+    """Remove partial files of processes that were killed while they wrote."""
     prefix = f".{path.name}."
     with suppress(OSError):
         for file in path.parent.iterdir():
@@ -144,13 +146,13 @@ def _reserved(path: Path) -> int:
     """The id that ``FILE.ids`` holds; 1 without such a file."""
     try:
         with _beside(path, "ids").open("rb") as file:
-            found = _IDS.fullmatch(file.read(_IDS_BYTES))
+            match = _IDS.fullmatch(file.read(_IDS_BYTES))
     except OSError:
         return 1
-    if found is None or zlib.crc32(found[1]) != int(found[2], 16) or not 0 < int(found[1]) < UNDETERMINED:
+    if match is None or zlib.crc32(match[1]) != int(match[2], 16) or not 0 < int(match[1]) < UNDETERMINED:
         _log.warning("%s is damaged", _beside(path, "ids"))
         return 1
-    return int(found[1])
+    return int(match[1])
 
 
 def write_atomically(path: Path, parts: Iterable[Any]) -> None:

@@ -30,7 +30,7 @@ class StateKeeper:
         self._fusion = fusion
         self.error = ""
         self._due_ns = self._allowed_ns = self._writing_ns = 0
-        self._known: frozenset[int] = frozenset()
+        self._saved: frozenset[int] = frozenset()
         self._reserved = 0
         self._wake = threading.Condition()
         self._produce: Callable[[], list[Any]] | None = None
@@ -59,7 +59,7 @@ class StateKeeper:
         with self._wake:
             self._produce = self._fusion.capture()
             self._wake.notify()
-        self._known = hypotheses
+        self._saved = hypotheses
         cost_ns = time.monotonic_ns() - monotonic_ns + self._writing_ns
         self._allowed_ns = monotonic_ns + round(cost_ns / _SHARE)
         self._due_ns = monotonic_ns + self._interval_ns
@@ -68,7 +68,7 @@ class StateKeeper:
         """Whether to take the state now."""
         if monotonic_ns < self._allowed_ns:
             return False
-        return monotonic_ns >= self._due_ns or hypotheses != self._known
+        return monotonic_ns >= self._due_ns or hypotheses != self._saved
 
     def _run(self) -> None:
         while True:

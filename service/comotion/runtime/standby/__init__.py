@@ -1,7 +1,7 @@
-"""Several services for one scene: etcd elects who speaks, the others follow and take over.
+"""Runs several services for one scene: etcd elects the one that speaks, the others follow and take over.
 
-A service alone needs none of it. :mod:`.follower` is a part of the service's loop; what a takeover does to
-ids is pure, in :mod:`comotion.following`.
+A single service needs none of it. :mod:`.follower` is a part of the service's loop; what a takeover does to
+ids is computed in the core, in :mod:`comotion.following`.
 """
 
 from .election import DEFAULT_LEASE_S, Election

@@ -2,14 +2,15 @@
 
 The rules:
 
-- Who creates the key ``comotion/v1/leader/<scene>`` speaks. The key hangs on a lease that its owner renews.
+- The service that creates the key ``comotion/v1/leader/<scene>`` speaks. The key is bound to a lease that its
+  owner renews.
 - The revision that created the key is the epoch of its owner. Revisions only grow, so a later owner has a
   higher epoch. Clients drop updates of a lower one, and a service that hears a higher one falls silent.
 - A standby that sees the owner's liveliness token vanish ends the owner's lease and creates the key anew.
   Without a token to watch (the host is gone with its router) the lease ends by itself.
-- Where a network splits, each side sees the tokens of the other vanish. So who has the scene, or has just
-  lost it, ends no lease; nor does a standby that etcd did not answer at that time.
-- While etcd does not answer, nobody is elected: the active service goes on, a standby stays silent.
+- Where a network splits, each side sees the tokens of the other vanish. So a service that has the scene, or
+  has just lost it, ends no lease; nor does a standby that etcd did not answer at that time.
+- While etcd does not answer, no service is elected: the active service goes on, a standby stays silent.
 """
 
 import json
@@ -28,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Owner(NamedTuple):
-    """Who the leader's key names."""
+    """The service that the leader's key names."""
 
     name: str
     session: str
@@ -107,20 +108,20 @@ class Election:
         self._resign(etcd)
 
     def _step(self, etcd: Etcd) -> None:
-        gone = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._me.name}
+        suspects = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._me.name}
         if self._fenced:
             self._resign(etcd)
             self._fenced = False
         if self._lease is not None and not etcd.renew(self._lease):
             self._lease = None
         owner = etcd.read(self._key)
-        if owner is not None and _owner(owner).name in gone:
+        if owner is not None and _owner(owner).name in suspects:
             etcd.revoke(owner.lease)
             owner = etcd.read(self._key)
         if owner is not None:
-            named = _owner(owner)
-            self.leader = named.name
-            self._set(owner.created if named == self._me and owner.lease == self._lease else None)
+            leader = _owner(owner)
+            self.leader = leader.name
+            self._set(owner.created if leader == self._me and owner.lease == self._lease else None)
             return
         if self._lease is None:
             self._lease = etcd.grant(self._ttl)
@@ -147,7 +148,7 @@ class Election:
 
 
 def _owner(entry: Entry) -> _Owner:
-    """Who an entry names; nobody if it is not ours to read."""
+    """The service that an entry names; empty names where the entry has another form."""
     try:
         value = json.loads(entry.value)
         return _Owner(str(value["name"]), str(value["session"]))

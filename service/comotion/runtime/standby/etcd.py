@@ -109,7 +109,7 @@ class Etcd:
         return self._range({"key": _b64(prefix), "range_end": _b64(last)})
 
     def _range(self, request: dict[str, Any]) -> dict[str, Entry]:
-        found = self._post("/kv/range", request).get("kvs", [])
+        pairs = self._post("/kv/range", request).get("kvs", [])
         return {
             base64.b64decode(kv["key"]).decode(): Entry(
                 base64.b64decode(kv.get("value", "")),
@@ -117,7 +117,7 @@ class Etcd:
                 int(kv["mod_revision"]),
                 int(kv.get("lease", 0)),
             )
-            for kv in found
+            for kv in pairs
         }
 
     def _transact(self, compare: dict[str, Any], put: dict[str, Any]) -> int | None:

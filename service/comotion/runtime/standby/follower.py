@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 class Follower:
-    """What a replica learns from the others of its scene.
+    """Takes over the ids of the active service, and notices when it is gone.
 
     The fusion follows the ids of the active service; the intake knows whether observations arrive.
     """
@@ -80,18 +80,18 @@ class Follower:
         return update
 
     def _check(self, name: str) -> None:
-        """Say so if a service is gone; for the active one and for itself, nobody is."""
+        """Report a service that is gone; the active service reports none, and none reports itself."""
         if self._election.epoch is None and name != self._component.name and self._is_gone(name):
             self._election.suspect(name)
 
     def _is_gone(self, name: str) -> bool:
-        """Whether a token is gone for the router too: to a session that loses its router all seem to be.
+        """Whether a token is gone for the router too: in a session that loses its router all seem gone.
 
-        A replica that hears no source may be cut off itself, with its router, and takes nobody for gone.
+        A replica that hears no source may be cut off itself, with its router, and takes no service for gone.
         """
         session = self._component.session
         if self._intake.silent_ns(time.monotonic_ns()) > _SILENT_NS or not session.info.routers_zid():
             return False
         key = self._component.keys.live("service", name)
-        there = any(reply.ok is not None for reply in session.liveliness().get(key, timeout=_TOKEN_TIMEOUT_S))
-        return not there and bool(session.info.routers_zid())
+        alive = any(reply.ok is not None for reply in session.liveliness().get(key, timeout=_TOKEN_TIMEOUT_S))
+        return not alive and bool(session.info.routers_zid())
