@@ -1,4 +1,4 @@
-"""Compiles before a first call, and says so on standard error: silence would look like a fault."""
+"""Compiles before a first call, and reports it on standard error: silence would look like a fault."""
 
 import sys
 import time

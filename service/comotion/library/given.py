@@ -1,4 +1,4 @@
-"""Checks what callers give: parameters, trajectories and their times."""
+"""Checks the arguments of callers: parameters, trajectories and their times."""
 
 import warnings
 from collections.abc import Mapping
@@ -70,10 +70,10 @@ def batch_of(
     positions: NDArray[np.float32],
     **columns: Any,
 ) -> ObservationBatch:
-    """What a source sees at one instant, as a batch of the only space of the library."""
-    where: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
-    who: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
-    return ObservationBatch(**who, **where, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)
+    """Observations of a source at one instant, as a batch of the only space of the library."""
+    space: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
+    sender: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
+    return ObservationBatch(**sender, **space, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)
 
 
 def longest_step_s(config: FusionConfig) -> float:

@@ -91,11 +91,11 @@ def group(
     step_s = longest_step_s(used)
     arrays = {name: checked(name, array, clocks[name], step_s) for name, array in given.items()}
     states = {name: array for name, (array, _) in arrays.items()}
-    chosen = unit_of(unit, {one.shape[2] for one in states.values()})
+    chosen = unit_of(unit, {array.shape[2] for array in states.values()})
     seconds = {name: clock for name, (_, clock) in arrays.items()}
     origin = one_clock(seconds)
     say_doubts(states, chosen)
-    compile_ahead(used.method, chosen, max(one.shape[2] for one in states.values()))
+    compile_ahead(used.method, chosen, max(array.shape[2] for array in states.values()))
     updates = list(_updates(_batches(arrays, chosen, origin), used))
     labels = {name: _labels(name, *arrays[name], origin, updates) for name in arrays}
     return Grouping(labels, updates, states, seconds, chosen)
@@ -105,8 +105,8 @@ def _batches(
     arrays: Mapping[str, tuple[Floats, Floats]], unit: Unit, origin: float
 ) -> list[ObservationBatch]:
     """All instants as batches, in time order; at equal times in the order of the sources."""
-    given = (batch for name, one in arrays.items() for batch in _of_source(name, *one, unit, origin))
-    return sorted(given, key=lambda batch: batch.stamp_ns)
+    batches = (batch for name, array in arrays.items() for batch in _of_source(name, *array, unit, origin))
+    return sorted(batches, key=lambda batch: batch.stamp_ns)
 
 
 def _of_source(
@@ -149,7 +149,7 @@ def _labels(
 ) -> Labels:
     """Label of each feature at each instant, from the first update that has fused it."""
     seen = np.isfinite(states[..., 0])
-    found = np.full(seen.shape, -1, np.int64)
+    labels_at = np.full(seen.shape, -1, np.int64)
     stamps = np.array([round(t * 1e9) for t in (times - origin).tolist()])
     last_ns = -1
     for update in updates:
@@ -158,9 +158,9 @@ def _labels(
         rows = np.flatnonzero((stamps <= until_ns) & (stamps > last_ns))
         last_ns = update.stamp_ns
         if len(rows):
-            now = np.full(states.shape[1], -1, np.int64)
-            mine = np.array([ref.name == name for ref in update.sources], bool)[update.track_source]
-            labels = update.track_hypothesis[mine].astype(np.int64)
-            now[update.track_id[mine].astype(np.intp)] = np.where(labels == UNDETERMINED, -1, labels)
-            found[rows] = np.where(seen[rows], now, -1)
-    return found
+            current = np.full(states.shape[1], -1, np.int64)
+            own_rows = np.array([ref.name == name for ref in update.sources], bool)[update.track_source]
+            labels = update.track_hypothesis[own_rows].astype(np.int64)
+            current[update.track_id[own_rows].astype(np.intp)] = np.where(labels == UNDETERMINED, -1, labels)
+            labels_at[rows] = np.where(seen[rows], current, -1)
+    return labels_at

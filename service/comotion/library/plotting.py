@@ -58,11 +58,11 @@ def draw(
             if seen.any():
                 paths.setdefault(label, []).append(states[seen, k])
     resting = {h.id for h in updates[-1].hypotheses if h.state == "static"}
-    for label, those in sorted(paths.items()):
+    for label, group in sorted(paths.items()):
         hypothesis = label if label >= 0 else UNDETERMINED
         name = named(hypothesis, names or {}) + (" at rest" if hypothesis in resting else "")
-        _draw_group(axes, those, hypothesis, name, palette.colour(hypothesis))
-    reach = _REACH * float(np.std(np.concatenate([path for those in paths.values() for path in those])))
+        _draw_group(axes, group, hypothesis, name, palette.colour(hypothesis))
+    reach = _REACH * float(np.std(np.concatenate([path for group in paths.values() for path in group])))
     for joint in updates[-1].joints:
         _draw_joint(axes, joint, joint_words(joint, names), reach)
     for name in "xyz"[:dim]:
@@ -71,7 +71,7 @@ def draw(
     if unit == "px":
         axes.invert_yaxis()
     axes.set_title(f"{sum(map(len, paths.values()))} features by hypothesis")
-    # Outside of the axes it hides nothing.
+    # Outside of the axes, the legend hides nothing.
     figure.legend(loc="outside right upper", fontsize=8)
     return figure
 
@@ -97,9 +97,9 @@ def _figure() -> "Figure":
 
 def last_labels(labels: Labels) -> Labels:
     """The last label of each feature, int64 [N]; -1 where it never had one."""
-    known = labels >= 0
-    at = len(labels) - 1 - np.argmax(known[::-1], axis=0)
-    return np.where(known.any(axis=0), labels[at, np.arange(labels.shape[1])], -1)
+    labelled = labels >= 0
+    last = len(labels) - 1 - np.argmax(labelled[::-1], axis=0)
+    return np.where(labelled.any(axis=0), labels[last, np.arange(labels.shape[1])], -1)
 
 
 def _draw_group(axes: Any, paths: list[Floats], hypothesis: int, name: str, rgb: RGB) -> None:

@@ -100,7 +100,7 @@ class Grouping:
 
     def __repr__(self) -> str:
         shapes = ", ".join(f"{rows} x {columns}" for rows, columns in map(np.shape, self.by_source.values()))
-        rest = sum(one.state == "static" for one in self.hypotheses)
+        rest = sum(h.state == "static" for h in self.hypotheses)
         return f"Grouping({shapes}, {counted(len(self.hypotheses), 'hypothesis')}, {rest} at rest)"
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -120,14 +120,14 @@ class Grouping:
         import pandas  # noqa: PLC0415 - no dependency of ours
 
         columns: dict[str, list[Any]] = {name: [] for name in ("source", "time", "feature", "hypothesis")}
-        seen = {name: np.nonzero(np.isfinite(one[..., 0])) for name, one in self._positions.items()}
+        seen = {name: np.nonzero(np.isfinite(states[..., 0])) for name, states in self._positions.items()}
         for name, (rows, features) in seen.items():
             columns["source"] += [name] * len(rows)
             columns["time"].append(self._times[name][rows])
             columns["feature"].append(features)
             columns["hypothesis"].append(self.by_source[name][rows, features])
         places = np.concatenate([self._positions[name][at] for name, at in seen.items()])
-        table = {name: one if name == "source" else np.concatenate(one) for name, one in columns.items()}
+        table = {name: part if name == "source" else np.concatenate(part) for name, part in columns.items()}
         return pandas.DataFrame(table | dict(zip("xyz", places.T, strict=False)))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -157,18 +157,18 @@ class Grouping:
 def _tracks(updates: Sequence[HypothesisUpdate], origin: float) -> Iterator[tuple[int, Track]]:
     rows: dict[int, list[tuple[int, Hypothesis]]] = {}
     for update in updates:
-        for one in update.hypotheses:
-            if not one.absent:
-                rows.setdefault(one.id, []).append((update.stamp_ns, one))
+        for h in update.hypotheses:
+            if not h.absent:
+                rows.setdefault(h.id, []).append((update.stamp_ns, h))
     for number, seen in rows.items():
         dim = len(seen[0][1].centroid)
-        none = [math.nan] * 4 if dim == 3 else math.nan
+        unknown = [math.nan] * 4 if dim == 3 else math.nan
         yield (
             number,
             Track(
                 np.array([origin + stamp / 1e9 for stamp, _ in seen]),
                 np.array([h.centroid for _, h in seen]),
                 np.array([h.pose.translation if h.pose else [math.nan] * dim for _, h in seen]),
-                np.array([h.pose.rotation if h.pose else none for _, h in seen]),
+                np.array([h.pose.rotation if h.pose else unknown for _, h in seen]),
             ),
         )

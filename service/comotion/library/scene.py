@@ -26,7 +26,7 @@ from ..fusion import Fusion
 from .compiling import compile_ahead
 from .given import Parameters, batch_of, config_of, longest_step_s
 
-# First times of a source by which its unit is judged, and updates that an iteration may come late for.
+# First times of a source by which their unit is judged, and unread updates that are kept for an iteration.
 _JUDGED, _MOST_UPDATES = 4, 100
 
 
@@ -92,11 +92,11 @@ class Scene:
 
     def __repr__(self) -> str:
         update = self._update
-        found = ""
+        size = ""
         if update is not None:
-            found = f", {counted(len(update.track_id), 'feature')}"
-            found += f", {counted(len(update.hypotheses), 'hypothesis')}"
-        return f"Scene({self._unit}, {counted(len(self._newest), 'source')}{found})"
+            size = f", {counted(len(update.track_id), 'feature')}"
+            size += f", {counted(len(update.hypotheses), 'hypothesis')}"
+        return f"Scene({self._unit}, {counted(len(self._newest), 'source')}{size})"
 
     def __enter__(self) -> Self:
         return self
