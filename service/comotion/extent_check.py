@@ -17,7 +17,7 @@ from .arrays import Bools, Floats, Slots
 from .config import Unit
 from .trajectories.window import Window
 
-# What sources see is looked at once in so many updates, and when one comes or leaves: a scene does not grow
+# Views of sources are taken once in so many updates, and when one comes or leaves: a scene does not grow
 # a hundred times larger within a second.
 _LOOK_EVERY = 8
 # Share of the positions of a source that its reach covers.
@@ -30,7 +30,7 @@ _MIN_EXTENT = {"m": 1.0, "px": 1000.0}
 
 @dataclass(frozen=True)
 class _View:
-    """What one session sees: float64 [dim] the median of its newest positions, and all of them [n, dim]."""
+    """View of one session: float64 [dim] the median of its newest positions, and all of them [n, dim]."""
 
     centre: Floats
     positions: Floats
@@ -44,7 +44,7 @@ class _View:
 
 @dataclass
 class ExtentCheck:
-    """Follows what the sources of a space see.
+    """Follows where the trajectories of each source of a space are.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ _MIN_GROUPED = 200
 _MIN_OBSERVATIONS, _RECENT_NS = 3, 300_000_000
 # Members that a newcomer is compared with, at most.
 _COMPARED = 512
-# What has joined is less sure than what was grouped, and counts for no box.
+# A trajectory that has joined is less sure than one that was grouped, and counts for no box.
 _JOINED_CONFIDENCE = 0.4
 # Knuth's multiplier: numbers that follow each other are spread over the range of 32 bits.
 _SPREAD = 2_654_435_761

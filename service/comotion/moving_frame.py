@@ -103,7 +103,7 @@ class MovingFrame:
         if largest == self._world:
             return
         pose = present[largest].pose
-        # Where the frame is does not change with what is taken for the world.
+        # The place of the frame does not change with the body that is taken for the world.
         self._anchor = self._frame if pose is None else self._frame * transform(pose)
         if self._world is None:
             self._look_back(largest)
@@ -120,7 +120,7 @@ class MovingFrame:
             still = None if body.twist is None else _twist(np.zeros(3), np.zeros(3), self.dim)
             pose = None if body.pose is None else pose_of(RigidTransform.identity(), self.dim)
             return replace(body, state="static", pose=pose, twist=still)
-        # What rests in the frame of a moving camera is carried with it.
+        # A body at rest in the frame of a moving camera is carried with it.
         state = "moving" if body.state == "static" and world is not None else body.state
         if body.pose is None:
             return replace(body, state=state)
@@ -155,7 +155,7 @@ class Carrying:
         self._carry(moving=bool(self.configured))
 
     def follow(self, present: list[int], in_use: set[int]) -> None:
-        """Follow what sessions with current trajectories say; forget those that are not in use."""
+        """Follow the declarations of sessions with current trajectories; forget those not in use."""
         claims = [self.declared[number] for number in present if number in self.declared]
         if self.configured is None and claims:
             self._carry(moving=all(moving for _, moving in claims))

@@ -52,7 +52,7 @@ class Previous:
 
 @dataclass
 class PoseReference:
-    """What ties the pose of a hypothesis to its birth: rows seen since and where they were at birth.
+    """Reference of the pose of a hypothesis to its birth: rows seen since, and where they were at birth.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Partition:
     groups
         intp [N]: group of each, or :data:`NO_HYPOTHESIS`.
     deciding
-        bool [N]: whose membership decides which hypothesis a group continues.
+        bool [N]: members that decide which hypothesis a group continues.
     confidence
         float64 [n] in 0..1, of the current trajectories in their own order.
     position
@@ -184,7 +184,7 @@ Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
 
 
 class Method(ABC):
-    """A method, for one space. It is told what leaves the window, and groups once per update."""
+    """A method, for one space. It is called before observations leave the window, and once per update."""
 
     matching: Matching
     """How its groups continue hypotheses; see :mod:`comotion.matching`."""

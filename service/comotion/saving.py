@@ -40,7 +40,7 @@ def plain(original: Any) -> Any:
 
 
 def restored(kind: Any, state: Any) -> Any:
-    """What :func:`plain` was given, by its type.
+    """Restore from `state` the value that :func:`plain` was given, by its type.
 
     Raises
     ------

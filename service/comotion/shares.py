@@ -8,7 +8,7 @@ from statistics import median_low
 from .event_time.budget import Budget
 from .space import Space
 
-# Updates of a space whose costs are remembered: their median counts, for one may cost anything.
+# Updates of a space whose costs are remembered: their median counts, as a single cost is no measure.
 _REMEMBERED = 5
 # A source that costs this share of what the costliest one costs is named beside it.
 _AS_COSTLY = 0.5
@@ -20,7 +20,7 @@ class Turns:
 
     `costly` are the sources for which spaces had to wait in the last round: what theirs cost is more than
     their share, and at least half as much as of the costliest one. Beside that one, on a machine with little
-    time left, the share of those who cost little may be too small as well.
+    time left, the share of sources that cost little may be too small as well.
     """
 
     budget: Budget
@@ -67,7 +67,7 @@ class Turns:
     def _costliest(self, shares: Mapping[str, Mapping[str, float]]) -> set[str]:
         """Sources whose spaces cost more than their share, and about as much as those of any other."""
         paid = {name: _medians(costs) for name, costs in self._costs.items() if costs}
-        # What has not been updated yet counts as others do.
+        # A space that has not been updated yet costs as others do.
         usual_ns = median_low(sum(cost.values()) for cost in paid.values())
         spent: Counter[str] = Counter()
         for name, parts in shares.items():

@@ -23,20 +23,20 @@ MOST = 8
 # Groupings from one search for new bodies to the next.
 _SEARCH_EVERY = 5
 _WORDS = ("joints", "axes of boxes", "links", "most searches for new bodies")
-# Share of a period that an update may take: what arrives must be read, too.
+# Share of a period that an update may take: batches that arrive must be read, too.
 _SHARE = 0.8
 # An update that takes twice as long as it may raises the level by so much.
 _STEPS_PER_DOUBLING = 2
 # ns without a slow update after which the level falls.
 _CALM_NS = 500_000_000
-# Updates of a level whose costs are remembered: their median counts, for one may cost anything.
+# Updates of a level whose costs are remembered: their median counts, as a single cost is no measure.
 _REMEMBERED = 5
 # ns after which half of what a level has cost is forgotten: it is tried again now and then.
 _FORGOTTEN_NS = 10_000_000_000
 
 
 class Effort(NamedTuple):
-    """What an update does.
+    """Work that an update does.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Load:
         return max(1.0, median_low([stretch for _, stretch in self._stretched] or [1.0]))
 
     def _expected(self, level: int, at_ns: int) -> float:
-        """What a lower level probably costs, ns: no less than the present one."""
+        """Probable cost of a lower level, ns: no less than that of the present one."""
         present = median_low(self._costs[self.level])
         if level not in self._costs:
             return float(present * 2 ** ((self.level - level) / _STEPS_PER_DOUBLING))

@@ -36,7 +36,7 @@ Built = TypeVar("Built")
 
 @dataclass(frozen=True)
 class Header:
-    """What a snapshot says about itself.
+    """Header of a snapshot: its sizes, its digest and the next hypothesis id.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
     size = 0
 
     def refer(value: Any) -> Any:
-        """Put an array behind the others; what is kept in its place says where it is."""
+        """Put an array behind the others; returns a reference to it for its place."""
         nonlocal size
         if isinstance(value, np.ndarray) and value.dtype.kind in _SAFE_KINDS:
             parts.append(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)

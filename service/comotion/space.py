@@ -49,7 +49,7 @@ class Space:
     carrying
         Whether the frame moves, and where it is.
     owner
-        The source that was the first to observe something here; empty where nobody knows.
+        The source that was the first to observe something here; empty where that is not known.
     fed_ns
         When something came in last, on the clock of arrivals.
     """
@@ -71,7 +71,7 @@ class Space:
         self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
         self._current: Slots = np.zeros(0, np.intp)
         self._last: LastGrouping | None = None
-        # Keys and update of what was listed last.
+        # Keys of the trajectories of the last update, and that update.
         self._listed: tuple[Stamps, SpaceUpdate] | None = None
         self.owner, self.fed_ns = "", 0
         self.extent, self.checks = ExtentCheck(spec.unit, config.limits.extent), SourceChecks(troubles)
@@ -280,7 +280,7 @@ class Space:
             self._window.evict(slots, counts)
 
     def _cut(self, stamp_ns: int) -> None:
-        """Begin trajectories anew where they jump: what is before that was another feature."""
+        """Begin trajectories anew where they jump: before the jump they followed another feature."""
         window = self._window
         live = np.flatnonzero(window.used & window.live & ~window.ended)
         slots, first = jumps(window, live, self._searched_ns)
@@ -301,7 +301,7 @@ class Space:
         limits = np.zeros(self._window.capacity, np.int64)
         for session in self.sessions_in_use():
             limits[self._window.source == session] = timeout_ns(session)
-        # Where the window is shorter than the timeout, what has left it has no state to report.
+        # Where the window is shorter than the timeout, trajectories that have left it have no current state.
         held = self._window.stop > self._window.start
         # Compare stamps, not differences: the smallest int64 stands for "never observed".
         return self._window.used & held & (self._window.last_ns >= stamp_ns - limits)

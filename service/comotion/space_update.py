@@ -22,7 +22,7 @@ class SpaceUpdate:
     Attributes
     ----------
     sessions, ids
-        intp [n], number of the session, and uint64 [n], id of the feature: who each trajectory is.
+        intp [n], number of the session, and uint64 [n], id of the feature, of each trajectory.
     positions
         float64 [n, 3]: newest fused positions, in the space's unit; the third column is NaN in 2-D.
     labels

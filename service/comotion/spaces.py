@@ -66,7 +66,7 @@ class Spaces:
     def at(self, at_ns: int) -> None:
         """Take note of the time on the clock of arrivals."""
         if not self.at_ns:
-            # Spaces of a snapshot are as if somebody had just published in them.
+            # Spaces of a snapshot count as published in just now.
             for space in self:
                 space.fed_ns = at_ns
         self.at_ns = at_ns
@@ -183,7 +183,7 @@ class Spaces:
         return numbers
 
     def tidy(self, in_use: set[int]) -> None:
-        """Forget spaces that are empty and that nobody has long published in, and sessions without tracks."""
+        """Forget empty spaces in which nothing was published for long, and sessions without tracks."""
         expiry_ns = to_ns(max(self.config.limits.expiry, self.config.hypotheses.memory))
         for name, space in list(self._spaces.items()):
             if not space.sessions_in_use() and self.at_ns - space.fed_ns > expiry_ns:
@@ -270,7 +270,7 @@ class Spaces:
         if not others:
             return None
         ids = instant.batch.ids[instant.rows]
-        # What has a trajectory here has none elsewhere.
+        # An id that has a trajectory here has none elsewhere.
         unknown = home.index.find(ids, instant.session) < 0
         if not unknown.any():
             return None

@@ -112,14 +112,14 @@ def warm_up(config: FusionConfig, unit: Unit, dim: int) -> Iterator[None]:
     for frame, batches in enumerate(_batches(unit, dim)):
         for batch in batches:
             fusion.ingest(batch)
-        # Once so soon after the last update that a method may hold what it has found.
+        # Once so soon after the last update that a method may keep its last grouping.
         if frame % _FRAMES_PER_UPDATE == _FRAMES_PER_UPDATE - 1 or frame == _FRAMES - _FRAMES_PER_UPDATE:
             fusion.update(batch.stamp_ns)
             yield
 
 
 def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
-    """What the sources of a scene see at each frame."""
+    """Observations of the sources of a scene at each frame."""
     features, sources = SCENES[unit, dim]
     rng = np.random.default_rng(1)
     bodies, scale = rng.uniform(-0.3, 0.3, (3, features, dim)), _PIXELS_PER_METRE if unit == "px" else 1.0

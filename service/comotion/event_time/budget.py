@@ -55,7 +55,7 @@ class Budget:
     _parties: int = 1
     _left: int = 0
     _at_ns: int | None = None
-    # What the clock said at the end of the last charge.
+    # Reading of the clock at the end of the last charge.
     _clock_ns: int | None = None
 
     def begin(self, at_ns: int, spenders: Collection[str], new: Collection[str] = ()) -> None:

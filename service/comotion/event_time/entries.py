@@ -17,7 +17,7 @@ Indices = NDArray[np.intp]
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
 Verdict = Literal["clock", "name", "watermark"] | Fate
-"""What a batch waits for, or what became of it."""
+"""What a batch waits for, or its fate."""
 NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
@@ -93,7 +93,7 @@ class Entry:
 
     @property
     def rank(self) -> Rank:
-        """What decides when it comes out."""
+        """Order in which it comes out."""
         return int(self.stamps[0]), self.batch.source, self.order
 
     def __lt__(self, other: Self) -> bool:
@@ -117,7 +117,7 @@ class Entry:
 
     @property
     def fate(self) -> Fate:
-        """What has become of it, once nothing of it waits."""
+        """Its fate, once none of its rows waits."""
         if self.fused:
             return "partly_late" if self.late else "fused"
         return self.refused or "late"

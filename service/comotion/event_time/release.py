@@ -19,7 +19,7 @@ _MEGABYTE = 1_000_000
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
 Settle = Callable[[Entry, Fate], None]
-"""Books what became of a batch."""
+"""Books the fate of a batch."""
 Store = Callable[[Instants], RejectionReason | None]
 """Fuses instants that come out, or says why they are refused."""
 End = Callable[[int], None]
@@ -77,7 +77,7 @@ class Release:
         self._settle = settle
         self._budget = budget
         self._troubles = troubles
-        # By source, a heap of what waits.
+        # By source, a heap of the batches that wait.
         self._waiting: dict[str, list[Entry]] = {}
         self._behind_ns: dict[str, int] = {}
         self._over: list[int] = []
@@ -162,7 +162,7 @@ class Release:
             self._settle(entry, entry.fate)
 
     def _drop_costly(self, behind: set[str], watermark_ns: int, at_ns: int) -> None:
-        """Drop what is due of the sources that have long been behind because of what they cost."""
+        """Drop the due batches of sources that have long been behind because of their costs."""
         self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in behind}
         for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
             heap = self._waiting[name]

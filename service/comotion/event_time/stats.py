@@ -28,13 +28,13 @@ _BEYOND = {
 }
 
 Fate = Literal["fused", "partly_late", "late", "duplicates"] | RejectionReason
-"""What becomes of a batch that was read."""
+"""The end of a batch that was read."""
 Key = tuple[str, str]
 
 
 @dataclass
 class Account:
-    """What became of the batches of one session, or of all.
+    """Counts of the fates of the batches of one session, or of all.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Ledger:
         default_factory=lambda: SequenceCounter(from_zero=True), metadata=NOT_KEPT
     )
     accounts: dict[Key, Account] = field(default_factory=dict)
-    # What sessions say they have sent, and when they said so.
+    # Numbers of batches that sessions say they have sent, with the times at which they said so.
     _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
     # Of each source, batches that came in unread before the next one that is read; None: not known.
     _unread: dict[str, int | None] = field(default_factory=dict, metadata=NOT_KEPT)
@@ -212,7 +212,7 @@ class Ledger:
                 del self._claims[key]
 
     def state(self) -> dict[str, Any]:
-        """Accounts and totals as plain values; what waits does not survive and is lost."""
+        """Accounts and totals as plain values; batches that wait do not survive and are lost."""
         state: dict[str, Any] = plain(self)
         return state | {"total": plain(self.total), "sequences": self.sequences.state()}
 
@@ -223,7 +223,7 @@ class Ledger:
         self.sequences.load(state["sequences"])
         self.unknown |= {source: session for source, session in self.accounts if session}.items()
         self.unknown &= self.accounts.keys()
-        # The clock of arrivals has ended with the process: what was claimed then should be here.
+        # The clock of arrivals has ended with the process: batches that were claimed then should be here.
         self._claims = {key: deque([(-_GRACE_NS, claims[-1][1])]) for key, claims in self._claims.items()}
         for account in (self.total, *self.accounts.values()):
             account.batches -= account.waiting

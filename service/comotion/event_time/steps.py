@@ -30,7 +30,7 @@ from .stats import Key
 # "More than 1 s ahead" of docs/protocol.md.
 FUTURE_NS = 1_000_000_000
 # Silence of all that agree after which the scene follows those that do not. Within `max_lag`, so that the
-# watermark has not passed by then what waits.
+# watermark has not yet passed the batches that wait.
 _SILENCE_NS = 500_000_000
 # Nothing is acquired in the future: clocks that are synchronised agree better than this.
 AHEAD_NS = 250_000_000
@@ -183,7 +183,7 @@ class Recordings(Steps):
         return [], now_ns
 
     def _shift(self, reference_ns: int) -> int:
-        # So that the earliest follows what was fused; a gap in a recording has lasted as long as it says.
+        # So that the earliest follows the fused ones; a gap in a recording lasts as long as its stamps say.
         earliest = min(self.scene_time(entry.batch) for entry in self.held) - reference_ns
         return earliest - _GAP_NS if earliest < 0 else 0
 

@@ -25,7 +25,7 @@ __all__ = ["FUTURE_NS", "Timeline"]
 
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
-# Periods for which a round makes up: where updates are slow, what has come meanwhile is stored all the same.
+# Periods that a round makes up for: where updates are slow, batches that came meanwhile are stored as well.
 _ROUNDS = 3
 
 
@@ -318,7 +318,7 @@ class Timeline:
         self.watermark_ns = reached if self.watermark_ns is None else max(reached, self.watermark_ns)
 
     def state(self) -> dict[str, Any]:
-        """Watermark, sources, sessions and accounts as plain values; what waits is not kept."""
+        """Watermark, sources, sessions and accounts as plain values, without the batches that wait."""
         return {
             "watermark": self.watermark_ns,
             "shift": self.steps.shift_ns,

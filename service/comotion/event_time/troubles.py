@@ -5,7 +5,7 @@ from typing import Any
 
 from comotion_schemas.messages import ProblemKind
 
-# ns after which what was seen last is not reported any more, and the sources of a kind that are remembered.
+# ns after which a trouble is not reported any more, and the sources of a kind that are remembered.
 _LASTS_NS, _MOST = 3_000_000_000, 256
 CLOCKS: tuple[ProblemKind, ...] = ("clock-ahead", "clock-behind", "clock-zero")
 """Of one source at most one of these."""
@@ -27,7 +27,7 @@ class ClockTrouble:
 
 @dataclass(frozen=True)
 class _Seen:
-    """When something was seen last, how often in a row, and what shows it."""
+    """When a trouble was seen last, how often in a row, and its evidence."""
 
     at_ns: int
     count: int
@@ -35,7 +35,7 @@ class _Seen:
 
 
 class Troubles:
-    """By kind, the sources, what shows it, and when it was seen last.
+    """Troubles by kind and source, with their evidence and when they were seen last.
 
     `at_ns` is now, on the clock of arrivals.
     """
@@ -75,7 +75,7 @@ class Troubles:
         return {name for kind in kinds for name in self._of(kind)}
 
     def lately(self) -> dict[ProblemKind, dict[str, Any]]:
-        """What has been seen within 3 s: by kind and source, the evidence."""
+        """Evidence of the troubles seen within 3 s, by kind and source."""
         by_kind = {kind: self._of(kind) for kind in self._seen}
         return {kind: sources for kind, sources in by_kind.items() if sources}
 

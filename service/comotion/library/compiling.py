@@ -10,7 +10,7 @@ _LINE_S = 3.0
 
 @cache  # once a process
 def compile_ahead(method: str, unit: str, dim: int) -> None:
-    """Compile what a kind of scene needs and the disk has not."""
+    """Compile the kernels of a kind of scene that are not on disk."""
     from .. import warm_up  # noqa: PLC0415 - takes a second
 
     begun_s, said_s = time.monotonic(), None

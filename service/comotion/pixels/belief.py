@@ -24,7 +24,7 @@ BACKGROUND = 0
 
 # nat; limit of the evidence on either side, and most that neighbours are worth for a newborn trajectory.
 _MOST, _NEIGHBOURS = 4.0, 2.0
-# Share of the reach within which these neighbours lie: what is behind a body at rest is not drawn to it.
+# Share of the reach within which these neighbours lie: features behind a body at rest do not join it.
 _PLACE = 0.25
 # nat; of the members of a new body.
 _FIRST = 1.0

@@ -1,4 +1,4 @@
-"""Key frames and two groups in; what epipolar geometry says of them out.
+"""Compares groups by epipolar geometry on key frames: whether two are parts of one body, or two bodies.
 
 Under strong perspective an affine view of motion tells near from far parts of one rigid body. One fundamental
 matrix per frame pair still explains both, over a wide baseline to within the noise. Two bodies, as a rule, do

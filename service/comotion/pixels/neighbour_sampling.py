@@ -39,7 +39,7 @@ def sample_members(local: Floats32, local_motions: int, rng: np.random.Generator
     draws = []
     for reach in _REACHES:
         furthest = min(reach, max(total // _NEIGHBOURHOOD_DIVISOR, _MEMBERS), total - 1)
-        # Ascending, so that the picks do not depend on who is a little nearer.
+        # Ascending, so that the picks do not depend on small differences of distance.
         near = np.sort(np.argpartition(distance, furthest, axis=1)[:, : furthest + 1], axis=1)
         lots = rng.random(near.shape)
         lots[near == seeds[:, None]] = -1

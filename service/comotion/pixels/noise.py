@@ -15,7 +15,7 @@ from .medians import median
 
 # Newest instants on which noise is estimated, and differences that the median of the source is worth.
 _INSTANTS, _POOL = 12, 20
-# Nearest trajectories whose median is taken away, and the noise that one has less that: the variance of the
+# Nearest trajectories whose median is subtracted, and the noise that remains with it: the variance of the
 # median of five is .3 of that of one.
 _NEAREST, _LESS_MEDIAN = 5, 1.3
 # Median of a chi-squared variable with two degrees of freedom, per coordinate.

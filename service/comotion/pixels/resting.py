@@ -33,7 +33,7 @@ _LEAST_COMPARED, _MOST_COMPARED = 8, 300
 
 
 class RestingCamera:
-    """Follows one camera and, while it rests, the belief of what moves before it.
+    """Follows one camera and, while it rests, the belief which trajectories move with which body.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class RestingCamera:
         return self._belief
 
     def _structure(self, window: Window, stamps: Sequence[int]) -> tuple[Slots, Ints]:
-        """Groups of what is not background, by its motion in the window: slots and groups, intp [m] each."""
+        """Groups of trajectories off the background by their motion: slots and groups, intp [m] each."""
         slots = window.slots()
         if self._belief is not None:
             slots = slots[self._belief.labels(slots) != BACKGROUND]

@@ -30,7 +30,7 @@ from .log_limit import LogLimit
 from .queues import OTHERS, Payload, Queues
 
 # Between two queries of one token, at least; and queries without an answer.
-_ASK_AGAIN_NS, _ASKED_AT_ONCE = 1_000_000_000, 4
+_QUERY_AGAIN_NS, _MOST_PENDING = 1_000_000_000, 4
 _TIMEOUT_S = 5.0
 # Statuses between Zenoh and the thread; and the time between two of one component that are read.
 _RING, _READ_AGAIN_NS = 1024, 500_000_000
@@ -224,13 +224,13 @@ class Tokens:
             self._pending -= 1
             self._take_in(*self._answers.popleft(), monotonic_ns)
         if not self._turn and monotonic_ns >= self._due_ns:
-            self._due_ns = monotonic_ns + _ASK_AGAIN_NS
+            self._due_ns = monotonic_ns + _QUERY_AGAIN_NS
             self._turn = sorted(self.present.keys() | heard(), reverse=True)
-        while self._turn and self._pending < _ASKED_AT_ONCE:
+        while self._turn and self._pending < _MOST_PENDING:
             self._pending += 1
-            self._ask(self._turn.pop())
+            self._query(self._turn.pop())
 
-    def _ask(self, name: str) -> None:
+    def _query(self, name: str) -> None:
         replies: list[bool] = []
 
         def answered() -> None:

@@ -60,7 +60,7 @@ class Loop:
         self._watchdog, self._keeper, self._source_clocks = watchdog, keeper, clocks
         period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
         self._overload, self._head_start = Overload(period_ns), HeadStart(period_ns)
-        # On a busy machine spaces wait rather than the update; what is stored for too long would be lost.
+        # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
         self._clock = WallClock()
@@ -213,7 +213,7 @@ def _uninterrupted() -> Iterator[None]:
     """Keep pools of threads and the garbage collector out of the loop."""
     # Waking a pool of threads costs more than an update's small matrices take on one.
     with threadpool_limits(limits=1):
-        # What exists by now stays: the collector need not look at it. Tidying collects the rest.
+        # Objects that exist by now stay: the collector need not visit them. Tidying collects the rest.
         gc.collect()
         gc.freeze()
         gc.disable()

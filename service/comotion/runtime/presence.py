@@ -151,7 +151,7 @@ class Presence:
             self._drain()
             self._refuse_beside(self._older())
         self._refuse_beside(self._older())
-        # What came before the loop took its time.
+        # The steps before the loop have taken some time.
         self._looked_ns = self._connected_ns = time.monotonic_ns()
         self._used_ns = time.process_time_ns()
 

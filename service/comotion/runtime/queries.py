@@ -49,11 +49,11 @@ Handler = Callable[[Mapping[str, str]], Answer]
 
 
 class QueryError(Exception):
-    """What is wrong with a query; it is sent to the querier."""
+    """An invalid query; the text is sent to the querier."""
 
 
 class Queryables:
-    """Declares the queryables; :meth:`answer` serves what has come in, on the caller's thread."""
+    """Declares the queryables; :meth:`answer` replies to queries that wait, on the caller's thread."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, handlers: Mapping[QueryName, Handler]) -> None:
         self._keys = keys

@@ -17,7 +17,7 @@ from comotion_schemas import ObservationBatch, Status
 from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
 
-_ASK_S = 1.5  # between two queries of a source, so that every second Status brings one
+_QUERY_EVERY_S = 1.5  # between two queries of a source, so that every second Status brings one
 _ANSWER_S = 1.0  # a slower answer is of no use
 _FORGET_S = 60.0  # after the last token or Status of a source
 # A step is worth a note for so long.
@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 class _Source:
     bounds: ClockBounds = field(default_factory=ClockBounds)
     seen_s: float = 0.0
-    asked_s: float = -_ASK_S
+    queried_s: float = -_QUERY_EVERY_S
     applied_ns: int = 0
 
 
@@ -87,9 +87,9 @@ class SourceClocks:
             return
         source = self._sources.setdefault(name, _Source())
         source.seen_s = now
-        if now - source.asked_s >= _ASK_S:
-            source.asked_s = now
-            self._ask(name, now)
+        if now - source.queried_s >= _QUERY_EVERY_S:
+            source.queried_s = now
+            self._query(name, now)
         source.bounds.on_stamp(status.stamp_ns / 1e9 - arrived_s)
         moved_s = source.bounds.step()
         if moved_s is not None:
@@ -107,7 +107,7 @@ class SourceClocks:
         while self._answers:
             self.on_trip(*self._answers.popleft())
 
-    def _ask(self, name: str, sent_s: float) -> None:
+    def _query(self, name: str, sent_s: float) -> None:
         """Query the cache of a source's Status."""
 
         def answered(reply: zenoh.Reply) -> None:
@@ -119,7 +119,7 @@ class SourceClocks:
 
 
 def _shift(source: _Source) -> int:
-    """Nanoseconds to take from the stamps of a source; changes only by what is worth it."""
+    """Nanoseconds to take from the stamps of a source; changes only by a step that is worth it."""
     estimate = source.bounds.estimate()
     if estimate is not None:
         offset_s, error_s = estimate

@@ -96,7 +96,7 @@ def total_residuals(
     """Sums of squared residuals of motions [Q, H, 6], each capped (0: the motion does not count), [H, N]."""
     pairs, count, _ = motions.shape
     total = np.zeros((count, start.shape[2]), np.float32)
-    # Two at a time: what takes the time is to fetch the trajectories. An odd last one goes twice.
+    # Two motions at a time: fetching the trajectories takes the time. An odd last one goes twice.
     for first in range(0, count, 2):
         second = min(first + 1, count - 1)
         r, s = np.zeros((2, start.shape[2]), np.float32)

@@ -63,7 +63,7 @@ class Etcd:
 
     def grant(self, ttl: int) -> int:
         """Get a lease that ends `ttl` seconds after its last renewal; its number."""
-        return int(self._ask(lambda member: member.lease(ttl).id))
+        return int(self._request(lambda member: member.lease(ttl).id))
 
     def renew(self, lease: int) -> bool:
         """Renew a lease; False if it has ended."""
@@ -129,12 +129,12 @@ class Etcd:
             answer: dict[str, Any] = member.post(member.get_url(path), json=request)
             return answer
 
-        answer = self._ask(post, refusable=refusable)
+        answer = self._request(post, refusable=refusable)
         header = answer.get("result", answer).get("header", {})
         self.revision = int(header.get("revision", self.revision))
         return answer
 
-    def _ask(self, request: "Callable[[Etcd3Client], Answer]", *, refusable: bool = False) -> Answer:
+    def _request(self, request: "Callable[[Etcd3Client], Answer]", *, refusable: bool = False) -> Answer:
         """Ask the member that answered last, then the others; where it may refuse, that is its answer."""
         from etcd3gw.exceptions import Etcd3Exception  # noqa: PLC0415
 

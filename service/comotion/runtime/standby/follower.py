@@ -40,7 +40,7 @@ class Follower:
     def __init__(self, component: Component, election: Election, fusion: Fusion, intake: Intake) -> None:
         self._component, self._election, self._fusion, self._intake = component, election, fusion, intake
         self._epochs = Epochs()
-        self._asked_ns, self._period_ns = time.monotonic_ns(), 0
+        self._queried_ns, self._period_ns = time.monotonic_ns(), 0
         keys, session = component.keys, component.session
         self._updates = declare_subscriber(session, keys.hypotheses, "hypotheses", RingChannel(_MOST_UPDATES))
         self._tokens = session.liveliness().declare_subscriber(
@@ -48,21 +48,21 @@ class Follower:
         )
 
     def look(self) -> None:
-        """Take in what the others have published, and which of them have gone."""
+        """Take in the updates that others have published, and which of them have gone."""
         newest = None
         while (sample := self._updates.try_recv()) is not None:
             newest = self._accept(sample) or newest
         now_ns = time.monotonic_ns()
         if newest is not None:
-            self._asked_ns, self._period_ns = now_ns, newest.period_ns
+            self._queried_ns, self._period_ns = now_ns, newest.period_ns
             if self._election.epoch is None:
                 self._fusion.follow(newest)
         while (token := self._tokens.try_recv()) is not None:
             if token.kind == SampleKind.DELETE:
                 self._check(last_chunk(str(token.key_expr)))
         # Zenoh 1.10 does not report the end of every token.
-        if now_ns - self._asked_ns > max(_QUIET_NS, _QUIET_PERIODS * self._period_ns):
-            self._asked_ns = now_ns
+        if now_ns - self._queried_ns > max(_QUIET_NS, _QUIET_PERIODS * self._period_ns):
+            self._queried_ns = now_ns
             if self._election.leader is not None:
                 self._check(self._election.leader)
 
