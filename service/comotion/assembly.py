@@ -117,14 +117,14 @@ def assemble(
     those between their hypotheses.
     """
     owners = np.concatenate([np.zeros(0, np.intp), *(update.sessions for update in updates)])
-    used, track_source = distinct(owners)
+    numbers, track_source = distinct(owners)
     labels = np.concatenate([np.zeros(0, np.int64), *(update.labels for update in updates)])
     confidence = np.concatenate([np.zeros(0), *(update.confidence for update in updates)])
     positions = np.concatenate([np.zeros((0, 3)), *(update.positions for update in updates)])
-    owning = [sessions[number] for number in used.tolist()]
+    keys = [sessions[number] for number in numbers.tolist()]
     return HypothesisUpdate(
         **header._asdict(),
-        sources=[SourceRef(name=source, session=session) for source, session in owning],
+        sources=[SourceRef(name=source, session=session) for source, session in keys],
         track_source=track_source.astype(np.uint16),
         track_id=np.concatenate([np.zeros(0, np.uint64), *(update.ids for update in updates)]),
         track_hypothesis=np.where(labels < 0, UNDETERMINED, labels).astype(np.uint32),

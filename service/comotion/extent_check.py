@@ -37,9 +37,9 @@ class _View:
 
     def reach(self, centre: Floats) -> float:
         """Distance from a place within which most of the positions are."""
-        away = np.linalg.norm(self.positions - centre, axis=1)
-        most = round(_MOST_OF_IT * (len(away) - 1))
-        return float(np.partition(away, most)[most])
+        distance = np.linalg.norm(self.positions - centre, axis=1)
+        most = round(_MOST_OF_IT * (len(distance) - 1))
+        return float(np.partition(distance, most)[most])
 
 
 @dataclass
@@ -93,8 +93,8 @@ class ExtentCheck:
         if session not in self._scenes:
             self._scenes[session] = self._seen_by_others(session)
         centre, reach = self._scenes[session]
-        away = positions - centre
-        squares = np.einsum("nd,nd->n", away, away)
+        offset = positions - centre
+        squares = np.einsum("nd,nd->n", offset, offset)
         farthest = float(np.sqrt(squares.max(initial=0.0)))
         if farthest <= self.most * reach:
             self.refused.pop(session, None)

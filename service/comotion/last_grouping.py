@@ -111,26 +111,26 @@ def _by_hypothesis(hypotheses: Labels, previous_labels: Labels, groups: Ints) ->
 def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:
     """Group of the nearest member that moves alike, intp [n]; NO_HYPOTHESIS where motion does not show."""
     joined = np.full(len(new), NO_HYPOTHESIS)
-    telling = window.counts(new) >= _MIN_OBSERVATIONS
+    measured = window.counts(new) >= _MIN_OBSERVATIONS
     members = np.flatnonzero((groups != NO_HYPOTHESIS) & (window.counts(current) >= _MIN_OBSERVATIONS))
     members = members[:: -(-len(members) // _COMPARED) or 1]
     groups = groups[members]
-    if not telling.any() or len(members) < 2:
+    if not measured.any() or len(members) < 2:
         return joined
     place, motion = _states(window, current[members])
-    own_place, own_motion = _states(window, new[telling])
-    apart, differ = cdist(place, place), cdist(motion, motion)
+    own_place, own_motion = _states(window, new[measured])
+    distance, difference = cdist(place, place), cdist(motion, motion)
     # The nearest member of the same group tells how far apart members are, and how differently they move.
-    apart[groups[:, None] != groups] = np.inf
-    np.fill_diagonal(apart, np.inf)
-    nearest = apart.argmin(axis=1)
-    rows = np.flatnonzero(np.isfinite(apart[np.arange(len(nearest)), nearest]))
+    distance[groups[:, None] != groups] = np.inf
+    np.fill_diagonal(distance, np.inf)
+    nearest = distance.argmin(axis=1)
+    rows = np.flatnonzero(np.isfinite(distance[np.arange(len(nearest)), nearest]))
     if not len(rows):
         return joined
-    width = float(np.median(apart[rows, nearest[rows]])) + 1e-12
-    spread = float(np.median(differ[rows, nearest[rows]])) + 1e-12
+    width = float(np.median(distance[rows, nearest[rows]])) + 1e-12
+    spread = float(np.median(difference[rows, nearest[rows]])) + 1e-12
     cost = (cdist(own_place, place) / width) ** 2 + (cdist(own_motion, motion) / spread) ** 2
-    joined[telling] = groups[cost.argmin(axis=1)]
+    joined[measured] = groups[cost.argmin(axis=1)]
     return joined
 
 

@@ -265,8 +265,8 @@ class Space:
         grouped = representatives(window, current[steady[current]], previous.labels, effort.share)
         view = window
         if len(grouped) < len(current):
-            a_share = len(grouped) < np.count_nonzero(steady[current])
-            view = window.of(grouped if a_share else np.flatnonzero(steady))
+            sampled = len(grouped) < np.count_nonzero(steady[current])
+            view = window.of(grouped if sampled else np.flatnonzero(steady))
         partition = self._method.partition(view, grouped, stamp_ns, previous)
         self._last = LastGrouping.of(window, partition, grouped)
         if len(grouped) == len(current):

@@ -126,10 +126,10 @@ def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
     bodies[0] *= 2  # what rests before a camera at rest fills more of the picture than what moves
     for frame in range(_FRAMES):
         positions = bodies.copy()
-        for body, way in ((1, 1.0), (2, -1.0)):
-            sine, cosine = np.sin(way * 0.05 * frame), np.cos(way * 0.05 * frame)
+        for body, direction in ((1, 1.0), (2, -1.0)):
+            sine, cosine = np.sin(direction * 0.05 * frame), np.cos(direction * 0.05 * frame)
             turned = positions[body, :, :2] @ np.array([[cosine, sine], [-sine, cosine]])
-            positions[body, :, :2] = turned + np.array([way * (0.6 - 0.02 * frame), 0.4])
+            positions[body, :, :2] = turned + np.array([direction * (0.6 - 0.02 * frame), 0.4])
         positions += rng.normal(0, 0.002, bodies.shape)
         batches = []
         for source in range(sources):

@@ -97,8 +97,8 @@ class Release:
 
     def until(self, watermark_ns: int | None, at_ns: int, store: Store, end: End) -> None:
         """Release what is stamped at or before the watermark, by rule 9, as far as the budget goes."""
-        over, self._over = self._over, []
-        for number in over:
+        ended, self._over = self._over, []
+        for number in ended:
             if number >= 0:
                 end(number)
         if watermark_ns is None:

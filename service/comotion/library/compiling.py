@@ -13,17 +13,17 @@ def compile_ahead(method: str, unit: str, dim: int) -> None:
     """Compile the kernels of a kind of scene that are not on disk."""
     from .. import warm_up  # noqa: PLC0415 - takes a second
 
-    begun_s, said_s = time.monotonic(), None
+    began_s, printed_s = time.monotonic(), None
     kinds = [kind for kind in warm_up.SCENES if kind == (unit, dim)]
     for _ in warm_up.compile_ahead(method, kinds or [("m", 3)]):
         now_s = time.monotonic()
-        if said_s is None:
+        if printed_s is None:
             _say("compiling, once: about half a minute; the result is kept on disk")
-        elif now_s - said_s > _LINE_S:
-            _say(f"compiling for {now_s - begun_s:.0f} s")
+        elif now_s - printed_s > _LINE_S:
+            _say(f"compiling for {now_s - began_s:.0f} s")
         else:
             continue
-        said_s = now_s
+        printed_s = now_s
 
 
 def _say(text: str) -> None:

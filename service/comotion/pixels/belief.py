@@ -160,11 +160,11 @@ class Belief:
         """
         labels = self.labels(slots)
         shared = np.zeros((len(self.bodies), int(groups.max(initial=0)) + 1))
-        bodily = labels > BACKGROUND
-        np.add.at(shared, (labels[bodily], groups[bodily]), 1)
+        on_body = labels > BACKGROUND
+        np.add.at(shared, (labels[on_body], groups[on_body]), 1)
         size, largest = shared.sum(axis=1), shared.max(axis=1)
-        whole = np.flatnonzero((size >= _GOING_ON) & (largest > _WHOLE * size)).tolist()
-        self._together.vote({column: int(shared[column].argmax()) for column in whole})
+        undivided = np.flatnonzero((size >= _GOING_ON) & (largest > _WHOLE * size)).tolist()
+        self._together.vote({column: int(shared[column].argmax()) for column in undivided})
 
     def _admit(self, window: Window, slots: Slots) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""

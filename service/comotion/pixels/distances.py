@@ -30,14 +30,14 @@ class Distances(NamedTuple):
 def distances(frames: KeyFrames) -> Distances:
     """Compare all pairs of trajectories."""
     seen = frames.visible.astype(np.float32)
-    image, both = _root_mean_square(frames.positions, seen)
+    image, common = _root_mean_square(frames.positions, seen)
     moved = frames.positions[1:] - frames.positions[:-1]
     local, _ = _root_mean_square(moved, seen[1:] * seen[:-1])
     local *= _MOTION_WEIGHT
     local += image
-    local /= np.sqrt(np.maximum(both, 1) / np.float32(len(seen)))
+    local /= np.sqrt(np.maximum(common, 1) / np.float32(len(seen)))
     for distance in (image, local):
-        distance[both < 2] = np.inf
+        distance[common < 2] = np.inf
     return Distances(image, local)
 
 

@@ -68,8 +68,8 @@ def _normalised(x: Floats, seen: Bools) -> tuple[Floats, Floats, Floats]:
     """Homogeneous points [P, n, 3], the same at mean distance √2 from 0, and the matrix for it [P, 3, 3]."""
     count = np.maximum(seen.sum(axis=1), 1)[:, None]
     centre = (x * seen[..., None]).sum(axis=1) / count
-    apart = np.linalg.norm(x - centre[:, None], axis=2) * seen
-    scale = np.sqrt(2) / np.maximum(apart.sum(axis=1) / count[:, 0], 1e-9)
+    distance = np.linalg.norm(x - centre[:, None], axis=2) * seen
+    scale = np.sqrt(2) / np.maximum(distance.sum(axis=1) / count[:, 0], 1e-9)
     matrix = np.zeros((len(x), 3, 3))
     matrix[:, 0, 0] = matrix[:, 1, 1] = scale
     matrix[:, :2, 2] = -scale[:, None] * centre

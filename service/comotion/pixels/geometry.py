@@ -175,8 +175,8 @@ class Geometry:
 
     def _expected(self, views: _Views) -> Floats:
         """Variance of the Sampson distances of a group that a joint fundamental matrix explains, px²."""
-        free = np.where(views.count < _LEAST_MEMBERS, 0, views.count - _PARAMETERS)
-        variance = (free * views.variance + _PRIOR_STRENGTH * self._typical) / (free + _PRIOR_STRENGTH)
+        freedom = np.where(views.count < _LEAST_MEMBERS, 0, views.count - _PARAMETERS)
+        variance = (freedom * views.variance + _PRIOR_STRENGTH * self._typical) / (freedom + _PRIOR_STRENGTH)
         return np.asarray(variance + (self._drift * views.motion) ** 2)
 
     @cached_property

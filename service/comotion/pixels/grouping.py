@@ -64,14 +64,14 @@ def group(frames: KeyFrames, parameters: PixelsConfig, *, previous: Labels | Non
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
-    pairs, apart = frame_pairs(frames), distances(frames)
-    members = sample_members(apart.local, parameters.local_motions, np.random.default_rng(0))  # 2
+    pairs, distance = frame_pairs(frames), distances(frames)
+    members = sample_members(distance.local, parameters.local_motions, np.random.default_rng(0))  # 2
     kernel = preference(explain(pairs, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
     superclusters = link(similarity)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     geometry = Geometry(frames, pieces, parameters.drift)
-    merging = Merging(similarity, apart.image, superclusters, geometry, parameters.smallest, previous)
+    merging = Merging(similarity, distance.image, superclusters, geometry, parameters.smallest, previous)
     merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
     mean = sums_over_groups(similarity, labels) / np.bincount(labels)[:, None]

@@ -176,15 +176,15 @@ class Merging:
     def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
         """Log mean similarity of the picked to their nearest others, NaN of none; mean distance in px."""
         distance = np.where(picked[:, None] == others, np.inf, self._distance[np.ix_(picked, others)])
-        near = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
-        apart = np.take_along_axis(distance, near, axis=1)
-        seen = np.isfinite(apart)
+        nearest = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
+        to_nearest = np.take_along_axis(distance, nearest, axis=1)
+        seen = np.isfinite(to_nearest)
         count = seen.sum(axis=1)
-        similarity = np.where(seen, self._similarities[picked[:, None], others[near]], 0).sum(axis=1)
+        similarity = np.where(seen, self._similarities[picked[:, None], others[nearest]], 0).sum(axis=1)
         share = np.maximum(count, 1)
         return (
             np.where(count > 0, np.log(similarity / share + _SIMILARITY_FLOOR), np.nan),
-            np.where(count > 0, np.where(seen, apart, 0).sum(axis=1) / share, np.inf),
+            np.where(count > 0, np.where(seen, to_nearest, 0).sum(axis=1) / share, np.inf),
         )
 
     def _hysteresis(self, a: int, b: int) -> float:

@@ -59,7 +59,9 @@ def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floa
     votes = np.zeros((len(place), count))
     if len(labelled) < 2:
         return votes
-    apart, nearest = cKDTree(place[labelled]).query(place, k=min(_VOTERS + 1, len(labelled)))
-    near = (apart < reach) & (labelled[nearest] != np.arange(len(place))[:, None])
-    np.add.at(votes, (np.arange(len(place))[:, None], labels[labelled[nearest]]), near / (apart + _SOFT_PX))
+    distance, nearest = cKDTree(place[labelled]).query(place, k=min(_VOTERS + 1, len(labelled)))
+    near = (distance < reach) & (labelled[nearest] != np.arange(len(place))[:, None])
+    np.add.at(
+        votes, (np.arange(len(place))[:, None], labels[labelled[nearest]]), near / (distance + _SOFT_PX)
+    )
     return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True), 1e-12))

@@ -63,10 +63,10 @@ def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
         return errors
     last = len(visible) - 1 - visible[::-1].argmax(axis=0)
     step = np.diff(np.where(visible[..., None], position, np.nan), axis=0)
-    wild, _ = _less_nearest(step, position[last, np.arange(len(last))])
-    square = (wild**2).sum(axis=2)
+    excess, _ = _less_nearest(step, position[last, np.arange(len(last))])
+    square = (excess**2).sum(axis=2)
     far = square > _WILD * np.fmax(median(square, 0), 2 * variance + _LEAST_PX2)
-    back = ((wild[1:] + wild[:-1]) ** 2).sum(axis=2) < square[1:] / 4
+    back = ((excess[1:] + excess[:-1]) ** 2).sum(axis=2) < square[1:] / 4
     errors[1:-1] = far[1:] & far[:-1] & back
     errors[0], errors[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
     return errors
@@ -93,8 +93,8 @@ def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats
     difference = np.full((max(len(stamps) - 3, 0), len(slots), 2), np.nan)
     for k in range(len(difference)):
         times = (stamps[k : k + 4] - stamps[k]) * 1e-9
-        apart = times[:, None] - times + np.eye(4)
-        weight = 1 / apart.prod(axis=1)
+        intervals = times[:, None] - times + np.eye(4)
+        weight = 1 / intervals.prod(axis=1)
         difference[k] = np.tensordot(weight / np.linalg.norm(weight), place[k : k + 4], axes=1)
     rows = np.flatnonzero(np.isfinite(difference[..., 0]).any(axis=0))
     newest = window.positions[slots[rows], window.stop[slots[rows]] - 1]

@@ -56,11 +56,11 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
 
 def _around(recent: Recent, seed: int, reach: float) -> Bools:
     """Trajectories that move as a seed and its nearest do, and are near it, bool [n]."""
-    apart = np.linalg.norm(recent.position - recent.position[seed], axis=1)
+    distance = np.linalg.norm(recent.position - recent.position[seed], axis=1)
     step = recent.displacement[0]
-    apart += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
-    nearest = np.isin(np.arange(len(apart)), np.argsort(apart, kind="stable")[:_PICKED])
-    return np.asarray(_explained(recent, nearest) & (apart < reach))
+    distance += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
+    nearest = np.isin(np.arange(len(distance)), np.argsort(distance, kind="stable")[:_PICKED])
+    return np.asarray(_explained(recent, nearest) & (distance < reach))
 
 
 def _explained(recent: Recent, members: Bools) -> Bools:

@@ -69,9 +69,9 @@ def preference(square: Floats32, variance: Floats32) -> Floats32:
     square *= np.float32(-1 / (2 * width))
     preferred = np.exp(square, out=square)
     preferred[preferred < _NEGLIGIBLE] = 0
-    both = preferred.T @ preferred
-    own = both.diagonal()
-    kernel: Floats32 = both / np.maximum(own[:, None] + own - both, np.float32(1e-12))
+    overlap = preferred.T @ preferred
+    own = overlap.diagonal()
+    kernel: Floats32 = overlap / np.maximum(own[:, None] + own - overlap, np.float32(1e-12))
     return kernel
 
 
@@ -122,9 +122,9 @@ def subspace(
     matrix = _complete(frames, rank, rounds)
     values, vectors = np.linalg.eigh(matrix @ matrix.T)
     values, vectors = values[::-1][:dimensions], vectors[:, ::-1][:, :dimensions]
-    real = values > 1e-12 * max(float(values[0]), 1e-300)
+    nonzero = values > 1e-12 * max(float(values[0]), 1e-300)
     singular_vectors = np.zeros((dimensions, matrix.shape[1]), np.float32)
-    projected = vectors[:, real].T @ matrix / np.sqrt(values[real])[:, None]
+    projected = vectors[:, nonzero].T @ matrix / np.sqrt(values[nonzero])[:, None]
     singular_vectors[: len(projected)] = projected
     return singular_vectors
 

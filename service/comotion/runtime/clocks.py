@@ -13,7 +13,7 @@ ClockName = Literal["wall", "event"]
 # Time daemons slew the clock by less between two readings; more is a step.
 _SLEW_NS = 50_000_000
 # Readings of both clocks take less, unless another process had the processor: then they are repeated.
-_AT_ONCE_NS, _MOST_LOOKS = 1_000_000, 5
+_AT_ONCE_NS, _MOST_READINGS = 1_000_000, 5
 # How long no source may have followed the clock before a stamp far ahead is believed.
 _UNFOLLOWED_NS = 1_000_000_000
 # Updates whose durations are remembered: two seconds of them at the default period.
@@ -127,8 +127,8 @@ class HeadStart:
 
 def _offset_ns() -> int:
     """The wall clock minus the one that is never set, ns, by the closest pair of readings."""
-    looks: list[tuple[int, int]] = []
-    while not looks or (looks[-1][0] > _AT_ONCE_NS and len(looks) < _MOST_LOOKS):
+    readings: list[tuple[int, int]] = []
+    while not readings or (readings[-1][0] > _AT_ONCE_NS and len(readings) < _MOST_READINGS):
         before_ns, wall_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        looks.append((after_ns - before_ns, wall_ns - after_ns))
-    return min(looks)[1]
+        readings.append((after_ns - before_ns, wall_ns - after_ns))
+    return min(readings)[1]

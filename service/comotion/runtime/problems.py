@@ -158,8 +158,8 @@ def silence(
 ) -> dict[ProblemKind, dict[str, Any]]:
     """Sources whose process is there but whose data is not."""
     by_name = {source.name: source for source in sources}
-    settled = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
+    started = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
     return {
-        "no-data": {name: name for name in settled if name not in by_name},
+        "no-data": {name: name for name in started if name not in by_name},
         "silent": {name: by_name[name] for name in present if name in by_name and not by_name[name].sending},
     }
