@@ -41,7 +41,7 @@ def log_lines(names: list[str], path: Path | None = None) -> Iterator[WriteLine]
     Parameters
     ----------
     names
-        Names of the processes, for width and colour of the prefix.
+        Names of processes, for width and colour of the prefix; others may write too.
     path
         File for the lines; None: standard output. Needed while another process owns the terminal.
     """
@@ -51,7 +51,7 @@ def log_lines(names: list[str], path: Path | None = None) -> Iterator[WriteLine]
         console = Console(file=file, soft_wrap=True, highlight=False)
 
         def write(name: str, line: str) -> None:
-            prefix = Text(f"{name:>{width}} | ", style=styles[name])
+            prefix = Text(f"{name:>{width}} | ", style=styles.get(name, ""))
             with lock:
                 console.print(prefix + Text.from_ansi(line))
 
