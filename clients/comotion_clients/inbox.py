@@ -54,6 +54,11 @@ class Inbox(Generic[T]):
             self._closed = True
             self._notify()
 
+    def wait(self, timeout: float) -> bool:
+        """Wait until there is an item or the inbox is closed; False after `timeout` seconds."""
+        with self._changed:
+            return bool(self._changed.wait_for(lambda: self._items or self._closed, timeout))
+
     def get(self, timeout: float | None = None) -> T:
         """Take the oldest item.
 

@@ -47,9 +47,9 @@ class Inbox:
         )
         self.close = subscriber.undeclare
 
-    def wait(self, seconds: float) -> None:
-        """Wait until a sample has arrived since the last :meth:`take`, for a number of seconds at most."""
-        self._arrived.wait(seconds)
+    def wait(self, seconds: float) -> bool:
+        """Wait until a sample has arrived since the last :meth:`take`; False after a number of seconds."""
+        return self._arrived.wait(seconds)
 
     def take(self) -> Iterator[Arrival]:
         """Yield what has arrived."""
@@ -69,9 +69,13 @@ class Inbox:
     def until(self, stop: threading.Event, idle_s: float = 0.1) -> Iterator[Arrival | None]:
         """Yield what arrives until an event is set, and None after each `idle_s` without anything."""
         while not stop.is_set():
-            self.wait(idle_s)
-            arrivals: list[Arrival | None] = list(self.take())
-            yield from arrivals or [None]
+            if not self.wait(idle_s):
+                yield None
+            for arrival in self.take():
+                yield arrival
+                # What waits may take long.
+                if stop.is_set():
+                    return
 
     def _receive(self, sample: zenoh.Sample) -> None:
         self.lost += len(self._waiting) == self._waiting.maxlen
