@@ -167,6 +167,10 @@ class Subscription(Generic[M]):
         """
         return self._inbox.get(timeout)[1]
 
+    def wait(self, timeout: float) -> bool:
+        """Wait until a message has arrived or the subscription is closed; False after `timeout` seconds."""
+        return self._inbox.wait(timeout)
+
     def drain(self) -> list[tuple[float, M]]:
         """Return all received messages at once: (time of arrival by ``time.monotonic()``, message)."""
         received: list[tuple[float, M]] = []

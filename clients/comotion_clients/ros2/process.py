@@ -19,7 +19,7 @@ from .messages import Converter
 from .names import Node, attachment, topic_chunk, topic_key
 from .types import to_cdr, type_hash
 
-_POLL_S = 0.01
+_POLL_S = 0.2
 
 
 def run(
@@ -74,7 +74,8 @@ def run(
         feed = stack.enter_context(SceneFeed(component.session, component.scene, kinds))
         component.ready()
         end = float("inf") if duration is None else time.monotonic() + duration
-        while not component.stop.wait(_POLL_S) and time.monotonic() < end:
+        while not component.stop.is_set() and (left := end - time.monotonic()) > 0:
+            feed.of[HypothesisUpdate].wait(min(_POLL_S, left))
             _pass_on(feed, converter, output, sent)
     return sent
 
