@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Status
 from comotion_schemas.naming import event_words, named
 from comotion_schemas.rigid import rotation
 
@@ -57,11 +57,12 @@ class SceneModel(SceneRecords):
 
     def status(self, now_s: float) -> SceneStatus:
         """Return who is there now, and what a person should look at."""
-        rows = [self._component_row(name, now_s) for name in sorted(self.components)]
+        service = self.service
+        rows = [self._component_row(name, now_s, service) for name in sorted(self.components)]
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
         routers = sorted(self.routers.values(), key=lambda row: (row.name, row.zid))
-        told = [] if self.service is None else [in_line(problem.text) for problem in self.service.problems]
+        told = [] if service is None else [in_line(problem.text) for problem in service.problems]
         problems = find_problems(rows, routers) + told
         update = self.update
         return SceneStatus(
@@ -173,10 +174,10 @@ class SceneModel(SceneRecords):
             for e in newest_first
         ]
 
-    def _component_row(self, name: str, now_s: float) -> ComponentRow:
-        record, service = self.components[name], self.service
+    def _component_row(self, name: str, now_s: float, service: Status | None) -> ComponentRow:
+        record = self.components[name]
         status, source = record.status, record.role == "source"
-        clock, error = self._clock(name)
+        clock, error = self._clock(name, service)
         return ComponentRow(
             role=record.role,
             name=name,
@@ -186,7 +187,7 @@ class SceneModel(SceneRecords):
             # A process that is killed loses its token at once; its last Status stays in this model.
             present=record.present,
             age_s=now_s - record.arrived,
-            rate_hz=self._rate(name),
+            rate_hz=self._rate(name, service),
             lag_s=service.ages.get(name) if service is not None and source else None,
             lost=0 if status is None else status.counters.get("lost", 0),
             clock_s=clock,
@@ -196,9 +197,9 @@ class SceneModel(SceneRecords):
             message="" if status is None else in_line(status.message),
         )
 
-    def _rate(self, name: str) -> float | None:
+    def _rate(self, name: str, service: Status | None) -> float | None:
         """Rate of the service's updates, or of a source: as the service receives it, or as it says itself."""
-        record, service = self.components[name], self.service
+        record = self.components[name]
         if record.role == "service":
             return self._updates_hz() if service is not None and service.component == name else None
         if record.role != "source":
@@ -214,9 +215,9 @@ class SceneModel(SceneRecords):
             return None
         return (len(arrivals) - 1) / (arrivals[-1] - arrivals[0])
 
-    def _clock(self, name: str) -> tuple[float | None, float | None]:
+    def _clock(self, name: str, service: Status | None) -> tuple[float | None, float | None]:
         """How far a clock is ahead of the service's, or of ours without one, and the bound of the error."""
-        own, service = self.components[name].clock.estimate(), self.service
+        own = self.components[name].clock.estimate()
         if own is None:
             return None, None
         reference = None if service is None else self.components[service.component].clock.estimate()

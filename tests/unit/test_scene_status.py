@@ -122,3 +122,16 @@ def test_what_is_expected_and_missing_is_a_problem(model):
 def test_a_router_that_says_nonsense_is_shown_as_far_as_possible(model, described):
     model.on_router(described)
     assert len(model.status(NOW).routers) == 1
+
+
+def test_who_speaks_is_looked_for_once_however_many_there_are(model, monkeypatch):
+    asked = []
+    speaking = SceneModel.service.fget
+    monkeypatch.setattr(SceneModel, "service", property(lambda one: asked.append(1) or speaking(one)))
+    model.status(NOW)
+    once = len(asked)
+    for number in range(20):
+        add(model, status(f"cam-{number}"))
+    asked.clear()
+    model.status(NOW)
+    assert len(asked) == once
