@@ -94,8 +94,8 @@ class _Feed(SceneFeed):
 
     def status(self) -> StatusFields:
         """Build the Status of the viewer."""
-        counts = self.viewed()
-        counters = {"updates": counts.updates, "lost": counts.lost, "dropped": counts.dropped}
+        updates = self.of[HypothesisUpdate]
+        counters = {"updates": self._shown, "lost": updates.counters.lost, "dropped": updates.dropped}
         return StatusFields(ages={"hypotheses": self._ages[-1]} if self._ages else {}, counters=counters)
 
     def viewed(self) -> Viewed:
