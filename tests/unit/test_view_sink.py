@@ -35,6 +35,11 @@ def test_without_a_display_the_command_says_what_to_do(sink, monkeypatch, capsys
     assert "use --web (browser) or --save FILE.rrd" in refused(capsys, "view")
 
 
+def test_an_endpoint_that_is_wrong_leaves_no_file(sink, tmp_path, capsys):
+    refused(capsys, "view", "--save", tmp_path / "a.rrd", "--tls", tmp_path / "none")
+    assert not list(tmp_path.iterdir())
+
+
 def test_page_and_data_are_for_this_machine_alone(sink):
     page, data = sink.free_port(), sink.free_port()
     with sink.RerunSink(web_port=page, data_port=data) as shown:

@@ -17,6 +17,7 @@ from ..options import Client, Command, Json, Present, argument, option, setting
 if TYPE_CHECKING:
     from comotion_clients.following import Display
     from comotion_clients.viewing.sink import RerunSink
+    from comotion_schemas.component import Where
     from comotion_schemas.message_log import MessageLog
 
 
@@ -159,13 +160,15 @@ Examples:
         """Show it until stopped."""
         from comotion_schemas import Keys
 
-        Keys(self.scene)  # checks the name before anything opens
+        # Checks the name and the endpoints before anything opens.
+        Keys(self.scene)
+        where = self.where() if self.recording is None else {}
         if self.foxglove:
             from comotion_clients.foxglove.server import FoxgloveDisplay
 
             with self._log() as log, FoxgloveDisplay(self.foxglove_port, self.names()) as display:
                 print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)
-                self._show(display, log, in_time=True)
+                self._show(display, log, where, in_time=True)
             return
         import rerun  # noqa: F401 - before a window opens
         import rerun_cli  # noqa: F401
@@ -181,10 +184,10 @@ Examples:
             scene = self.scene if log is None else log.scene
             picture = ScenePicture(scene, self.rate, dense=self.regions, names=self.names())
             if log is None:
-                self._show(Drawn(sink, picture), log)
+                self._show(Drawn(sink, picture), log, where)
                 return
             with stop_on_signals(stop):
-                self._show(Drawn(sink, picture), log)
+                self._show(Drawn(sink, picture), log, where)
                 if sink.window or sink.web_port is not None:
                     sink.wait(stop, self.duration)
 
@@ -196,13 +199,15 @@ Examples:
 
         return MessageLog(self.recording)
 
-    def _show(self, display: "Display", log: "MessageLog | None", *, in_time: bool = False) -> None:
+    def _show(
+        self, display: "Display", log: "MessageLog | None", where: "Where", *, in_time: bool = False
+    ) -> None:
         """Give a display the running scene, or the recording."""
         from comotion_clients.following import follow, play
         from comotion_schemas.text import counted
 
         if log is None:
-            viewed = follow(display, self.duration, **self.where())
+            viewed = follow(display, self.duration, **where)
             if self.json_:
                 self.show(viewed)
             else:
