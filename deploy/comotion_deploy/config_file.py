@@ -49,8 +49,13 @@ def _command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) -
     """Return the values that a file has for the command of a context; a misspelt key is an error."""
     _check_top_level(ctx, path, content)
     known = _parameters(ctx)
+    variables = {parameter.name: parameter.envvar for parameter in ctx.command.params}
     common = {
-        known[name]: value for key, value in content.items() if (name := spelling(key)) in COMMON & set(known)
+        known[name]: value
+        for key, value in content.items()
+        # What the environment sets by another name is something else: a router connects to other routers.
+        if (name := spelling(key)) in COMMON & set(known)
+        and variables[known[name]] in (None, f"COMOTION_{name.upper()}")
     }
     return common | _command_table(ctx, path, content, known)
 

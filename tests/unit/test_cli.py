@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import typer
 
+from comotion_deploy.child import log_lines
 from comotion_deploy.cli import app, run
 from comotion_deploy.errors import UserError
 from comotion_deploy.processes import read_processes
@@ -157,6 +158,27 @@ def test_only_a_router_listens_where_the_environment_says(monkeypatch):
     commands |= commands[""].commands
     reads = {name for name, one in commands.items() for p in one.params if p.envvar == "COMOTION_LISTEN"}
     assert reads == {"router"}
+
+
+def test_a_router_does_not_dial_itself_where_a_file_says_what_the_others_connect_to(monkeypatch, tmp_path):
+    from comotion_deploy import router
+
+    made: list[router.RouterSetup] = []
+    monkeypatch.setattr(router, "run_router", lambda setup, _: made.append(setup()))
+    file = tmp_path / "c.toml"
+    endpoint = 'connect = ["tcp/127.0.0.1:1"]'
+    file.write_text(f'{endpoint}\nlog-level = "error"\n[router]\nlisten = ["tcp/127.0.0.1:1"]')
+    assert run(["router", "--config", str(file)]) == 0
+    file.write_text(f"[router]\n{endpoint}")
+    assert run(["router", "--config", str(file)]) == 0
+    assert [setup.settings.connect for setup in made] == [(), ("tcp/127.0.0.1:1",)]
+
+
+def test_a_line_of_a_process_that_was_not_named_before_is_shown_as_well(tmp_path):
+    with log_lines(["agent"], tmp_path / "log") as write:
+        write("agent", "one")
+        write("cell-0", "two")
+    assert (tmp_path / "log").read_text() == "agent | one\ncell-0 | two\n"
 
 
 def test_a_command_that_has_moved_is_still_found_with_a_hint(capsys):
