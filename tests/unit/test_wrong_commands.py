@@ -38,6 +38,7 @@ OF_ROBOTS = [
     ("source workcell", "which scene?"),
     ("source klt workcell:moon/a", "moon"),
     ("source klt workcell:truck", "SCENE/CAMERA"),
+    ("source klt workcell:truck/a?scene=arm", "scene is not an option"),
     ("source workcell truck --write-tum x --camera z", "truck has no camera 'z'"),
     ("source proprioception none.urdf --joints ur", "none.urdf: No such file"),
     ("source proprioception workcell:arm --csv none.csv", "none.csv: no such file"),

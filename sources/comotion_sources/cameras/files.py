@@ -118,7 +118,7 @@ class ImageFiles(RecordedCamera):
     def __init__(self, files: Iterable[Path], rate: float | None = None) -> None:
         # Natural order puts img_2 before img_10.
         self._files = sorted(
-            files, key=lambda path: [(c.isdigit() and int(c), c) for c in re.split(r"(\d+)", path.name)]
+            files, key=lambda path: [(c.isdecimal() and int(c), c) for c in re.split(r"(\d+)", path.name)]
         )
         super().__init__(rate or DEFAULT_RATE, len(self._files))
         timed = not rate and all(re.fullmatch(r"\d+\.\d+", path.stem) for path in self._files)

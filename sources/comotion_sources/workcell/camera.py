@@ -112,8 +112,10 @@ def parse(text: str) -> CameraSpec:
     if not (scene and slash and camera):
         raise InputError(f"{text}: expected workcell:SCENE/CAMERA, such as workcell:truck/a")
     options: dict[str, Any] = dict(parse_qsl(query, keep_blank_values=True))
+    if twice := options.keys() & {"scene", "camera"}:
+        raise InputError(f"{text}: {min(twice)} is not an option, it stands before the '?'")
     try:
-        return CameraSpec(**{"scene": scene, "camera": camera} | options)
+        return CameraSpec(scene=scene, camera=camera, **options)
     except ValidationError as error:
         raise InputError(f"{text}: {describe(error)}") from None
 
