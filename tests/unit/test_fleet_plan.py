@@ -95,6 +95,7 @@ def test_entries_that_somebody_else_wrote_are_left_out():
                 "scenes/worse": b"[]",
                 "agents/a": b'{"capacity": "3"}',
                 "agents/b": b'{"capacity": null}',
+                "agents/c": b'{"capacity": Infinity}',
                 "places/good/0": b'{"agent": "a", "ready": true}',
                 "places/good/x": b'{"agent": "a"}',
                 "drain/a": b"",

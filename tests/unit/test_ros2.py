@@ -91,6 +91,16 @@ def numbers(value):
     return [getattr(value, name) for name in "xyzw" if hasattr(value, name)]
 
 
+@pytest.mark.parametrize("stamp_ns", [2**31 * S, 2**62])
+def test_times_that_ros_cannot_say_are_the_nearest_that_it_can(stamp_ns):
+    late = replace(update(stamp_ns=stamp_ns), period_ns=2**62)
+    store = reader()
+    for _, kind, message in Converter("my-lab").convert(late):
+        read = store.deserialize_cdr(to_cdr(message, kind), kind)
+        if kind == CLOUD:
+            assert read.header.stamp.sec == 2**31 - 1
+
+
 def test_type_hashes_are_the_published_ones():
     store = reader()
     assert set(Converter("my-lab").kinds().values()) == set(PUBLISHED)

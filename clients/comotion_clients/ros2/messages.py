@@ -68,6 +68,7 @@ Fields: TypeAlias = dict[str, Any]
 """Fields of a message, as :func:`.types.to_cdr` takes them."""
 _CUBE, _TEXT = 1, 9  # visualization_msgs/Marker
 _FLOAT32, _UINT32 = 7, 6  # sensor_msgs/PointField
+_MOST_SECONDS = 2**31 - 1  # builtin_interfaces/Time
 _BOX_ALPHA = 0.25
 _LIFETIMES = 3  # periods after which a marker that is not repeated disappears
 _POINT = np.dtype(
@@ -187,7 +188,7 @@ class Converter:
             marker = {
                 "header": _header(update, hypothesis.space),
                 "id": hypothesis.id & 0x7FFFFFFF,
-                "lifetime": divmod(_LIFETIMES * update.period_ns, 1_000_000_000),
+                "lifetime": _time(_LIFETIMES * update.period_ns),
             }
             if box is not None and hypothesis.state != "static" and rgb != BACKGROUND:
                 centre, turn, size = _box(box)
@@ -243,4 +244,10 @@ def _box(box: Box) -> tuple[Vector, Vector, Vector]:
 
 
 def _header(update: HypothesisUpdate, frame: str) -> Fields:
-    return {"stamp": divmod(update.stamp_ns, 1_000_000_000), "frame_id": frame}
+    return {"stamp": _time(update.stamp_ns), "frame_id": frame}
+
+
+def _time(ns: int) -> tuple[int, int]:
+    """Seconds and nanoseconds; times that ROS cannot say, from 2038 on, are the last that it can."""
+    seconds, nanoseconds = divmod(ns, 1_000_000_000)
+    return min(seconds, _MOST_SECONDS), nanoseconds

@@ -29,7 +29,7 @@ def read_fleet(etcd: Etcd) -> Fleet:
             continue
         try:
             _enter(fleet, folder, name, json.loads(entry.value), entry.changed)
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
             continue
     agents = {name: Agent(agent.capacity, name in draining) for name, agent in fleet.agents.items()}
     return Fleet(fleet.scenes, agents, fleet.holders)
