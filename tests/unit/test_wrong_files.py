@@ -36,6 +36,13 @@ def packed(**arrays) -> bytes:
     return buffer.getvalue()
 
 
+def unfinished() -> bytes:
+    """An array whose header lacks its last bracket."""
+    buffer = io.BytesIO()
+    np.save(buffer, TRACKS)
+    return buffer.getvalue().replace(b"}", b" ", 1)
+
+
 def read_log(path):
     return list(read_csv(path))
 
@@ -105,6 +112,7 @@ WRONG = {
         (b"frame,track,x,y\n1,-2,3,4\n", "not whole numbers from 0 on"),
         (b"frame,track,x,y\n,2,3,4\n", "neither frame nor track"),
     ],
+    "take.npy": [(unfinished(), "not an array of numbers, or is damaged")],
     "take.avi": [(b"RIFF", "its ending is not one of .c3d, .npz, .npy, .csv, .mcap")],
     "joints.csv": [
         (b"lift,time\n1,2\n", "first column must be"),

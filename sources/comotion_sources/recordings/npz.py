@@ -10,6 +10,7 @@ Files without ``positions`` are read as those of a point tracker (:mod:`.tracks`
 
 import math
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -38,6 +39,7 @@ _DAMAGED = (
     MemoryError,
     OverflowError,
     SyntaxError,
+    tokenize.TokenError,
     TypeError,
 )
 # Two hours of 100 markers at 100 Hz take 1.7 GB.
