@@ -155,7 +155,8 @@ def test_of_services_that_start_together_one_has_the_scene_until_it_stops(start,
     assert len({updates.next().session for _ in range(5)}) == 1
     winner.signal(signal.SIGTERM)
     assert winner.wait() == 0
-    assert winner.lines == ["ready"]
+    # A slow machine says before that the methods are being prepared.
+    assert winner.lines[-1] == "ready"
     until(lambda: not list(session.liveliness().get(KEYS.all_live("service"))))
 
 
