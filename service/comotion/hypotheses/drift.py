@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
+from ..rigid.procrustes import align
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 
@@ -27,8 +27,6 @@ _DENSE_NS = 100_000_000
 _EVERY_NS, _LOOKS, _MORE_LOOKS = 500_000_000, 2, 4
 # Bodies that two sources share, and features of the one that are compared on each, at least and at most.
 _MIN_BODIES, _MIN_FEATURES, _MAX_FEATURES = 2, 2, 16
-# Features that tell a motion and how well they fit it.
-_MIN_TELLING = 4
 # Prior standard deviations of an offset, as in registration: rad, share of the extent, s; and how many times
 # as much it may change.
 _ROTATION, _SHIFT, _DELAY = 0.035, 0.03, 0.02
@@ -53,7 +51,7 @@ class _Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class _Seen:
-    """Of N trajectories: positions and velocities then and now, float64 [N, 3]; session and hypothesis."""
+    """Of N trajectories: positions and velocities then and now, float64 [N, dim]; session and hypothesis."""
 
     before: Floats
     after: Floats
@@ -146,11 +144,11 @@ def _seen(
     before_ns = stamp_ns - _SPAN_NS
     stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
     source, step_s = window.source[slots], _STEP_NS * 1e-9
-    x, held = np.zeros((len(stamps), len(slots), 3)), np.zeros(len(slots), np.bool_)
+    x, held = np.zeros((len(stamps), len(slots), window.dim)), np.zeros(len(slots), np.bool_)
     for one in np.unique(source).tolist():
         mine = source == one
         states = states_at(window, slots[mine], stamps - delays_ns.get(one, 0), _DENSE_NS)
-        x[:, mine, : window.dim], held[mine] = states.position, states.held.all(0)
+        x[:, mine], held[mine] = states.position, states.held.all(0)
     speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
     return _Seen(x[0], x[3], *speeds, source, label).where(held)
 
@@ -179,15 +177,14 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
     """Of each hypothesis that enough features tell, the rigid motion that fits best."""
-    found = {}
+    found, dim = {}, seen.before.shape[1]
     for one in np.unique(seen.label).tolist():
         mine = seen.where(np.asarray(seen.label == one))
         count = len(mine.label)
-        if count >= _MIN_TELLING:
-            middle, now = mine.before.mean(0), mine.after.mean(0)
-            turn, residual = Rotation.align_vectors(mine.after - now, mine.before - middle)
-            R = turn.as_matrix()
-            found[one] = _Motion(R, now - R @ middle, residual**2, 3 * count - 6, count)
+        if count > dim:
+            R, t = (part[:dim] for part in align(_spatial(mine.before), _spatial(mine.after), dim))
+            squared = float(((mine.before @ R[:, :dim].T + t - mine.after) ** 2).sum())
+            found[one] = _Motion(R[:, :dim], t, squared, dim * count - dim * (dim + 1) // 2, count)
     return found
 
 
@@ -216,7 +213,8 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     sides = [motions[one] for one in shared], list(_motions(other).values())
     squares = [sum(one.squared for one in side) / max(sum(one.freedom for one in side), 1) for side in sides]
     noise = float(np.sqrt(max(squares))) + 1e-9 * extent
-    prior = np.repeat([_ROTATION, _SHIFT * extent, _DELAY], [3, 3, 1]) / noise
+    dim = len(centre)
+    prior = np.repeat([_ROTATION, _SHIFT * extent, _DELAY], [2 * dim - 3, dim, 1]) / noise
     e, J0, J1 = apart.ravel() / noise, lasting.reshape(apart.size, -1), change.reshape(apart.size, -1)
     constant = _left(e, J0 * prior)
     changing = _left(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
@@ -226,7 +224,7 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
 
 
 def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
-    """Bodies that others see move as one, in a scene of places [n, 3].
+    """Bodies that others see move as one, in a scene of places [n, dim].
 
     Where they disagree one of them may be right: what they see together is no measure for another.
     """
@@ -236,10 +234,16 @@ def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
 
 
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
-    """Derivatives of places [n, 3] by turn, shift and delay, float64 [n, 3, 7]."""
-    turn = np.stack([np.cross(axis, places - centre) for axis in np.eye(3)], 2)
-    shift = np.broadcast_to(np.eye(3), turn.shape)
+    """Derivatives of places [n, dim] by turn, shift and delay, float64 [n, dim, p]."""
+    arm, dim = _spatial(places - centre), len(centre)
+    turn = np.stack([np.cross(axis, arm)[:, :dim] for axis in np.eye(3)[6 - 2 * dim :]], 2)
+    shift = np.broadcast_to(np.eye(dim), (len(arm), dim, dim))
     return np.concatenate([turn, shift, speeds[:, :, None]], 2)
+
+
+def _spatial(places: Floats) -> Floats:
+    """Places [n, dim] as [n, 3], zero in the third coordinate of 2-D."""
+    return np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
 
 
 def _left(e: Floats, J: Floats) -> float:

@@ -48,9 +48,9 @@ class Fits:
         self._fitted_by_rows: dict[tuple[bytes, bool], Fitted] = {}
 
     def of(self, rows: list[Ints], *, still: bool) -> list[Fitted]:
-        """The static body, and one for each of `rows` intp [m], m > 1; `still`: settled."""
-        no_rows = np.zeros(0, np.intp)
-        return [self._fitted(group, still=still) for group in [no_rows, *rows] if len(group) != 1]
+        """The static body, and one for each of `rows` intp [m] with m > 1; `still`: settled."""
+        groups = [np.zeros(0, np.intp), *(group for group in rows if len(group) > 1)]
+        return [self._fitted(group, still=still) for group in groups]
 
     def costs(self, fitted: list[Fitted]) -> Costs:
         """What all trajectories cost under some bodies, with those that slide on one."""
