@@ -1,11 +1,19 @@
 """Confirmation, absence and return of hypotheses, and the few events that they make."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from comotion.config import HypothesesConfig
 from comotion.hypotheses.events import Lifecycle
+from comotion.hypotheses.identity import IdAllocator
+from comotion.hypotheses.registry import Registry
+from comotion.matching import largest_total
+from comotion.partition import Group, Partition
+from comotion.trajectories.window import Window
+
+from ..builders import S
 
 STEP = 100_000_000
 CONFIG = HypothesesConfig(confirm=0.5, memory=5.0, remembered=2)
@@ -105,3 +113,32 @@ def test_each_event_follows_from_the_one_before(updates):
             usual = {"absent", "merged"}
             assert event.kind in follows.get(last.get(one), usual), (last.get(one), event)
             last[one] = event.kind
+
+
+def test_an_id_that_has_merged_does_not_come_back_with_features_that_were_hidden():
+    window, allocator = Window(3, 20 * S, S), IdAllocator()
+    registry = Registry("world", allocator, HypothesesConfig())
+    slots, places = window.open(10, 0), np.random.default_rng(0).normal(size=(10, 3))
+
+    def update(k, groups, current):
+        stamp_ns = (k + 1) * S // 10
+        window.insert(slots[current], stamp_ns, places[current], np.full(len(current), np.nan), None)
+        partition = Partition(
+            slots[current],
+            groups,
+            np.ones(len(current), bool),
+            np.ones(len(current)),
+            places[current],
+            [Group()] * 2,
+        )
+        _, listed, events = registry.update(window, partition, slots[current], stamp_ns, largest_total)
+        return {h.id for h in listed}, [e for e in events if e.kind == "merged"]
+
+    apart, everyone = np.repeat([0, 1], 5), np.arange(10)
+    for k in range(30):
+        update(k, apart, everyone)
+    seen = everyone[2:]
+    merged = [event for k in range(30, 80) for event in update(k, np.ones(8, int), seen)[1]]
+    assert [event.others for event in merged] == [[1]]
+    ids = {one for k in range(80, 90) for one in update(k, np.repeat([0, 1], [2, 8]), everyone)[0]}
+    assert ids == {2, 3}

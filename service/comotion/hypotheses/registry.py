@@ -11,6 +11,7 @@ What is known of each is one record (:mod:`.records`).
 """
 
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -122,8 +123,11 @@ class Registry:
         heirs = self._heirs(found, supported(window, current))
         sizes = {one: len(rows) for one, rows in members.items()}
         events = self._lifecycle.advance(stamp_ns, sizes, self._least(found), origins, heirs)  # 3
-        # Nobody votes for any other hypothesis any more: an id that has ended does not come back.
+        # Nobody votes for any other hypothesis any more: an id that has ended does not come back, nor with
+        # features that are out of sight.
         window.established[~np.isin(window.established, list(self._records))] = NO_HYPOTHESIS
+        ends = [event.others or [event.hypothesis] for event in events if event.kind in ("merged", "ended")]
+        relabel((window.label, self.ids), dict.fromkeys(chain(*ends), NO_HYPOTHESIS))
         listed = [*self._described(stamp_ns, partition, found, boxes), *self._absent(found)]  # 4
         return found.labels, sorted(listed, key=lambda h: h.id), events
 
