@@ -149,8 +149,8 @@ def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> F
         covariance = np.linalg.pinv(left, _UNDETERMINED, hermitian=True)
         step, extra = covariance @ right, share[:, _LEFT]
         # Where the joint does not fit, standard deviations are more than the states say, and a gain changes
-        # nothing.
-        if k == steps or step @ right < _SETTLED * max(float(squared.mean()) / 6, 1.0) ** 2:
+        # nothing: one step is enough, and the next judgement goes on. With none it would never fit.
+        if k == steps or step @ right < _SETTLED * max(float(squared.mean()) / 6, 1.0) ** (1 + (k > 0)):
             break
         q = q + extra - share[:, :_UNKNOWNS] @ step
         model = _moved(model, step)
