@@ -14,7 +14,6 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
-from ..rigid.procrustes import align
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 
@@ -176,16 +175,23 @@ def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
-    """Of each hypothesis that enough features tell, the rigid motion that fits best."""
-    found, dim = {}, seen.before.shape[1]
-    for one in np.unique(seen.label).tolist():
-        mine = seen.where(np.asarray(seen.label == one))
-        count = len(mine.label)
-        if count > dim:
-            R, t = (part[:dim] for part in align(_spatial(mine.before), _spatial(mine.after), dim))
-            squared = float(((mine.before @ R[:, :dim].T + t - mine.after) ** 2).sum())
-            found[one] = _Motion(R[:, :dim], t, squared, dim * count - dim * (dim + 1) // 2, count)
-    return found
+    """Of each hypothesis that enough features tell, the rigid motion that fits best (Kabsch)."""
+    dim = seen.before.shape[1]
+    names, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
+    share = (row == np.arange(len(names))[:, None]) / counts[:, None]
+    middle, now = share @ seen.before, share @ seen.after
+    before, after = seen.before - middle[row], seen.after - now[row]
+    U, _, V = np.linalg.svd((share[:, None] * before.T) @ after)
+    V[:, -1] *= np.sign(np.linalg.det(U @ V))[:, None]
+    R = (U @ V).transpose(0, 2, 1)
+    t = now - np.einsum("kij,kj->ki", R, middle)
+    squares = ((np.einsum("nij,nj->ni", R[row], before) - after) ** 2).sum(1)
+    squared = np.bincount(row, squares, len(names)).tolist()
+    return {
+        label: _Motion(R[k], t[k], squared[k], count * dim - dim * (dim + 1) // 2, count)
+        for k, (label, count) in enumerate(zip(names.tolist(), counts.tolist(), strict=True))
+        if count > dim
+    }
 
 
 def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
