@@ -83,6 +83,12 @@ def test_one_wrong_feature_does_not_make_a_box_cross_the_image(count):
     np.testing.assert_allclose(wrong.half, alone.half, rtol=0.1)
 
 
+def test_features_each_of_which_is_far_from_the_others_along_an_axis_have_a_box():
+    body, points = Body(), 0.1 * np.vstack([np.eye(3), -np.eye(3)])
+    body.posed = False
+    assert holds(body.box(0, points), points)
+
+
 def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():
     rng = np.random.default_rng(0)
     floor = rng.uniform(-1, 1, (20, 3))

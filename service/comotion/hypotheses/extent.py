@@ -73,14 +73,15 @@ def _points(record: Record) -> Floats:
 
 
 def _together(points: Floats) -> Bools:
-    """Which points [m, dim] are not far from the others along any axis, bool [m]."""
+    """Which points [m, dim] are not far from the others along any axis, bool [m]; all where each is."""
     if len(points) < _MIN_TOGETHER:
         return np.ones(len(points), np.bool_)
     far = max(round(_FAR_SHARE * len(points)), 1)
     ranked = np.sort(points, axis=0)
     low, high = ranked[far], ranked[-1 - far]
     slack = _BEYOND * (high - low).max()
-    return np.asarray(((points >= low - slack) & (points <= high + slack)).all(axis=1))
+    near = ((points >= low - slack) & (points <= high + slack)).all(axis=1)
+    return np.asarray(near if near.any() else ~near)
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}
