@@ -241,15 +241,11 @@ def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
 
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
     """Derivatives of places [n, dim] by turn, shift and delay, float64 [n, dim, p]."""
-    arm, dim = _spatial(places - centre), len(centre)
+    dim = len(centre)
+    arm = np.pad(places - centre, ((0, 0), (0, 3 - dim)))
     turn = np.stack([np.cross(axis, arm)[:, :dim] for axis in np.eye(3)[6 - 2 * dim :]], 2)
     shift = np.broadcast_to(np.eye(dim), (len(arm), dim, dim))
     return np.concatenate([turn, shift, speeds[:, :, None]], 2)
-
-
-def _spatial(places: Floats) -> Floats:
-    """Places [n, dim] as [n, 3], zero in the third coordinate of 2-D."""
-    return np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
 
 
 def _left(e: Floats, J: Floats) -> float:

@@ -44,6 +44,7 @@ class Fits:
 
     def __init__(self, frames: Frames, config: RigidConfig) -> None:
         self._frames, self._config = frames, config
+        self._seen, self._outlier = outlier_costs(frames, config)
         self._bodies: dict[bytes, Body] = {}
         self._fitted_by_rows: dict[tuple[bytes, bool], Fitted] = {}
 
@@ -55,13 +56,11 @@ class Fits:
     def costs(self, fitted: list[Fitted]) -> Costs:
         """What all trajectories cost under some bodies, with those that slide on one."""
         frames, config, bodies = self._frames, self._config, [body.costed for body in fitted]
-        seen, outlier = outlier_costs(frames, config)
-        body_cost, slides = with_sliders(
-            frames, bodies, np.stack([body.cost for body in fitted], 1), seen, config
-        )
+        body_cost = np.stack([body.cost for body in fitted], 1)
+        body_cost, slides = with_sliders(frames, bodies, body_cost, self._seen, config)
         return Costs(
             body_cost,
-            outlier,
+            self._outlier,
             opening=np.array([opening_price(body, config) for body in bodies]),
             restless=np.array([restless_price(body, config) for body in bodies]),
             soft=np.array([body.soft for body in fitted]),
