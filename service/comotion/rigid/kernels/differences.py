@@ -82,7 +82,10 @@ def _mean_square(contrasts: Floats, squares: Floats, mean: Floats) -> None:
     """Mean of the outer products of contrasts [k, dim] that are wild in no direction, to [dim, dim]."""
     count = 0
     for j in range(len(contrasts)):
-        if squares[:, j].max() <= _WILD:
+        wildest = 0.0
+        for d in range(len(squares)):
+            wildest = max(wildest, squares[d, j])
+        if wildest <= _WILD:
             count += 1
             for c in range(contrasts.shape[1]):
                 for d in range(contrasts.shape[1]):
@@ -97,19 +100,15 @@ def _contrast(times: Stamps, positions: Floats, m: int, gap: int, contrast: Floa
 
     False, and nothing is written, if they do not follow one another without a gap.
     """
-    for j in range(m, m + 3):
-        step = times[j + 1] - times[j]
-        if step > gap or step <= 0:
-            return False
-    c = np.ones(4)
-    for j in range(4):
-        for k in range(4):
-            if k != j:
-                # In units of 10 ms, which keep the coefficients near 1; their scale cancels.
-                c[j] /= (times[m + j] - times[m + k]) * 1e-7
-    c /= np.sqrt((c * c).sum())
+    first, second, third = times[m + 1] - times[m], times[m + 2] - times[m + 1], times[m + 3] - times[m + 2]
+    if min(first, second, third) <= 0 or max(first, second, third) > gap:
+        return False
+    # In units of the middle step; the scale of the coefficients cancels.
+    a, c = first / second, third / second
+    c0, c1 = -1 / (a * (a + 1) * (a + 1 + c)), 1 / (a * (1 + c))
+    c2, c3 = -1 / ((a + 1) * c), 1 / ((a + 1 + c) * (1 + c) * c)
+    norm = 1 / np.sqrt(c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3)
     for d in range(positions.shape[1]):
-        contrast[d] = 0.0
-        for j in range(4):
-            contrast[d] += c[j] * positions[m + j, d]
+        x0, x1, x2, x3 = positions[m, d], positions[m + 1, d], positions[m + 2, d], positions[m + 3, d]
+        contrast[d] = norm * (c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3)
     return True
