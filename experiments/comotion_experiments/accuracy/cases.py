@@ -20,9 +20,11 @@ from ..inputs import Message
 from ..offline import run_offline
 from ..trace import objects_of, rightly_assigned
 
-THESIS_SCENES = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
+THESIS_SCENES, SPATIAL, DISPLACED, RECORDINGS = "thesis scenes", "3-D set", "two sources", "recordings"
+"""Groups of cases."""
+_OF_THESIS = ("fig4_1", "fig4_3", "fig4_4", "fig3_3")
 # Extrinsics (mm, degrees) and clock (ms) of the second source.
-DISPLACEMENTS = (
+_DISPLACEMENTS = (
     *((1, 1, 0), (5, 1, 0), (10, 2, 0), (20, 3, 0)),
     *((0, 0, 5), (0, 0, 15), (0, 0, 30), (10, 2, 20), (0, 0, 150), (0, 0, -300), (20, 3, 300)),
 )
@@ -53,8 +55,7 @@ class Case:
 def scene_cases() -> list[Case]:
     """List the scenes of the thesis, and all 3-D scenes of the simulator."""
     spatial = [name for name in simulator.scene_names() if name.startswith("3d_")]
-    groups = {"thesis scenes": THESIS_SCENES, "3-D set": spatial}
-    cases = ((group, name) for group, names in groups.items() for name in names)
+    cases = [(THESIS_SCENES, name) for name in _OF_THESIS] + [(SPATIAL, name) for name in spatial]
     return [
         Case(name, group, partial(_simulated, name), sigma_switch=_SWITCH.get(name, _SWITCH_ELSE))
         for group, name in cases
@@ -68,8 +69,8 @@ def _simulated(scene: str, seed: int, rates: Sequence[float] | None = None) -> I
 def displaced_cases() -> list[Case]:
     """List cases of a scene with two sources, the second with wrong extrinsics, a wrong clock, or both."""
     return [
-        Case(f"{mm:g} mm, {degrees:g}°, {ms:g} ms", "two sources", partial(_displaced, mm, degrees, ms))
-        for mm, degrees, ms in DISPLACEMENTS
+        Case(f"{mm:g} mm, {degrees:g}°, {ms:g} ms", DISPLACED, partial(_displaced, mm, degrees, ms))
+        for mm, degrees, ms in _DISPLACEMENTS
     ]
 
 
@@ -101,7 +102,7 @@ def recorded_cases(folder: Path) -> list[Case]:
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise KnownError(f"{folder}: no .npz recordings")
-    opened = ((path.stem, "recordings", partial(_recorded, path)) for path in paths)
+    opened = ((path.stem, RECORDINGS, partial(_recorded, path)) for path in paths)
     return [Case(*which, seeded=False, duration=_RECORDED_SECONDS) for which in opened]
 
 

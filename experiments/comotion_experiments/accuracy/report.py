@@ -1,131 +1,158 @@
-"""The accuracy report as Markdown and as a picture."""
+"""Runs the cases of the accuracy report, and writes it as Markdown."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..plot import new_figure
-from ..tables import Table, filled, mean, spread
-from .experiment import DEFAULT, ROBUST_SCENES, THESIS, Results
+from comotion import FusionConfig
+from comotion.config import RigidConfig
 
+from ..brox_malik import CLUSTERINGS, compare
+from ..offline import thesis
+from ..study import Progress, Row, quiet, run_study, values
+from ..tables import Table, filled, mean, number, spread
+from .cases import DISPLACED, RECORDINGS, SPATIAL, THESIS_SCENES, Case, run_case
+from .motion import motion_errors
+
+DEFAULT, THESIS, COMPARATOR = "comotion", "thesis", "Brox and Malik"
+PARTS = ("scores", "comparator", "motion", "robustness")
+"""Parts of the report: the methods on every case, the affinity of Brox and Malik, poses, and parameters."""
+# Scenes of the robustness table: they cover all parameters and are short enough to run for each.
+_ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
+_ROBUST_SECONDS = 10.0
+_FACTORS = (0.5, 2.0)
 # Scenes in which the truth separates bodies that have not moved yet, so no method can.
 _UNKNOWABLE = ("fig4_3", "fig3_3", "3d_late", "3d_static")
-_GROUPS = {
-    "thesis scenes": "thesis_scenes",
-    "3-D set": "space",
-    "two sources": "two_sources",
-    "recordings": "recordings",
+_PLACES = {
+    THESIS_SCENES: "thesis_scenes",
+    SPATIAL: "space",
+    DISPLACED: "two_sources",
+    RECORDINGS: "recordings",
 }
-"""Groups of cases, and where each stands in the page."""
+"""Where each group of cases stands in the page."""
 
 
-def markdown(results: Results, picture: str) -> str:
-    """Format the report; `picture` is the path of the reliability diagram."""
-    parts: dict[str, str | Table] = {"seeds": ", ".join(map(str, results.seeds)), "picture": picture}
-    if "scores" in results.parts:
-        parts |= {place: _table(results, group) for group, place in _GROUPS.items() if results.names(group)}
-        rows = [
-            (f"{confidence:.3f}", f"{right:.3f}", f"{count}") for confidence, right, count in bins(results)
-        ]
-        parts["reliability"] = Table(("confidence", "right", "assignments"), 0, [*rows])
-    if "motion" in results.parts:
-        medians = [(name, f"{value:.2f}") for name, value in results.motion.items()]
-        parts["motion"] = Table(("error", "median"), rows=[*medians])
-    parts |= _compared(results) | _robustness(results)
-    return filled(Path(__file__).with_name("page.md"), parts)
+def run_experiment(
+    cases: Sequence[Case],
+    seeds: Sequence[int],
+    parts: Sequence[str],
+    *,
+    jobs: int = 1,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
+    """Run parts of the report; `rows` of all cases, `motion` and `robustness`, as far as they are parts."""
+    how: dict[str, Any] = {"jobs": jobs, "progress": progress}
+    settings = [DEFAULT, THESIS] if {"scores", "comparator"} & {*parts} else []
+    settings += [COMPARATOR] if "comparator" in parts else []
+    results: dict[str, Any] = {"seeds": seeds, "parts": parts}
+    results["rows"] = run_study(_scored, cases, settings, seeds, **how)
+    if "motion" in parts:
+        progress("pose and twist")
+        results["motion"] = motion_errors(seeds)
+    if "robustness" in parts:
+        robust = [case for case in cases if case.name in _ROBUST_SCENES or case.group == RECORDINGS]
+        results["robustness"] = run_study(_varied, robust, ["", *_variations()], [0], **how)
+    return results
 
 
-def as_json(results: Results) -> Any:
-    """Values for JSON: mean NMI of each case by method and seed, and the other parts that were run."""
-    scores: dict[str, dict[str, list[float]]] = {}
-    for row in results.rows:
-        scores.setdefault(row["case"], {}).setdefault(row["method"], []).append(row["nmi"])
-    return {
-        "seeds": results.seeds,
-        "nmi": scores,
-        "comparator": results.compared,
-        "motion": results.motion or None,
-        "parameters": results.variations,
-    }
+def _scored(case: Case, setting: str, seed: int) -> Row:
+    if setting == COMPARATOR:
+        # Offsets between sources are no part of what the comparator compares.
+        return {} if case.group == DISPLACED else compare(case.open(seed), case.duration)
+    return run_case(case, FusionConfig() if setting == DEFAULT else thesis(case.sigma_switch), seed)
 
 
-def _table(results: Results, group: str) -> Table:
+def _variations() -> dict[str, RigidConfig]:
+    """Every parameter halved and doubled, by its name and factor."""
+    scaled = {}
+    for name, value in RigidConfig().model_dump().items():
+        for factor in _FACTORS:
+            changed = max(round(value * factor), 2) if isinstance(value, int) else value * factor
+            changed = min(changed, 1.0) if name == "outlier_share" else changed
+            scaled[f"{name} {factor}"] = RigidConfig(**{name: changed})
+    return scaled
+
+
+def _varied(case: Case, setting: str, seed: int) -> Row:
+    config = FusionConfig(rigid=_variations()[setting]) if setting else FusionConfig()
+    return {"nmi": run_case(case, config, seed, _ROBUST_SECONDS)["nmi"]}
+
+
+def markdown(results: dict[str, Any]) -> str:
+    """Format the report."""
+    rows = results["rows"]
+    page: dict[str, str | Table] = {"seeds": ", ".join(map(str, results["seeds"]))}
+    if "scores" in results["parts"]:
+        groups = dict.fromkeys(row["group"] for row in rows)
+        page |= {_PLACES[group]: _table(rows, group) for group in groups}
+        page["reliability"] = _reliability(rows)
+    if "motion" in results:
+        medians = [(name, f"{value:.2f}") for name, value in results["motion"].items()]
+        page["motion"] = Table(("error", "median"), rows=[*medians])
+    page |= _compared(rows) if "comparator" in results["parts"] else {}
+    page |= _robustness(results["robustness"]) if "robustness" in results else {}
+    return filled(Path(__file__).with_name("page.md"), page)
+
+
+def _table(rows: Sequence[Row], group: str) -> Table:
     table = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
-    names = results.names(group)
-    for name in names:
-        ours = (spread(results.of(name, DEFAULT, figure)) for figure in ("nmi", "late"))
-        switches = (f"{np.mean(results.of(name, method, 'switches')):.2f}" for method in (DEFAULT, THESIS))
-        table.add(name, *ours, next(switches), spread(results.of(name, THESIS, "nmi")), next(switches))
-    if group == "recordings":
-        ours, theirs = (np.mean([results.of(n, m, "nmi") for n in names]) for m in (DEFAULT, THESIS))
-        table.add("**mean**", f"**{ours:.3f}**", "", "", f"{theirs:.3f}", "")
+    for name in _names(rows, group):
+        ours, theirs = ({"case": name, "setting": method} for method in (DEFAULT, THESIS))
+        table.add(
+            name,
+            spread(values(rows, "nmi", **ours)),
+            spread(values(rows, "late", **ours)),
+            number(mean(values(rows, "switches", **ours)), 2),
+            spread(values(rows, "nmi", **theirs)),
+            number(mean(values(rows, "switches", **theirs)), 2),
+        )
+    if group == RECORDINGS:
+        nmi = (values(rows, "nmi", group=group, setting=method) for method in (DEFAULT, THESIS))
+        table.add("**mean**", f"**{mean(next(nmi)):.3f}**", "", "", f"{mean(next(nmi)):.3f}", "")
     return table
 
 
-def _compared(results: Results) -> dict[str, str | Table]:
+def _names(rows: Sequence[Row], group: str) -> list[str]:
+    return list(dict.fromkeys(row["case"] for row in rows if row["group"] == group))
+
+
+def _compared(rows: Sequence[Row]) -> dict[str, str | Table]:
     """The comparator, mean over the cases of a group, beside both methods at the same times."""
-    if not results.compared:
-        return {}
-    groups = {case.name: case.group for case in results.cases}
-    rows = {}
-    for name, compared in results.compared.items():
-        ours = [results.of(name, method, "whole") for method in (DEFAULT, THESIS)]
-        rows[name] = [float(np.mean(cell)) for cell in (*ours, *compared.values())]
-    table = Table(("", "default", "thesis", *next(iter(results.compared.values()))))
-    for group in dict.fromkeys(groups[name] for name in rows):
-        some = [row for name, row in rows.items() if groups[name] == group]
-        table.add(f"{group} ({len(some)})", *(f"{score:.3f}" for score in np.mean(some, 0)))
-    table.add("**mean**", *(f"{score:.3f}" for score in np.mean(list(rows.values()), 0)))
-    better = ", ".join(
-        f"{name} ({max(row[2:]):.3f} against {row[0]:.3f})"
-        for name, row in rows.items()
-        if max(row[2:]) > row[0]
-    )
-    return {"compared": table, "better": better or "nowhere"}
+    table, scores, better = Table(("", "default", "thesis", *CLUSTERINGS)), [], []
+    for group in (THESIS_SCENES, SPATIAL, RECORDINGS):
+        of_group = []
+        for name in _names(rows, group):
+            ours = [mean(values(rows, "whole", case=name, setting=s)) for s in (DEFAULT, THESIS)]
+            theirs = [mean(values(rows, how, case=name, setting=COMPARATOR)) for how in CLUSTERINGS]
+            of_group.append([*ours, *theirs])
+            if max(theirs) > ours[0]:
+                better.append(f"{name} ({max(theirs):.3f} against {ours[0]:.3f})")
+        if of_group:
+            table.add(f"{group} ({len(of_group)})", *(f"{score:.3f}" for score in np.mean(of_group, 0)))
+        scores += of_group
+    table.add("**mean**", *(f"{score:.3f}" for score in np.mean(scores, 0)))
+    return {"compared": table, "better": ", ".join(better) or "nowhere"}
 
 
-def bins(results: Results) -> list[tuple[float, float, int]]:
-    """Mean confidence, share of right assignments and count of each bin that is not empty.
+def _reliability(rows: Sequence[Row]) -> Table:
+    """Mean confidence, share of right assignments and count of each bin that is not empty, of scenes."""
+    table = Table(("confidence", "right", "assignments"), 0)
+    scenes = [row for row in rows if row["group"] in (THESIS_SCENES, SPATIAL)]
+    known = [row for row in scenes if row["case"] not in _UNKNOWABLE]
+    for confidence, right, n in sum(values(known, "bins", setting=DEFAULT), np.zeros((1, 3))).tolist():
+        if n:
+            table.add(f"{confidence / n:.3f}", f"{right / n:.3f}", f"{n:.0f}")
+    return table
 
-    Of all simulated assignments with known truth.
-    """
-    names = [name for group in list(_GROUPS)[:2] for name in results.names(group) if name not in _UNKNOWABLE]
-    sums = sum((bins for name in names for bins in results.of(name, DEFAULT, "bins")), np.zeros((1, 3)))
-    return [(sure / n, right / n, int(n)) for sure, right, n in sums.tolist() if n]
 
-
-def _robustness(results: Results) -> dict[str, str | Table]:
-    """Parameters halved and doubled; and cross-validation: each setting is chosen on the other recordings."""
-    if not results.variations:
-        return {}
-    base, *scaled = results.variations
+def _robustness(rows: Sequence[Row]) -> dict[str, str | Table]:
+    """Parameters halved and doubled."""
     table = Table(("parameter", "halved", "doubled"))
-    for halved, doubled in zip(scaled[::2], scaled[1::2], strict=True):
-        table.add(halved["parameter"], *(f"{mean(v['scores'].values()):.3f}" for v in (halved, doubled)))
-    as_it_is, names, left_out = mean(base["scores"].values()), results.names("recordings"), ""
-    if len(names) > 1:
-        scores = np.array([[v["scores"][name] for name in names] for v in results.variations])
-        chosen = [int(np.delete(scores, k, axis=1).mean(axis=1).argmax()) for k in range(len(names))]
-        there = scores[chosen, np.arange(len(names))].mean()
-        left_out = _LEFT_OUT.format(there=there, as_it_is=scores[0].mean())
-    scenes = ", ".join(ROBUST_SCENES)
-    texts = {"robust_scenes": scenes, "as_it_is": f"{as_it_is:.3f}", "left_out": left_out}
+    for name in RigidConfig.model_fields:
+        nmi = (mean(values(rows, "nmi", setting=f"{name} {factor}")) for factor in _FACTORS)
+        table.add(name, *(f"{value:.3f}" for value in nmi))
+    as_it_is = mean(values(rows, "nmi", setting=""))
+    texts = {"robust_scenes": ", ".join(_ROBUST_SCENES), "as_it_is": f"{as_it_is:.3f}"}
     return {**texts, "robustness": table}
-
-
-_LEFT_OUT = """Where the setting of this table with the best mean on all other recordings is chosen for each
-recording, it scores {there:.3f} there on average, as it is {as_it_is:.3f}."""
-
-
-def save_reliability(path: Path, results: Results) -> None:
-    """Draw the reliability diagram."""
-    shares = np.array(bins(results))
-    figure = new_figure(5, 4.5)
-    axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], color="#999999", linewidth=1)
-    axes.plot(shares[:, 0], shares[:, 1], marker="o", color="#0072b2")
-    for x, y, n in shares:
-        axes.annotate(f"{int(n)}", (x, y), textcoords="offset points", xytext=(5, -10), fontsize=7)
-    axes.set(xlabel="confidence", ylabel="share right", xlim=(0, 1.02), ylim=(0, 1.02))
-    figure.savefig(path)

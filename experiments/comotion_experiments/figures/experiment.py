@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..processes import Progress, quiet
+from ..study import Progress, quiet
 from .panels import mean_and_spread
 from .runs import SceneRuns
 from .study import Drawn, Figure, Options, Study

@@ -9,7 +9,7 @@ from comotion import FusionConfig
 from comotion_sources.simulator import batches, load_scene, simulate
 
 from ..inputs import Message
-from ..processes import Progress, quiet
+from ..study import Progress, quiet
 from .runs import SceneRuns, ViewRequest, run_seed
 
 DEFAULT = "default method"

@@ -7,7 +7,7 @@ import numpy as np
 
 from comotion.config import PixelsConfig
 
-from ..processes import Progress, quiet
+from ..study import Progress, quiet
 from ..tables import Table, document, mean
 from .methods import engine
 from .sequences import Sequence, score

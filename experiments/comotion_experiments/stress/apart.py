@@ -26,12 +26,6 @@ class Apart:
         groups: NDArray[np.intp] = connected_components(self.since > t, directed=False)[1].astype(np.intp)
         return groups
 
-    @property
-    def complete(self) -> float:
-        """When every body is apart from every other, s; infinite if never."""
-        others = ~np.eye(len(self.since), dtype=np.bool_)
-        return float(self.since[others].max(initial=0.0))
-
     def onset(self, body: int) -> float:
         """When a body is apart from every other, s; infinite if never."""
         return float(np.delete(self.since[body], body).max(initial=0.0))

@@ -24,6 +24,7 @@ class Family:
     title: str
     make: Callable[..., list[Any]]  # scenes of a seed, or image sequences; keywords are its parameters
     parameters: Mapping[str, Any]
+    seeded: bool = True
 
     @property
     def slow(self) -> bool:

@@ -14,10 +14,6 @@ from .scene import Happening
 
 GOOD = 0.95
 """NMI from which on a scene counts as right."""
-SETTLING_S = 1.0
-"""Time after the bodies are apart from which on all are expected to be separate."""
-LATE_S = 5.0
-"""Time after which a run that is not right counts as wrong."""
 _MAJORITY = 0.8
 _STEADY_S = 3.0
 _FALLEN_S = 1.0
@@ -34,12 +30,6 @@ def mean_nmi(
     With bodies as one until they have moved `apart`, or against the true bodies.
     """
     return mean([m.nmi_apart if apart else m.nmi for m in moments if start <= m.t < stop])
-
-
-def wrong_late(moments: Sequence[Moment]) -> float:
-    """1 if the mean NMI from :data:`LATE_S` after the first update on is not good, else 0."""
-    late = mean_nmi(moments, moments[0].t + LATE_S)
-    return float("nan") if np.isnan(late) else float(late < GOOD)
 
 
 def delays(moments: Sequence[Moment], apart: Apart, last: float) -> list[float]:

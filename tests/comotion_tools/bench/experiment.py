@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from comotion import FusionConfig
 from comotion_experiments.inputs import Incoming, find_inputs
 from comotion_experiments.offline import run_offline
-from comotion_experiments.processes import Progress, alone, quiet
+from comotion_experiments.study import Progress, alone, quiet
 from comotion_schemas.plain import plain
 
 from .scene import SceneSpec, messages
