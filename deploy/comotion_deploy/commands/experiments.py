@@ -3,7 +3,7 @@
 import json
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from comotion_experiments.figures import Results
     from comotion_experiments.tables import Table
 
-Pictures = Mapping[str, Callable[[Path], object]]
-
 
 @dataclass(kw_only=True)
 class Experiment(Json, Tool):
@@ -28,10 +26,8 @@ class Experiment(Json, Tool):
     log_level = "warning"
     out: Path
 
-    def report(
-        self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
-    ) -> None:
-        """Write the page of an experiment, its values and its pictures, and show it.
+    def report(self, name: str, text: str, values: object, *shown: object) -> None:
+        """Write the page of an experiment and its values, and show it.
 
         Parameters
         ----------
@@ -43,19 +39,12 @@ class Experiment(Json, Tool):
             What the JSON file holds.
         shown
             Tables and lines for the terminal; the page itself by default.
-        pictures
-            What draws each picture, by its path in the folder.
         """
-        drawn = pictures or {}
-        page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
-        for path in (page, *images):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        page, numbers = (self.out / f"{name}.{suffix}" for suffix in ("md", "json"))
+        self.out.mkdir(parents=True, exist_ok=True)
         page.write_text(text, encoding="utf-8")
         write_values(numbers, values)
-        for path, draw in zip(images, drawn.values(), strict=True):
-            draw(path)
-        written = ", ".join(map(str, (page, numbers, *images)))
-        self.show(values, *(shown or (text,)), f"written: {written}", width=170)
+        self.show(values, *(shown or (text,)), f"written: {page}, {numbers}", width=170)
 
 
 def write_values(path: Path, values: object) -> None:
@@ -63,21 +52,6 @@ def write_values(path: Path, values: object) -> None:
     from comotion_schemas.plain import plain
 
     path.write_text(json.dumps(plain(values), indent=2) + "\n", encoding="utf-8")
-
-
-def check(out: Path) -> None:
-    """Check before hours of work what would fail at the end.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    UserError
-        If `out` exists and is not a folder.
-    """
-    import matplotlib  # noqa: F401
-
-    check_folder(out)
 
 
 def check_folder(out: Path) -> None:
@@ -136,6 +110,8 @@ Examples:
 
     def run(self) -> None:
         """Draw them and write the page."""
+        import matplotlib  # noqa: F401 - before hours of work
+
         from comotion_experiments.figures import Options, reproduce, select
         from comotion_experiments.figures.page import left_out, page
         from comotion_experiments.inputs import parse_seeds
@@ -148,7 +124,7 @@ Examples:
             )
         simulated = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         filmed = parse_seeds(self.workcell_seeds or ("0" if self.quick else "0-1"))
-        check(self.out)
+        check_folder(self.out)
         workcell = find_spec("mujoco") is not None
         if self.only and not workcell and all(figure.workcell for figure in chosen):
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")

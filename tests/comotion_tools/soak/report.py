@@ -1,17 +1,15 @@
-"""Reports a soak: violations, a page of Markdown, JSON and a plot."""
+"""Reports a soak: violations, text and JSON."""
 
 import json
 from collections import Counter
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from comotion_experiments.plot import new_figure
-
 from ..processes import Usage
 from .load import KINDS
-from .monitor import Gap
 from .run import Soak
 from .schedule import Fault
 
@@ -93,102 +91,58 @@ def _grown(life: list[Usage]) -> list[str]:
 
 
 def as_json(soak: Soak, seed: int, longest_s: float) -> dict[str, Any]:
-    """All figures, as plain values."""
-    found = soak.findings
-    exact = [one for _, one in soak.audits if one.is_exact]
+    """All figures, as plain values; of each process its starts, and the most that it has held."""
+    findings, exact = soak.findings, [audited for _, audited in soak.audits if audited.is_exact]
+    causes = ((gap, cause(soak, gap.at_s, gap.seconds)) for gap in findings.gaps)
     return {
         "seconds": round(soak.seconds, 1),
         "seed": seed,
         "faults": dict(Counter(fault.kind for _, fault in soak.faults)),
-        "updates": found.updates,
-        "missed": found.missed,
-        "services": len(found.sessions),
-        "gaps": len(found.gaps),
-        "longest_gap_s": max((gap.seconds for gap in found.gaps), default=0.0),
-        "gaps_by_fault": gaps_by_fault(soak),
-        "ids_changed": [list(one) for one in found.changes],
-        "ids_reused": found.reused,
-        "latest_id": found.latest_id,
+        "updates": findings.updates,
+        "missed": findings.missed,
+        "services": len(findings.sessions),
+        "gaps": [[gap.seconds, str(fault or "no fault")] for gap, fault in causes],
+        "ids_changed": [list(change) for change in findings.changes],
+        "ids_reused": findings.reused,
+        "latest_id": findings.latest_id,
         "audits": len(exact),
-        "batches_audited": sum(one.sent for one in exact),
-        "batches_missing": sum(abs(one.missing) for one in exact),
-        "batches_unsettled": sum(one.unsettled for _, one in soak.audits),
-        "usage": {name: _extremes(samples) for name, samples in soak.usage.items()},
-        "recovery_s": [[what, round(seconds, 3)] for what, seconds in soak.recovery],
+        "batches_audited": sum(audited.sent for audited in exact),
+        "batches_missing": sum(abs(audited.missing) for audited in exact),
+        "batches_unsettled": sum(audited.unsettled for _, audited in soak.audits),
+        "usage": {name: _most(samples) for name, samples in soak.usage.items()},
         "violations": violations(soak, longest_s),
     }
 
 
-def gaps_by_fault(soak: Soak) -> dict[str, list[float]]:
-    """Gaps by what they come from, in s, longest first."""
-    found: dict[str, list[float]] = {}
-    for gap in soak.findings.gaps:
-        fault = cause(soak, gap.at_s, gap.seconds)
-        name = "no fault" if fault is None else f"{fault.kind} {fault.target}"
-        found.setdefault(name, []).append(gap.seconds)
-    return {name: sorted(gaps, reverse=True) for name, gaps in sorted(found.items())}
+def _most(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
+    held = [asdict(usage) for *_, usage in samples]
+    return {"starts": samples[-1][1]} | {name: max(usage[name] for usage in held) for name in held[0]}
 
 
-def _extremes(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
-    found: dict[str, Any] = {"starts": samples[-1][1], "log_bytes": samples[-1][2].log_bytes}
-    for name in ("memory_mb", "descriptors", "threads"):
-        held = [getattr(usage, name) for *_, usage in samples]
-        found[name] = [round(median(held), 1), round(max(held), 1)]
-    return found
-
-
-def lines(found: dict[str, Any]) -> list[str]:
+def lines(values: dict[str, Any]) -> list[str]:
     """The result as text, from :func:`as_json`."""
-    faults = ", ".join(f"{count} {kind}" for kind, count in sorted(found["faults"].items()))
-    text = [
-        f"{found['seconds'] / 60:.1f} min, seed {found['seed']}; faults: {faults or 'none'}",
-        f"updates: {found['updates']}, {found['missed']} missed, {found['gaps']} gaps over three periods, "
-        f"longest {found['longest_gap_s']:.2f} s; {found['services']} lives of the service",
-        f"accounts: {found['batches_audited']} batches in {found['audits']} stretches, "
-        f"{found['batches_missing']} not accounted for",
-        f"ids: {len(found['ids_changed'])} changes, {len(found['ids_reused'])} given out twice, "
-        f"the largest {found['latest_id']}",
+    faults = ", ".join(f"{count} {kind}" for kind, count in sorted(values["faults"].items()))
+    gaps = [f"{seconds:.2f} s ({fault})" for seconds, fault in sorted(values["gaps"], reverse=True)]
+    return [
+        f"{values['seconds'] / 60:.1f} min, seed {values['seed']}; faults: {faults or 'none'}",
+        f"updates: {values['updates']}, {values['missed']} missed, {values['services']} lives of the service",
+        f"gaps over three periods: {', '.join(gaps) or 'none'}",
+        f"accounts: {values['batches_audited']} batches in {values['audits']} stretches, "
+        f"{values['batches_missing']} not accounted for",
+        f"ids: {len(values['ids_changed'])} changes, {len(values['ids_reused'])} given out twice, "
+        f"the largest {values['latest_id']}",
+        *(
+            f"  {name}: {most['starts']} starts, at most {most['memory_mb']:.0f} MB, {most['descriptors']} "
+            f"descriptors, {most['threads']} threads; log {most['log_bytes']} bytes"
+            for name, most in values["usage"].items()
+        ),
+        *([f"VIOLATION: {text}" for text in values["violations"]] or ["no violation"]),
     ]
-    for name, gaps in found["gaps_by_fault"].items():
-        text.append(f"  gaps, {name}: {len(gaps)}, longest {gaps[0]:.2f} s")
-    for name, held in found["usage"].items():
-        (middle, most), files, threads = (held[key] for key in ("memory_mb", "descriptors", "threads"))
-        memory = f"{middle:.0f} MB (most {most:.0f}), {files[0]:.0f} descriptors (most {files[1]})"
-        threads = f"{threads[0]:.0f} threads (most {threads[1]})"
-        text.append(f"  {name}: {held['starts']} starts, {memory}, {threads}, log {held['log_bytes']} bytes")
-    if found["recovery_s"]:
-        times = sorted(seconds for _, seconds in found["recovery_s"])
-        text.append(f"  recovery: median {median(times):.2f} s, longest {times[-1]:.2f} s of {len(times)}")
-    text += [f"VIOLATION: {one}" for one in found["violations"]] or ["no violation"]
-    return text
 
 
-def save(folder: Path, values: dict[str, Any], soak: Soak) -> list[str]:
-    """Write the figures of :func:`as_json`, their text and, with matplotlib, a plot; returns the text."""
+def save(folder: Path, values: dict[str, Any]) -> list[str]:
+    """Write the figures of :func:`as_json` and their text; returns the text."""
     text = lines(values)
     (folder / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
     (folder / "soak.txt").write_text("\n".join(text) + "\n", encoding="utf-8")
-    try:
-        figure = new_figure(10, 6, dpi=90)
-    except ModuleNotFoundError:
-        return [*text, "no plot: pip install 'comotion[plot]'"]
-    _draw(figure, soak)
-    figure.savefig(folder / "soak.png")
     return text
-
-
-def _draw(figure: Any, soak: Soak) -> None:
-    """Draw memory and gaps over time, with the faults."""
-    above, below = figure.subplots(2, 1, sharex=True)
-    for name, samples in soak.usage.items():
-        above.plot([s / 60 for s, *_ in samples], [u.memory_mb for *_, u in samples], lw=1, label=name)
-    above.set_ylabel("memory, MB")
-    above.legend(ncols=4, fontsize=8)
-    gaps: list[Gap] = soak.findings.gaps
-    below.vlines([g.at_s / 60 for g in gaps], 0, [g.seconds for g in gaps], lw=1)
-    for kind in sorted({fault.kind for _, fault in soak.faults}):
-        at = [s / 60 for s, fault in soak.faults if fault.kind == kind]
-        below.plot(at, [0] * len(at), "|", label=kind)
-    below.set_ylabel("time without updates, s")
-    below.set_xlabel("min")
-    below.legend(ncols=5, fontsize=8)

@@ -18,7 +18,7 @@ from comotion_schemas.transport import SessionSettings
 from ..processes import COMOTION, STARTS, Managed, Usage
 from .accounts import Audit, Moment, audit, moment
 from .monitor import Findings, Watched
-from .schedule import HOSTILE, OTHERS, SOURCES, Fault
+from .schedule import HOSTILE, SOURCES, Fault
 
 SCENE = "soak"
 _ENDS = {"kill": signal.SIGKILL, "restart": signal.SIGTERM}
@@ -28,8 +28,6 @@ _WINDOW_S = 60.0
 _SETTLE_S = 1.2
 _HOSTILE_S = 4.0
 _RECORDINGS = 3
-_RECOVERED_S = 60.0
-_BETWEEN_S = 4.0
 
 
 @dataclass
@@ -45,7 +43,6 @@ class Soak:
     usage: dict[str, list[tuple[float, int, Usage]]] = field(default_factory=dict)
     # Exit statuses of processes that nobody has ended.
     ended: dict[str, list[int]] = field(default_factory=dict)
-    recovery: list[tuple[str, float]] = field(default_factory=list)
 
 
 def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = ()) -> dict[str, Managed]:
@@ -215,34 +212,3 @@ def clear(folder: Path) -> None:
     for pattern in ("*.log", "take-*.mcap", "scene.state*"):
         for file in folder.glob(pattern):
             file.unlink()
-
-
-def kill_in_a_row(runner: Runner, count: int) -> None:
-    """Kill the service, start it again, and wait until all bodies have their hypotheses; `count` times."""
-    for k in range(1, count + 1):
-        if runner.stop.is_set():
-            return
-        seconds = _recovery_s(runner)
-        runner.result.recovery.append(("kill service", seconds))
-        changed = len(runner.monitor.findings.changes)
-        runner.say(
-            f"kill {k} of {count}: all bodies again after {seconds:.2f} s, {changed} ids changed so far"
-        )
-        runner.wait(_BETWEEN_S)
-
-
-def _recovery_s(runner: Runner) -> float:
-    """Kill the service; how long until all bodies have their hypotheses again, at most a minute."""
-    monitor, began = runner.monitor, time.monotonic()
-    sessions = len(monitor.findings.sessions)
-    runner.carry_out(Fault(runner.now_s, "kill", "service"))
-    runner.is_so(lambda: len(monitor.findings.sessions) > sessions and monitor.is_sorted_out, _RECOVERED_S)
-    return time.monotonic() - began
-
-
-def stop_each(runner: Runner, seconds: float) -> None:
-    """Stop each process for some time and continue it."""
-    for target in (*SOURCES, *OTHERS):
-        if target in runner.processes:
-            runner.carry_out(Fault(runner.now_s, "stop", target, seconds))
-            runner.wait(2 * _BETWEEN_S)
