@@ -1,14 +1,12 @@
 """The pictures of README, gallery and guides: ``python -m comotion_experiments.pictures FOLDER``.
 
 The workcell is rendered and segmented as ``comotion segment`` does it; scenes are plotted as ``comotion
-evaluate --plot`` does it. Viewer, terminal and pages are looked at by the browser that ``COMOTION_CHROMIUM``
-names; without one these pictures stay as they are. No picture is reduced to a palette: hypotheses must not
-share a colour.
+evaluate --plot`` does it. Pictures of the viewer, of a terminal and of the page of figures are taken by hand.
+No picture is reduced to a palette: hypotheses must not share a colour.
 """
 
 import argparse
 import logging
-import os
 import tempfile
 from contextlib import closing
 from pathlib import Path
@@ -22,7 +20,6 @@ from comotion_schemas.text import counted
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.simulator import batches, load_scene, simulate
 
-from . import screens
 from .evaluate import evaluate_inputs
 from .inputs import find_inputs
 from .plot import new_figure
@@ -68,13 +65,7 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
     for name, draw in {"workcell.jpg": _scenes, "affinity.png": _affinity}.items():
         if only in {None, name}:
             draw(folder / name)
-    on_screens = [name for name in screens.SCREENS if only in {None, name}]
-    if on_screens and not os.environ.get(screens.CHROMIUM):
-        _log.warning("no browser in %s: %s stay as they are", screens.CHROMIUM, ", ".join(on_screens))
-        on_screens = []
-    for name in on_screens:
-        screens.take(folder, name)
-    made = [*_HERO, *PLOTS, *SHEETS, "workcell.jpg", "affinity.png", *on_screens]
+    made = [*_HERO, *PLOTS, *SHEETS, "workcell.jpg", "affinity.png"]
     return [folder / name for name in made if only in {None, name}]
 
 

@@ -5,10 +5,9 @@ Rerun. Needs the extras `foxglove` and `view`.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
 
 import foxglove
 
@@ -18,7 +17,7 @@ from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
 from comotion_clients.viewing.picture import Drawn, ScenePicture
 from comotion_clients.viewing.sink import RerunSink
-from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
 
 from .inputs import Arrived, Incoming, find_inputs
 from .offline import run_offline
@@ -27,7 +26,6 @@ SCENE = "sim:3d_5"
 SECONDS = 6.0
 NOON_NS = 1_767_268_800_000_000_000
 """Noon of a day: a viewer writes the date instead of the time where a scene begins at midnight."""
-Stamped = TypeVar("Stamped", ObservationBatch, Preview, Status)
 
 
 def make(folder: Path) -> list[Path]:
@@ -49,39 +47,31 @@ def make(folder: Path) -> list[Path]:
 
 
 def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
-    """What a recorder would have received of a scene: (time in ns, message) in order."""
-    (scene_input,) = find_inputs([scene])
-    return received(scene_input.open(), seconds)
-
-
-def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Message]]:
-    """Messages of sources, their stamps counted from noon, and between them the updates of the core."""
-    moved = (at_noon(message) if isinstance(message, ObservationBatch) else message for message in given)
+    """What a recorder would have received of a scene: (time in ns, message) in order, counted from noon."""
     messages: list[tuple[int, Message]] = []
 
     def on_update(update: HypothesisUpdate, score: Score) -> None:
         del score
         messages.append((update.published_ns, update))
 
-    run_offline(_noted(moved, messages), FusionConfig(), duration=seconds, on_update=on_update)
+    def noted() -> Iterator[Incoming]:
+        newest_ns = NOON_NS
+        (scene_input,) = find_inputs([scene])
+        for message in scene_input.open():
+            moved = at_noon(message) if isinstance(message, ObservationBatch) else message
+            assert not isinstance(moved, Arrived)  # noqa: S101 - of recordings alone
+            newest_ns = moved.stamp_ns if isinstance(moved, ObservationBatch) else newest_ns
+            messages.append((newest_ns, moved))
+            yield moved
+
+    run_offline(noted(), FusionConfig(), duration=seconds, on_update=on_update)
     return messages
 
 
-def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> Iterator[Incoming]:
-    newest_ns = NOON_NS
-    for message in given:
-        if isinstance(message, ObservationBatch):
-            newest_ns = max(newest_ns, message.stamp_ns)
-        messages.append((newest_ns, message.batch if isinstance(message, Arrived) else message))
-        yield message
-
-
-def at_noon(message: Stamped) -> Stamped:
-    """A message whose stamps count from :data:`NOON_NS`."""
-    moved: dict[str, Any] = {"stamp_ns": message.stamp_ns + NOON_NS}
-    if isinstance(message, ObservationBatch) and message.stamps_ns is not None:
-        moved["stamps_ns"] = message.stamps_ns + NOON_NS
-    return replace(message, **moved)
+def at_noon(batch: ObservationBatch) -> ObservationBatch:
+    """A batch whose stamps count from :data:`NOON_NS`."""
+    stamps = None if batch.stamps_ns is None else batch.stamps_ns + NOON_NS
+    return replace(batch, stamp_ns=batch.stamp_ns + NOON_NS, stamps_ns=stamps)
 
 
 if __name__ == "__main__":
