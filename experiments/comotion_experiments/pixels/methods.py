@@ -1,4 +1,4 @@
-"""The pixel method of the core over a whole sequence, and two baselines of the stress report."""
+"""The pixel method of the core over a whole sequence."""
 
 import time
 
@@ -8,17 +8,13 @@ from numpy.typing import NDArray
 from comotion import FusionConfig
 from comotion.config import PixelsConfig
 from comotion.partition import Previous, SpaceSpec
-from comotion.pixels.key_frames import KeyFrames, evenly_spaced
 from comotion.pixels.method import PixelMethod
-from comotion.pixels.similarity import subspace
 from comotion.trajectories.window import Window
 
-from ..brox_malik import spectral
 from .sequences import Sequence
 
 Labels = NDArray[np.int64]
 _GAP_NS = 500_000_000
-_KEY_FRAMES = 24
 
 
 def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]:
@@ -42,24 +38,3 @@ def engine(sequence: Sequence, parameters: PixelsConfig) -> tuple[Labels, float]
     group_of = np.full(window.capacity, -1)
     group_of[partition.slots] = partition.groups
     return group_of[slots], time.perf_counter() - begin
-
-
-def one_object(sequence: Sequence) -> Labels:
-    """Baseline: all trajectories are one object."""
-    return np.zeros(len(sequence.truth), np.int64)
-
-
-def spectral_interaction(sequence: Sequence) -> Labels:
-    """Spectral clustering of shape interaction |v_i·v_j|⁴ at rank 4K, K given."""
-    frames = _key_frames(sequence)
-    vectors = subspace(frames, min(4 * sequence.objects(), 2 * len(frames.positions)), 6, 60)
-    vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), 1e-12)
-    affinity = np.abs(vectors.T @ vectors).astype(np.float64) ** 4
-    return spectral(affinity, sequence.objects(), assign_labels="cluster_qr").astype(np.int64)
-
-
-def _key_frames(sequence: Sequence) -> KeyFrames:
-    x = sequence.positions[evenly_spaced(len(sequence.positions), _KEY_FRAMES)]
-    seen: NDArray[np.bool_] = np.isfinite(x[..., 0]) & np.isfinite(x[..., 1])
-    nothing = np.zeros(x.shape[1], np.float32)
-    return KeyFrames(np.where(seen[..., None], x, 0).astype(np.float32), seen, nothing)

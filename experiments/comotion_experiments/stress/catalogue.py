@@ -3,16 +3,15 @@
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from comotion_schemas.errors import KnownError
 
 from . import families
-from .images import image_sequences
+from .scene import Scene
 
-IMAGES, TEN_MINUTES = "images", "ten minutes"
+TEN_MINUTES = "ten minutes"
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class Family:
     name: str
     group: str
     title: str
-    make: Callable[..., list[Any]]  # scenes of a seed, or image sequences; keywords are its parameters
+    make: Callable[..., list[Scene]]  # of a seed; keywords are its parameters
     parameters: Mapping[str, Any]
     seeded: bool = True
 
@@ -31,13 +30,8 @@ class Family:
         """Whether a quick run leaves it out."""
         return self.group == TEN_MINUTES
 
-    @property
-    def of_images(self) -> bool:
-        """Whether it makes image sequences, which the pixel method groups at once."""
-        return self.group == IMAGES
-
-    def scenes(self, seed: int, **overrides: Any) -> list[Any]:
-        """Make the scenes or sequences of a seed; the same for the same seed and parameters."""
+    def scenes(self, seed: int, **overrides: Any) -> list[Scene]:
+        """Make the scenes of a seed; the same for the same seed and parameters."""
         return self.make(seed=seed, **{**self.parameters, **overrides})
 
 
@@ -47,10 +41,10 @@ def _read() -> dict[str, Family]:
     for group, members in groups.items():
         for name, given in members.items():
             rows[name] = row = rows.get(given.pop("like", ""), {}) | given
-            maker = row.get("make", "")
+            maker = row["make"]
             own = {key: value for key, value in row.items() if key not in {"make", "title"}}
-            make = getattr(families, maker) if maker else partial(image_sequences, name)
-            found[name] = Family(name, group, row["title"], make, defaults.get(maker, {}) | own)
+            parameters = defaults.get(maker, {}) | own
+            found[name] = Family(name, group, row["title"], getattr(families, maker), parameters)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Runs of families: every scene or image sequence through the core, and its metrics."""
+"""Runs of families: every scene through the core, and its metrics."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -9,9 +9,6 @@ from comotion import FusionConfig
 from comotion_clients.metrics import Truth
 
 from ..offline import run_offline, thesis
-from ..pixels.methods import engine, one_object, spectral_interaction
-from ..pixels.sequences import Sequence as ImageSequence
-from ..pixels.sequences import score
 from ..study import Row
 from ..tables import mean, means
 from . import metrics
@@ -30,7 +27,7 @@ REPORTED_SEEDS = (1, 3, 5, 7, 9)
 def run_family(
     name: str, seed: int, config: FusionConfig | None = None, *, method: str = DEFAULT, **overrides: Any
 ) -> Row:
-    """Run a family of :data:`FAMILIES` and give its metrics by name, means over its scenes or sequences.
+    """Run a family of :data:`FAMILIES` and give its metrics by name, means over its scenes.
 
     Parameters
     ----------
@@ -42,31 +39,14 @@ def run_family(
     overrides
         Parameters of the family.
     """
-    family = FAMILIES[name]
-    scenes = family.scenes(seed, **overrides)
-    if family.of_images:
-        return means([_score_images(sequence, config or FusionConfig()) for sequence in scenes])
+    scenes = FAMILIES[name].scenes(seed, **overrides)
     usual = [FusionConfig() if method == DEFAULT else thesis(scene.sigma_switch) for scene in scenes]
     return means([run_scene(scene, config or own) for scene, own in zip(scenes, usual, strict=True)])
 
 
 def run_method(family: Family, method: str, seed: int) -> Row:
-    """Run a family under a method; image families with the default method only, beside baselines."""
-    return {} if family.of_images and method != DEFAULT else run_family(family.name, seed, method=method)
-
-
-def _score_images(sequence: ImageSequence, config: FusionConfig) -> dict[str, float]:
-    """Group a sequence with one update at its end, K unknown; metrics by name."""
-    labels, seconds = engine(sequence, config.pixels)
-    true, count = sequence.objects(), len(np.unique(labels[labels >= 0]))
-    return score(sequence, labels) | {
-        "exact": float(count == true),
-        "over": float(count > true),
-        "under": float(count < true),
-        "given": score(sequence, spectral_interaction(sequence))["error"],
-        "one": score(sequence, one_object(sequence))["error"],
-        "ms": 1e3 * seconds,
-    }
+    """Run a family under a method."""
+    return run_family(family.name, seed, method=method)
 
 
 def run_scene(scene: Scene, config: FusionConfig) -> dict[str, float]:

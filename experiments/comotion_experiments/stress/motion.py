@@ -1,11 +1,10 @@
-"""Motions of bodies: the simulator's, slower, stopped, coupled or on a hinge; and smooth ones. Pure."""
+"""Motions of bodies: the simulator's, slower, stopped, coupled or in a chain. Pure."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comotion_sources.simulator.motion import Path, Poses
 from comotion_sources.simulator.spec import KeyStates, Motion, Rest, Sines
@@ -17,7 +16,6 @@ PoseAt: TypeAlias = Callable[[Array], Poses]
 # The motion of the simulator's 3-D set: two sines an axis within a place of ±0.6 m.
 SWINGING = Sines(kind="sines", within=0.6, amplitude=0.25, rotation=1.5)
 _GRID_S, _RAMP_S = 0.02, 0.3
-STILL: Array = np.zeros(3)
 
 
 def simulated(motion: Motion, rng: np.random.Generator, dim: int = 3) -> PoseAt:
@@ -34,27 +32,6 @@ def key_states(states: Sequence[Sequence[float]], dim: int = 3) -> PoseAt:
     """Interpolate linearly between states (t, position, rotation)."""
     motion = KeyStates(kind="key-states", states=[list(s) for s in states])
     return simulated(motion, np.random.default_rng(0), dim)
-
-
-def glide(
-    place: Array,
-    velocity: Array = STILL,
-    *,
-    facing: Array = STILL,
-    turn: Array = STILL,
-    swing: Array = STILL,
-) -> PoseAt:
-    """Move smoothly: x(t) = place + velocity·t + swing·sin(π·t), R(t) = exp(turn·t)·exp(facing).
-
-    All are float64 [3]: m and m/s, rotation vectors in rad and rad/s.
-    """
-
-    def at(times: Array) -> Poses:
-        turned = Rotation.from_rotvec(times[:, None] * turn) * Rotation.from_rotvec(facing)
-        moved = place + times[:, None] * velocity + np.sin(np.pi * times)[:, None] * swing
-        return Poses(np.asarray(turned.as_matrix(), np.float64), np.asarray(moved, np.float64))
-
-    return at
 
 
 def stopping(motion: PoseAt, switches: Sequence[float], *, moving: bool) -> PoseAt:

@@ -7,27 +7,18 @@ from pathlib import Path
 
 from ..study import Row
 from ..tables import Column, Table, filled, means
-from .catalogue import FAMILIES, IMAGES, Family
+from .catalogue import FAMILIES, Family
 from .experiment import METHODS
 
 _WIDTH = 110
 # NaN where a metric does not apply.
-_SCENE_COLUMNS = (
+_COLUMNS = (
     Column("nmi_apart", "NMI", 3),
     Column("delay", "delay, s", 2),
     Column("healing", "healing, s", 1),
     Column("kept", "kept", 2),
     Column("ids", "ids", 1),
     Column("spurious", "spurious", 0),
-)
-_IMAGE_COLUMNS = (
-    Column("error", "error, %", 1),  # misclassified features; undetermined ones are wrong
-    Column("exact", "K exact, %", 0, 100.0),  # share of sequences with the right number of objects
-    Column("over", "K over, %", 0, 100.0),  # with more
-    Column("under", "K under, %", 0, 100.0),  # with fewer
-    Column("nmi", "NMI", 3),
-    Column("given", "K given, %", 1),  # error of spectral clustering of shape interaction, with K given
-    Column("one", "one, %", 1),  # error of one object for all
 )
 _OPENING = """Made by `comotion dev reproduce stress`. Scenes that are not clean: trackers restart,
 features drift, bodies rest. {seeds}{part} All scenes are made up; the parameters of each family are in
@@ -52,21 +43,21 @@ def markdown(rows: Sequence[Row]) -> str:
     parts: dict[str, str | Table] = {"opening": textwrap.fill(" ".join(opening.split()), _WIDTH)}
     for group in dict.fromkeys(family.group for family in families):
         of_group = [family for family in families if family.group == group]
-        parts[group.replace(" ", "_")] = _table(rows, of_group, of_images=group == IMAGES)
+        parts[group.replace(" ", "_")] = _table(rows, of_group)
     return filled(Path(__file__).with_name("page.md"), parts)
 
 
-def _table(rows: Sequence[Row], families: Sequence[Family], *, of_images: bool) -> Table:
+def _table(rows: Sequence[Row], families: Sequence[Family]) -> Table:
     """A line for each family of a group, means over seeds: NMI of each method, the rest of the first one."""
     lines = [[figures for m in METHODS if (figures := _means(rows, family, m))] for family in families]
     # A column without a value in the whole group says nothing.
     columns = [
         column
-        for column in (_IMAGE_COLUMNS if of_images else _SCENE_COLUMNS)
+        for column in _COLUMNS
         if any(not math.isnan(figures[column.key]) for line in lines for figures in line)
     ]
     titles = (column.title for column in columns)
-    table = Table(("family", "what is seen" if of_images else "what happens", *titles), words=2)
+    table = Table(("family", "what happens", *titles), words=2)
     for family, line in zip(families, lines, strict=True):
         shown = (line if column.key == "nmi_apart" else line[:1] for column in columns)
         cells = (
@@ -80,8 +71,7 @@ def _table(rows: Sequence[Row], families: Sequence[Family], *, of_images: bool) 
 def _means(rows: Sequence[Row], family: Family, method: str) -> dict[str, float]:
     """Means over seeds of a family under a method; empty if it was not run."""
     same = [row for row in rows if (row["case"], row["setting"]) == (family.name, method)]
-    columns = _IMAGE_COLUMNS if family.of_images else _SCENE_COLUMNS
-    return means([{column.key: row[column.key] for column in columns} for row in same]) if same else {}
+    return means([{column.key: row[column.key] for column in _COLUMNS} for row in same]) if same else {}
 
 
 def _short(text: str) -> str:

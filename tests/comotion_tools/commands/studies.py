@@ -99,7 +99,6 @@ Examples:
 
         rules = _chosen(self.rule, list(RULES), "rule")
         families = find_families(self.family or (), quick=not self.family)
-        families = [family for family in families if not family.of_images]
         seeds, data = parse_seeds(self.seeds), self.data or ()
         with progress() as note:
             rows = run_experiment(rules, families, seeds, data, jobs=self.jobs, progress=note)
