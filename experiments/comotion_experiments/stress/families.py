@@ -5,21 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from comotion_schemas.errors import KnownError
-from comotion_sources.simulator import load_scene
-from comotion_sources.simulator.spec import Sines
+from comotion_sources.simulator.spec import KeyStates, Sines
 
-from .motion import PoseAt, at_speed, chained, coupled, key_states, looped, simulated, stopping
+from .motion import PoseAt, at_speed, chained, coupled, looped, simulated, stopping
 from .scene import OUTLIER_FACTOR, SIGMA_M, Body, Happening, Noise, Scene, Slip, Source, rng_of, slot_bodies
 from .worlds import (
     background,
     cut,
     displaced,
-    dropouts,
     lasting,
     made,
     renewed,
-    replaced,
     respawning,
     swinging_bodies,
     swinging_scene,
@@ -160,16 +156,7 @@ def noisy(
     how = Noise(**noise)
     spans = None if bodies else lasting(all_bodies)
     largest = sigma * (OUTLIER_FACTOR * how.outliers + how.ray)
-    switch = _SIGMA_PER_SWITCH * max(largest, 4.0 * how.depth)
-    return made(seed, all_bodies, duration, spans, noise=how, sigma_switch=switch)
-
-
-def gaps(seed: int, *, every: float, shortest: float, longest: float, duration: float) -> list[Scene]:
-    """Hide every feature now and then; it keeps its id."""
-    bodies, rng = swinging_scene(seed), rng_of(seed, "gaps")
-    length = {"shortest": shortest, "longest": longest}
-    hidden = dropouts(len(slot_bodies(bodies)), duration, rng, every=every, **length)
-    return made(seed, bodies, duration, hidden=hidden)
+    return made(seed, all_bodies, duration, spans, noise=how, sigma_switch=_SIGMA_PER_SWITCH * largest)
 
 
 def stops(
@@ -202,8 +189,7 @@ def _stopping(
     pairs = zip(swinging_bodies(seed, len(switches)), switches, strict=True)
     bodies = [replace(body, motion=stopping(body.motion, times, moving=moving)) for body, times in pairs]
     bodies = [background(), *bodies]
-    rng = rng_of(seed, "respawn")
-    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else lasting(bodies)
+    spans = respawning(bodies, duration, seed, share=renewal) if renewal else lasting(bodies)
     return made(seed, bodies, duration, spans, **how)
 
 
@@ -226,23 +212,6 @@ def slow(seed: int, *, bodies: int, speed: float, duration: float) -> list[Scene
     return made(seed, [background(), *moving], duration)
 
 
-def slowed_figure(seed: int, *, scene: str, speed: float) -> list[Scene]:
-    """Play a figure of the thesis slowly; its features are replaced as much more rarely."""
-    spec = load_scene(scene)
-    bodies = []
-    for body in spec.bodies:
-        if not isinstance(body.size, list):
-            raise KnownError(f"body {body.name!r}: the size is not fixed")
-        motion = at_speed(simulated(body.motion, rng_of(seed, "motion", body.name), spec.dim), speed)
-        bodies.append(Body(body.name, motion, body.features, np.array(body.size, np.float64), body.sigma))
-    duration, spans, respawn = spec.duration / speed, lasting(bodies), spec.respawn
-    if respawn is not None:
-        rng, every = rng_of(seed, "respawn"), respawn.every / speed
-        spans = replaced(bodies, duration, rng, share=respawn.share, every=every)
-    where: dict[str, Any] = {"dim": spec.dim, "unit": spec.unit, "space": spec.space}
-    return made(seed, bodies, duration, spans, period=1 / 3, **where)
-
-
 def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float = SIGMA_M) -> list[Scene]:
     """Open a door by a few degrees; it stays open."""
     rng = rng_of(seed, "hinge")
@@ -254,7 +223,13 @@ def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float 
         [at + seconds * s, place + reach * np.cos(angle * s), reach * np.sin(angle * s), 0, 0, 0, angle * s]
         for s in np.linspace(0.0, 1.0, 20).tolist()
     ]
-    door = Body("door", key_states(states), 12, np.array([width, 0.02, height]), sigma)
+    door = Body(
+        "door",
+        simulated(KeyStates(kind="key-states", states=states)),
+        12,
+        np.array([width, 0.02, height]),
+        sigma,
+    )
     bodies = [background(24, sigma), door]
     return made(seed, bodies, at + seconds + 10.0, lasting(bodies))
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_sources.simulator.motion import Path, Poses
-from comotion_sources.simulator.spec import KeyStates, Motion, Rest, Sines
+from comotion_sources.simulator.spec import Motion, Sines
 
 Array: TypeAlias = NDArray[np.float64]
 PoseAt: TypeAlias = Callable[[Array], Poses]
@@ -18,20 +18,9 @@ SWINGING = Sines(kind="sines", within=0.6, amplitude=0.25, rotation=1.5)
 _GRID_S, _RAMP_S = 0.02, 0.3
 
 
-def simulated(motion: Motion, rng: np.random.Generator, dim: int = 3) -> PoseAt:
-    """Draw a motion of the simulator."""
-    return Path(motion, dim, rng).at
-
-
-def resting(dim: int = 3) -> PoseAt:
-    """Rest at the origin."""
-    return simulated(Rest(), np.random.default_rng(0), dim)
-
-
-def key_states(states: Sequence[Sequence[float]], dim: int = 3) -> PoseAt:
-    """Interpolate linearly between states (t, position, rotation)."""
-    motion = KeyStates(kind="key-states", states=[list(s) for s in states])
-    return simulated(motion, np.random.default_rng(0), dim)
+def simulated(motion: Motion, rng: np.random.Generator | None = None) -> PoseAt:
+    """Draw a motion of the simulator; by default one in which nothing is random."""
+    return Path(motion, 3, rng or np.random.default_rng(0)).at
 
 
 def stopping(motion: PoseAt, switches: Sequence[float], *, moving: bool) -> PoseAt:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.types import Unit
 from comotion_sources.simulator.actors import Features
 
 from .motion import Array, PoseAt
@@ -31,7 +30,7 @@ class Body:
     name: str  # unique in the scene
     motion: PoseAt
     features: int  # observed at once; a place of a feature (slot) is filled anew when its feature ends
-    size: Array  # of the box, float64 [dim]
+    size: Array  # of the box, float64 [3]
     sigma: float = SIGMA_M
 
 
@@ -42,7 +41,7 @@ class Source:
     name: str  # unique in the scene
     rate: float = 15.0  # Hz
     phase: float = 0.0  # fraction of a period that it is behind
-    # Error of its extrinsics, float64 [dim, dim] and [dim]: it publishes rotation · x + translation.
+    # Error of its extrinsics, float64 [3, 3] and [3]: it publishes rotation · x + translation.
     rotation: Array | None = None
     translation: Array | None = None
     clock: tuple[tuple[float, float], ...] = ()  # (from, error): from each time on its stamps are wrong by it
@@ -57,10 +56,8 @@ class Noise:
     correlation: float = 0.0  # s; of first-order autoregressive noise that replaces the white one; 0: white
     outliers: float = 0.0  # share of observations whose noise is OUTLIER_FACTOR times as large
     walk: float = 0.0  # m/√s; random walk of a feature on its body
-    # 1/m; noise along the viewing ray is depth · z² beside the white noise, z from the start of the rays 2 m
-    # before the origin.
-    depth: float = 0.0
-    ray: float = 1.0  # white noise along the viewing ray, as a multiple of that across it
+    # White noise along the viewing ray, as a multiple of that across it; rays start 2 m before the origin.
+    ray: float = 1.0
     flying: float = 0.0  # share that is somewhere between a feature and 0.3 m behind it, along the ray
     published: bool = False  # whether sources publish the covariance of the white noise
 
@@ -69,7 +66,7 @@ class Noise:
 class Slip:
     """Motion of features on their bodies: local + amplitude · sin(2π · frequency · t + phase) + drift · t.
 
-    `amplitude` and `drift` float64 [slots, dim], `frequency` and `phase` float64 [slots].
+    `amplitude` and `drift` float64 [slots, 3], `frequency` and `phase` float64 [slots].
     """
 
     amplitude: Array
@@ -105,12 +102,7 @@ class Scene:
     seed: int  # of the noise
     duration: float
     start: float = 0.0  # the service joins then and sees nothing of what was before
-    # (slot, begin, end): a slot's feature is unobserved for a time and keeps its id.
-    hidden: list[tuple[int, float, float]] = field(default_factory=list)
     happenings: list[Happening] = field(default_factory=list)  # in order of time
-    dim: int = 3
-    unit: Unit = "m"
-    space: str = "world"
     period: float = 0.2  # s between updates
     sigma_switch: float = 0.01  # m; parameter of the thesis method that suits the scene's noise
 

@@ -8,16 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comotion_sources.simulator.actors import Features
+from comotion_sources.simulator.spec import Rest
 
-from .motion import SWINGING, resting, simulated
+from .motion import SWINGING, simulated
 from .scene import Body, Scene, Source, rng_of, slot_bodies
 
 _BACKGROUND_SIZE = (1.6, 1.6, 1.0)
 _SMALLEST, _LARGEST = 0.12, 0.4
-# The simulator's respawning: a fifth of the features every 2 s.
-_RESPAWN_SHARE, _RESPAWN_EVERY_S = 0.2, 2.0
-
-
 Span: TypeAlias = tuple[float, float]
 Spans: TypeAlias = list[list[Span]]
 """(birth, death) of the features of each slot, one after another, s."""
@@ -41,11 +38,11 @@ def lasting(bodies: list[Body]) -> Spans:
     return [[(0.0, np.inf)] for _ in slot_bodies(bodies)]
 
 
-def replaced(
-    bodies: list[Body], duration: float, rng: np.random.Generator, *, share: float, every: float
+def respawning(
+    bodies: list[Body], duration: float, seed: int, *, share: float = 0.2, every: float = 2.0
 ) -> Spans:
-    """Replace a share of each body's features at once every so many seconds, as the simulator does."""
-    of_slot = slot_bodies(bodies)
+    """Replace a share of each body's features every so many seconds, as the simulator's 3-D set does."""
+    of_slot, rng = slot_bodies(bodies), rng_of(seed, "respawn")
     births = [[0.0] for _ in of_slot]
     for time in np.arange(every, duration - 1e-9, every).tolist():
         for index, body in enumerate(bodies):
@@ -75,39 +72,14 @@ def cut(spans: Sequence[Sequence[Span]], cuts: Sequence[Cut]) -> Spans:
     left = [list(lives) for lives in spans]
     for lost, back, slots in cuts:
         for slot in np.flatnonzero(slots).tolist():
-            left[slot] = [part for span in left[slot] for part in _without(span, lost, back)]
+            parts = [((birth, min(death, lost)), (max(birth, back), death)) for birth, death in left[slot]]
+            left[slot] = [(begin, end) for part in parts for begin, end in part if end > begin]
     return left
-
-
-def _without(span: Span, lost: float, back: float) -> list[Span]:
-    birth, death = span
-    if death <= lost or birth >= back:
-        return [span]
-    parts = [(birth, lost), (back, death)]
-    return [(begin, end) for begin, end in parts if end > begin]
-
-
-def dropouts(
-    slots: int, duration: float, rng: np.random.Generator, *, every: float, shortest: float, longest: float
-) -> list[tuple[int, float, float]]:
-    """Hide slots for a while now and then: (slot, begin, end), s.
-
-    `every` is the mean time between the end of one gap and the begin of the next, `shortest` and `longest`
-    are lengths of a gap; all in s.
-    """
-    gaps = []
-    for slot in range(slots):
-        time = float(rng.exponential(every))
-        while time < duration:
-            end = time + float(rng.uniform(shortest, longest))
-            gaps.append((slot, time, end))
-            time = end + float(rng.exponential(every))
-    return gaps
 
 
 def background(features: int = 20, sigma: float = 0.003) -> Body:
     """What rests: points all over the scene."""
-    return Body("background", resting(), features, np.array(_BACKGROUND_SIZE), sigma)
+    return Body("background", simulated(Rest()), features, np.array(_BACKGROUND_SIZE), sigma)
 
 
 def swinging_bodies(seed: int, bodies: int, features: int = 8, sigma: float = 0.003) -> list[Body]:
@@ -123,12 +95,6 @@ def swinging_bodies(seed: int, bodies: int, features: int = 8, sigma: float = 0.
 def swinging_scene(seed: int, bodies: int = 4, features: int = 8, sigma: float = 0.003) -> list[Body]:
     """Draw a background and bodies that swing."""
     return [background(sigma=sigma), *swinging_bodies(seed, bodies, features, sigma)]
-
-
-def respawning(bodies: list[Body], duration: float, seed: int) -> Spans:
-    """Replace features as the simulator's 3-D set does."""
-    rng = rng_of(seed, "respawn")
-    return replaced(bodies, duration, rng, share=_RESPAWN_SHARE, every=_RESPAWN_EVERY_S)
 
 
 def made(
