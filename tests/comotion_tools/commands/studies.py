@@ -156,9 +156,9 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments import pixels as study
+        from comotion_experiments.pixels.benchmark import markdown, run_benchmark
+        from comotion_experiments.pixels.sequences import find_sequences
 
         with progress() as note:
-            scores = study.run_benchmark(study.find_data_sets(self.data), note)
-        shown = study.table(scores), *study.lines(scores)
-        self.report("pixels", study.markdown(scores), scores, *shown)
+            rows = run_benchmark(find_sequences(self.data), jobs=self.jobs, progress=note)
+        self.report("pixels", markdown(rows), {"rows": rows})
