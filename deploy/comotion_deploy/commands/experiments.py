@@ -26,25 +26,25 @@ class Experiment(Json, Tool):
     log_level = "warning"
     out: Path
 
-    def report(self, name: str, text: str, values: object, *shown: object) -> None:
-        """Write the page of an experiment and its values, and show it.
+    def prepare(self) -> None:
+        """Check before hours of work what would fail at the end.
 
-        Parameters
-        ----------
-        name
-            Name of page and values, without a suffix.
-        text
-            The page, in Markdown.
-        values
-            What the JSON file holds.
-        shown
-            Tables and lines for the terminal; the page itself by default.
+        Raises
+        ------
+        UserError
+            If `out` exists and is not a folder.
         """
+        super().prepare()
+        if self.out.exists() and not self.out.is_dir():
+            raise UserError(f"{self.out}: not a folder")
+
+    def report(self, name: str, text: str, values: object) -> None:
+        """Write the page of an experiment, in Markdown, and its values, as JSON, and show it."""
         page, numbers = (self.out / f"{name}.{suffix}" for suffix in ("md", "json"))
         self.out.mkdir(parents=True, exist_ok=True)
         page.write_text(text, encoding="utf-8")
         write_values(numbers, values)
-        self.show(values, *(shown or (text,)), f"written: {page}, {numbers}", width=170)
+        self.show(values, text, f"written: {page}, {numbers}", width=170)
 
 
 def write_values(path: Path, values: object) -> None:
@@ -52,18 +52,6 @@ def write_values(path: Path, values: object) -> None:
     from comotion_schemas.plain import plain
 
     path.write_text(json.dumps(plain(values), indent=2) + "\n", encoding="utf-8")
-
-
-def check_folder(out: Path) -> None:
-    """Check that a path can be used as a folder.
-
-    Raises
-    ------
-    UserError
-        If it exists and is not a folder.
-    """
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: not a folder")
 
 
 @contextmanager
@@ -124,7 +112,6 @@ Examples:
             )
         simulated = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         filmed = parse_seeds(self.workcell_seeds or ("0" if self.quick else "0-1"))
-        check_folder(self.out)
         workcell = find_spec("mujoco") is not None
         if self.only and not workcell and all(figure.workcell for figure in chosen):
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")

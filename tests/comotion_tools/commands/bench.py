@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import Experiment, check_folder, progress
+from comotion_deploy.commands.experiments import Experiment, progress
 from comotion_deploy.errors import UserError
 from comotion_deploy.fusion_options import Assignments
 from comotion_deploy.options import option
@@ -49,7 +49,6 @@ Examples:
         if self.live:
             self._run_live()
             return
-        check_folder(self.out)
         like = {name: getattr(self, name) for name in ("bodies", "sources", "churn", "seed", "pixels")}
         features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
         sizes = numbers("--features", features, 2, 50_000)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import Experiment, check_folder, progress
+from comotion_deploy.commands.experiments import Experiment, progress
 from comotion_deploy.errors import UserError
 from comotion_deploy.options import option, setting
 
@@ -14,11 +14,6 @@ class Study(Experiment):
     """Options of what runs in processes of its own."""
 
     jobs: int = option(2, "Processes at once.", min=1, max=256)
-
-    def prepare(self) -> None:
-        """Check before hours of work what would fail at the end."""
-        super().prepare()
-        check_folder(self.out)
 
 
 def _chosen(names: list[str] | None, every: Sequence[str], what: str) -> Sequence[str]:
