@@ -13,8 +13,7 @@ from ..brox_malik import CLUSTERINGS, compare
 from ..offline import thesis
 from ..study import Progress, Row, quiet, run_study, values
 from ..tables import Table, filled, mean, number, spread
-from .cases import DISPLACED, RECORDINGS, SPATIAL, THESIS_SCENES, Case, run_case
-from .motion import motion_errors
+from .cases import DISPLACED, RECORDINGS, SPATIAL, THESIS_SCENES, Case, motion_errors, run_case
 
 DEFAULT, THESIS, COMPARATOR = "comotion", "thesis", "Brox and Malik"
 PARTS = ("scores", "comparator", "motion", "robustness")

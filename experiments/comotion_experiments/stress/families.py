@@ -1,4 +1,4 @@
-"""How the scenes of families are made; :mod:`.catalogue` has the parameters of each."""
+"""How the scenes of families are made; ``families.toml`` has the parameters of each."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,8 +8,15 @@ import numpy as np
 from comotion_sources.simulator.spec import KeyStates, Sines
 
 from .motion import PoseAt, at_speed, chained, coupled, looped, simulated, stopping
-from .scene import OUTLIER_FACTOR, SIGMA_M, Body, Happening, Noise, Scene, Slip, Source, rng_of, slot_bodies
-from .worlds import (
+from .scene import (
+    OUTLIER_FACTOR,
+    SIGMA_M,
+    Body,
+    Happening,
+    Noise,
+    Scene,
+    Slip,
+    Source,
     background,
     cut,
     displaced,
@@ -17,6 +24,8 @@ from .worlds import (
     made,
     renewed,
     respawning,
+    rng_of,
+    slot_bodies,
     swinging_bodies,
     swinging_scene,
 )

@@ -24,7 +24,7 @@ from comotion_sources.runtime import SourcePublisher
 
 from ..processes import COMOTION, Managed
 from ..system import UP_S, System
-from .scene import SceneSpec, messages
+from .core import SceneSpec, messages
 
 SCENE = "bench"
 SOURCES = 3

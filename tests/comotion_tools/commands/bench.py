@@ -41,8 +41,7 @@ Examples:
 
     def run(self) -> None:
         """Measure the core, or processes over a router, and print the result."""
-        from comotion_tools.bench.experiment import markdown, run_bench, this_machine
-        from comotion_tools.bench.scene import SceneSpec
+        from comotion_tools.bench.core import SceneSpec, markdown, run_bench, this_machine
 
         # Threads of parallel kernels spin for some tens of microseconds before they sleep.
         os.environ.setdefault("GOMP_SPINCOUNT", "50000")

@@ -124,7 +124,6 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         """Run it and write the report."""
         from comotion_experiments import stress
         from comotion_experiments.inputs import parse_seeds
-        from comotion_experiments.stress.report import markdown
         from comotion_experiments.study import run_study
 
         seeds = parse_seeds(self.seeds) if self.seeds else stress.REPORTED_SEEDS[: 1 if self.quick else None]
@@ -132,7 +131,7 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         families = stress.find_families(self.family or (), quick=self.quick)
         with progress() as note:
             rows = run_study(stress.run_method, families, methods, seeds, jobs=self.jobs, progress=note)
-        self.report("stress", markdown(rows), {"rows": rows})
+        self.report("stress", stress.markdown(rows), {"rows": rows})
 
 
 @dataclass(kw_only=True)

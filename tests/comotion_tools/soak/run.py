@@ -16,8 +16,7 @@ from comotion_deploy.processes import PYTHON
 from comotion_schemas.transport import SessionSettings
 
 from ..processes import COMOTION, STARTS, Managed, Usage
-from .accounts import Audit, Moment, audit, moment
-from .monitor import Findings, Watched
+from .monitor import Audit, Findings, Moment, Watched, audit, moment
 from .schedule import HOSTILE, SOURCES, Fault
 
 SCENE = "soak"
