@@ -15,7 +15,7 @@ from ..fusion_options import Assignments
 from ..options import Json, Tool, option, setting
 
 if TYPE_CHECKING:
-    from comotion_experiments.figures import Results
+    from comotion_experiments.figures import Study
     from comotion_experiments.tables import Table
 
 
@@ -100,7 +100,7 @@ Examples:
         """Draw them and write the page."""
         import matplotlib  # noqa: F401 - before hours of work
 
-        from comotion_experiments.figures import Options, reproduce, select
+        from comotion_experiments.figures import Options, Study, select
         from comotion_experiments.figures.page import left_out, page
         from comotion_experiments.inputs import parse_seeds
 
@@ -117,12 +117,13 @@ Examples:
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
         given = Options(simulated, filmed, self.quick, self._cache(), config)
         with progress() as note:
-            results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
+            study = Study(given, self.out, note)
+            study.draw(chosen, workcell=workcell)
         data, html = self.out / "figures.json", self.out / "index.html"
-        write_values(data, results.as_json())
-        html.write_text(page(results, self._command()), encoding="utf-8")
-        missing = [left_out(results)] if left_out(results) else []
-        self.show(results.as_json(), _table(results), *missing, f"written: {html}, {data}", width=170)
+        write_values(data, study.as_json())
+        html.write_text(page(study, self._command()), encoding="utf-8")
+        missing = [left_out(study)] if left_out(study) else []
+        self.show(study.as_json(), _table(study), *missing, f"written: {html}, {data}", width=170)
 
     def _cache(self) -> Path:
         base = os.environ.get("XDG_CACHE_HOME")
@@ -141,12 +142,12 @@ Examples:
         return shlex.join(words)
 
 
-def _table(results: "Results") -> "Table":
+def _table(study: "Study") -> "Table":
     from comotion_experiments.tables import Table
 
     titles = ("figure", "", "the thesis says", "thesis method here", "default method here")
     table = Table(titles, words=len(titles))
-    for figure, drawn in results.made:
+    for figure, drawn in study.made:
         for k, row in enumerate(drawn.rows):
             table.add(figure.name if k == 0 else "", row.quantity, row.printed, row.thesis, row.default)
         table.end_section()

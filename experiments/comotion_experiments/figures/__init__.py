@@ -1,7 +1,6 @@
 """Reproduces the figures of the thesis, with the thesis method and the default method side by side."""
 
 from .catalogue import FIGURES, select
-from .experiment import Results, reproduce
-from .study import Figure, Options, Row
+from .study import Figure, Options, Study
 
-__all__ = ["FIGURES", "Figure", "Options", "Results", "Row", "reproduce", "select"]
+__all__ = ["FIGURES", "Figure", "Options", "Study", "select"]
