@@ -7,7 +7,7 @@ import numpy as np
 
 from comotion_sources.simulator.spec import KeyStates, Sines
 
-from .motion import PoseAt, at_speed, chained, coupled, looped, simulated, stopping
+from .motion import PoseAt, at_speed, chained, looped, simulated, stopping
 from .scene import (
     OUTLIER_FACTOR,
     SIGMA_M,
@@ -241,14 +241,6 @@ def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float 
     )
     bodies = [background(24, sigma), door]
     return made(seed, bodies, at + seconds + 10.0, lasting(bodies))
-
-
-def coupled_pair(seed: int, *, until: float, duration: float) -> list[Scene]:
-    """Let two bodies move as one, then apart."""
-    leader, follower, third = swinging_bodies(seed, 3, features=10)
-    offset = rng_of(seed, "offset").uniform(-0.3, 0.3, 3)
-    follower = replace(follower, motion=coupled(leader.motion, follower.motion, until, offset))
-    return made(seed, [background(), leader, follower, third], duration)
 
 
 def arm(seed: int, *, duration: float) -> list[Scene]:

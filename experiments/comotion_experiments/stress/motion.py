@@ -1,4 +1,4 @@
-"""Motions of bodies: the simulator's, slower, stopped, coupled or in a chain. Pure."""
+"""Motions of bodies: the simulator's, slower, stopped or in a chain. Pure."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
@@ -51,28 +51,6 @@ def at_speed(motion: PoseAt, speed: float) -> PoseAt:
 def looped(motion: PoseAt, length: float) -> PoseAt:
     """Play the first `length` seconds of a motion again and again."""
     return lambda times: motion(np.mod(times, length))
-
-
-def coupled(leader: PoseAt, own: PoseAt, until: float, offset: Array) -> PoseAt:
-    """Follow a leader rigidly `until` a time (s), then move on by a motion of its own.
-
-    Its own changes of pose after that are added to the pose of that time; `offset` float64 [dim] is its
-    place in the leader's axes.
-    """
-    end, base = leader(np.array([until])), own(np.array([until]))
-
-    def at(times: Array) -> Poses:
-        led, free = leader(times), own(times)
-        turn = free.rotations @ base.rotations[0].T
-        pivot = end.rotations[0] @ offset + end.translations[0]
-        follows = (times < until)[:, None]
-        place = led.translations + led.rotations @ offset
-        return Poses(
-            np.where(follows[..., None], led.rotations, turn @ end.rotations[0]),
-            np.where(follows, place, pivot + free.translations - base.translations[0]),
-        )
-
-    return at
 
 
 def chained(turns: Sequence[PoseAt], lengths: Array) -> PoseAt:
