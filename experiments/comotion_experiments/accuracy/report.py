@@ -9,15 +9,14 @@ import numpy as np
 from comotion import FusionConfig
 from comotion.config import RigidConfig
 
-from ..brox_malik import CLUSTERINGS, compare
 from ..offline import thesis
 from ..study import Progress, Row, quiet, run_study, values
 from ..tables import Table, filled, mean, number, spread
 from .cases import DISPLACED, RECORDINGS, SPATIAL, THESIS_SCENES, Case, motion_errors, run_case
 
-DEFAULT, THESIS, COMPARATOR = "comotion", "thesis", "Brox and Malik"
-PARTS = ("scores", "comparator", "motion", "robustness")
-"""Parts of the report: the methods on every case, the affinity of Brox and Malik, poses, and parameters."""
+METHODS = DEFAULT, THESIS = "comotion", "thesis"
+PARTS = ("scores", "motion", "robustness")
+"""Parts of the report: both methods on every case, poses, and parameters."""
 # Scenes of the robustness table: they cover all parameters and are short enough to run for each.
 _ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
 _ROBUST_SECONDS = 10.0
@@ -43,10 +42,9 @@ def run_experiment(
 ) -> dict[str, Any]:
     """Run parts of the report; `rows` of all cases, `motion` and `robustness`, as far as they are parts."""
     how: dict[str, Any] = {"jobs": jobs, "progress": progress}
-    settings = [DEFAULT, THESIS] if {"scores", "comparator"} & {*parts} else []
-    settings += [COMPARATOR] if "comparator" in parts else []
-    results: dict[str, Any] = {"seeds": seeds, "parts": parts}
-    results["rows"] = run_study(_scored, cases, settings, seeds, **how)
+    results: dict[str, Any] = {"seeds": seeds}
+    if "scores" in parts:
+        results["rows"] = run_study(_scored, cases, METHODS, seeds, **how)
     if "motion" in parts:
         progress("pose and twist")
         results["motion"] = motion_errors(seeds)
@@ -56,11 +54,8 @@ def run_experiment(
     return results
 
 
-def _scored(case: Case, setting: str, seed: int) -> Row:
-    if setting == COMPARATOR:
-        # Offsets between sources are no part of what the comparator compares.
-        return {} if case.group == DISPLACED else compare(case.open(seed), case.duration)
-    return run_case(case, FusionConfig() if setting == DEFAULT else thesis(case.sigma_switch), seed)
+def _scored(case: Case, method: str, seed: int) -> Row:
+    return run_case(case, FusionConfig() if method == DEFAULT else thesis(case.sigma_switch), seed)
 
 
 def _variations() -> dict[str, RigidConfig]:
@@ -81,24 +76,22 @@ def _varied(case: Case, setting: str, seed: int) -> Row:
 
 def markdown(results: dict[str, Any]) -> str:
     """Format the report."""
-    rows = results["rows"]
     page: dict[str, str | Table] = {"seeds": ", ".join(map(str, results["seeds"]))}
-    if "scores" in results["parts"]:
-        groups = dict.fromkeys(row["group"] for row in rows)
-        page |= {_PLACES[group]: _table(rows, group) for group in groups}
+    if "rows" in results:
+        rows = results["rows"]
+        page |= {_PLACES[group]: _table(rows, group) for group in dict.fromkeys(row["group"] for row in rows)}
         page["reliability"] = _reliability(rows)
     if "motion" in results:
         medians = [(name, f"{value:.2f}") for name, value in results["motion"].items()]
         page["motion"] = Table(("error", "median"), rows=[*medians])
-    page |= _compared(rows) if "comparator" in results["parts"] else {}
     page |= _robustness(results["robustness"]) if "robustness" in results else {}
     return filled(Path(__file__).with_name("page.md"), page)
 
 
 def _table(rows: Sequence[Row], group: str) -> Table:
     table = Table(["", "default", "t ≥ 1 s", "switches", "thesis", "switches"])
-    for name in _names(rows, group):
-        ours, theirs = ({"case": name, "setting": method} for method in (DEFAULT, THESIS))
+    for name in dict.fromkeys(row["case"] for row in rows if row["group"] == group):
+        ours, theirs = ({"case": name, "setting": method} for method in METHODS)
         table.add(
             name,
             spread(values(rows, "nmi", **ours)),
@@ -108,31 +101,9 @@ def _table(rows: Sequence[Row], group: str) -> Table:
             number(mean(values(rows, "switches", **theirs)), 2),
         )
     if group == RECORDINGS:
-        nmi = (values(rows, "nmi", group=group, setting=method) for method in (DEFAULT, THESIS))
+        nmi = (values(rows, "nmi", group=group, setting=method) for method in METHODS)
         table.add("**mean**", f"**{mean(next(nmi)):.3f}**", "", "", f"{mean(next(nmi)):.3f}", "")
     return table
-
-
-def _names(rows: Sequence[Row], group: str) -> list[str]:
-    return list(dict.fromkeys(row["case"] for row in rows if row["group"] == group))
-
-
-def _compared(rows: Sequence[Row]) -> dict[str, str | Table]:
-    """The comparator, mean over the cases of a group, beside both methods at the same times."""
-    table, scores, better = Table(("", "default", "thesis", *CLUSTERINGS)), [], []
-    for group in (THESIS_SCENES, SPATIAL, RECORDINGS):
-        of_group = []
-        for name in _names(rows, group):
-            ours = [mean(values(rows, "whole", case=name, setting=s)) for s in (DEFAULT, THESIS)]
-            theirs = [mean(values(rows, how, case=name, setting=COMPARATOR)) for how in CLUSTERINGS]
-            of_group.append([*ours, *theirs])
-            if max(theirs) > ours[0]:
-                better.append(f"{name} ({max(theirs):.3f} against {ours[0]:.3f})")
-        if of_group:
-            table.add(f"{group} ({len(of_group)})", *(f"{score:.3f}" for score in np.mean(of_group, 0)))
-        scores += of_group
-    table.add("**mean**", *(f"{score:.3f}" for score in np.mean(scores, 0)))
-    return {"compared": table, "better": ", ".join(better) or "nowhere"}
 
 
 def _reliability(rows: Sequence[Row]) -> Table:

@@ -4,7 +4,7 @@ Scenes are filmed once: their tracked features are kept on disk.
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
 from comotion_sources import klt, workcell
-from comotion_sources.klt import TrackerConfig
+from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
-from comotion_sources.workcell.camera import CameraSpec
+from comotion_sources.workcell.camera import CameraSpec, WorkcellCamera
 
 from ..inputs import Message
 from ..offline import thesis
-from ..rendered import filmed
 from ..tables import spread
 from . import panels
 from .numbers import best, right_rows, row_of, rows_of_each, run_parameters
@@ -66,13 +67,23 @@ def filmed_messages(study: Study, shot: Shot, seed: int) -> list[Message]:
         return [message for message in kept if isinstance(message, TruthBatch | ObservationBatch)]
     frames = round(SECONDS * camera.rate)
     study.note(f"{shot.scene}, seed {seed}: rendering and tracking {frames} frames")
-    messages = [message for image in filmed(camera, _SOURCE, tracker) for message in image.messages]
+    messages = list(_film(camera, tracker))
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_suffix(".partial")
         partial.write_bytes(msgpack.packb([encode(message) for message in messages]))
         partial.replace(path)
     return messages
+
+
+def _film(spec: CameraSpec, config: TrackerConfig) -> Iterator[Message]:
+    """Render a scene with depth, and track features in it; the same for the same arguments."""
+    camera = WorkcellCamera(spec)
+    space = choose_space(_SOURCE, has_depth=True, intrinsics=camera.intrinsics, extrinsics=camera.extrinsics)
+    observer = Observer(space, space.builder(_SOURCE, OFFLINE_SESSION), camera.objects)
+    tracker = Tracker(config, camera.intrinsics)
+    for frame in camera:
+        yield from observer.messages(tracker.step(frame), frame)
 
 
 def _fingerprint(*how: object) -> str:

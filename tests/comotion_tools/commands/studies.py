@@ -32,14 +32,13 @@ class Accuracy(Study):
 Examples:
   comotion dev reproduce accuracy --data recordings/mocap --out docs/research
   comotion dev reproduce accuracy --quick
-  comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
 
     data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
     quick: bool = option(False, "One seed, the scenes of the thesis, parameters as they are.")
     part: list[str] | None = option(
-        None, "scores, comparator, motion or robustness; may be repeated. Default: all.", metavar="PART"
+        None, "scores, motion or robustness; may be repeated. Default: all.", metavar="PART"
     )
     out: Path = option(Path("accuracy"), "Where accuracy.md and accuracy.json go.", metavar="DIR")
 
