@@ -11,6 +11,7 @@ import numpy as np
 
 from comotion import FusionConfig
 from comotion.rigid.kernels.resampling import resample
+from comotion_schemas.errors import KnownError
 
 from .accuracy.cases import RECORDINGS, Case, recorded_cases, run_case
 from .stress import Family, run_family
@@ -98,8 +99,24 @@ def run_experiment(
     return run_study(_run, cases, [WHOLE, *rules], seeds, jobs=jobs, progress=progress)
 
 
+def rule_of(name: str) -> Rule:
+    """A rule by its name, or ``PARAMETER=VALUE`` for a parameter of the group `rigid`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such rule, parameter or value.
+    """
+    parameter, sign, value = name.partition("=")
+    if not sign and name not in RULES:
+        raise KnownError(f"no rule {name!r}; one of {', '.join(RULES)}, or PARAMETER=VALUE")
+    rule = Rule(f"{parameter} {value}", parameters={parameter: value}) if sign else RULES[name]
+    with rule.left_out():
+        return rule
+
+
 def _run(case: Family | Case, rule: str, seed: int) -> Row:
-    with RULES.get(rule, Rule("nothing")).left_out() as config:
+    with (Rule("nothing") if rule == WHOLE else rule_of(rule)).left_out() as config:
         if isinstance(case, Family):
             return {"nmi": run_family(case.name, seed, config)["nmi_apart"]}
         return {"nmi": run_case(case, config, seed)["nmi"]}
@@ -122,7 +139,7 @@ def markdown(rows: Sequence[Row]) -> str:
         largest = sorted(changes.items(), key=lambda item: -abs(item[1]))[:_SHOWN]
         changed = ", ".join(f"{name} {change:+.3f}" for (_, name), change in largest if abs(change) > SCATTER)
         of_kinds = (mean(v for (recorded, _), v in nmi.items() if recorded == kind) for kind in (False, True))
-        title = "nothing" if rule == WHOLE else f"`{rule}`: {RULES[rule].what}"
+        title = "nothing" if rule == WHOLE else f"`{rule}`: {rule_of(rule).what}"
         table.add(title, *(number(value, 4) for value in of_kinds), changed or "-")
     seeds = sorted({row["seed"] for row in rows if row["group"] != RECORDINGS})
     return document([_HEAD.format(seeds=", ".join(map(str, seeds)), scatter=SCATTER), table])

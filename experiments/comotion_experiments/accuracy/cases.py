@@ -113,7 +113,7 @@ def _recorded(path: Path, _: int) -> Iterable[Message]:
     return recording_batches(read_recording(str(path)))
 
 
-def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> dict[str, Any]:
+def run_case(case: Case, config: FusionConfig, seed: int) -> dict[str, Any]:
     """Run a case through the core.
 
     Returns
@@ -137,7 +137,7 @@ def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None
         config,
         truth=truth,
         period=PERIOD,
-        duration=case.duration if duration is None else duration,
+        duration=case.duration,
         on_update=on_update,
     )
     figures = {"nmi": float(np.nanmean(run.nmi)), "late": float(np.nanmean(run.nmi[run.seconds >= 0.99]))}

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion.config import RigidConfig
 
 from ..offline import thesis
 from ..study import Progress, Row, quiet, run_study, values
@@ -15,12 +14,8 @@ from ..tables import Table, filled, mean, number, spread
 from .cases import DISPLACED, RECORDINGS, SPATIAL, THESIS_SCENES, Case, motion_errors, run_case
 
 METHODS = DEFAULT, THESIS = "comotion", "thesis"
-PARTS = ("scores", "motion", "robustness")
-"""Parts of the report: both methods on every case, poses, and parameters."""
-# Scenes of the robustness table: they cover all parameters and are short enough to run for each.
-_ROBUST_SCENES = ("fig4_1", "fig4_4", "3d_3", "3d_outliers")
-_ROBUST_SECONDS = 10.0
-_FACTORS = (0.5, 2.0)
+PARTS = ("scores", "motion")
+"""Parts of the report: both methods on every case, and poses."""
 # Scenes in which the truth separates bodies that have not moved yet, so no method can.
 _UNKNOWABLE = ("fig4_3", "fig3_3", "3d_late", "3d_static")
 _PLACES = {
@@ -40,38 +35,18 @@ def run_experiment(
     jobs: int = 1,
     progress: Progress = quiet,
 ) -> dict[str, Any]:
-    """Run parts of the report; `rows` of all cases, `motion` and `robustness`, as far as they are parts."""
-    how: dict[str, Any] = {"jobs": jobs, "progress": progress}
+    """Run parts of the report; `rows` of all cases and `motion`, as far as they are parts."""
     results: dict[str, Any] = {"seeds": seeds}
     if "scores" in parts:
-        results["rows"] = run_study(_scored, cases, METHODS, seeds, **how)
+        results["rows"] = run_study(_scored, cases, METHODS, seeds, jobs=jobs, progress=progress)
     if "motion" in parts:
         progress("pose and twist")
         results["motion"] = motion_errors(seeds)
-    if "robustness" in parts:
-        robust = [case for case in cases if case.name in _ROBUST_SCENES or case.group == RECORDINGS]
-        results["robustness"] = run_study(_varied, robust, ["", *_variations()], [0], **how)
     return results
 
 
 def _scored(case: Case, method: str, seed: int) -> Row:
     return run_case(case, FusionConfig() if method == DEFAULT else thesis(case.sigma_switch), seed)
-
-
-def _variations() -> dict[str, RigidConfig]:
-    """Every parameter halved and doubled, by its name and factor."""
-    scaled = {}
-    for name, value in RigidConfig().model_dump().items():
-        for factor in _FACTORS:
-            changed = max(round(value * factor), 2) if isinstance(value, int) else value * factor
-            changed = min(changed, 1.0) if name == "outlier_share" else changed
-            scaled[f"{name} {factor}"] = RigidConfig(**{name: changed})
-    return scaled
-
-
-def _varied(case: Case, setting: str, seed: int) -> Row:
-    config = FusionConfig(rigid=_variations()[setting]) if setting else FusionConfig()
-    return {"nmi": run_case(case, config, seed, _ROBUST_SECONDS)["nmi"]}
 
 
 def markdown(results: dict[str, Any]) -> str:
@@ -84,7 +59,6 @@ def markdown(results: dict[str, Any]) -> str:
     if "motion" in results:
         medians = [(name, f"{value:.2f}") for name, value in results["motion"].items()]
         page["motion"] = Table(("error", "median"), rows=[*medians])
-    page |= _robustness(results["robustness"]) if "robustness" in results else {}
     return filled(Path(__file__).with_name("page.md"), page)
 
 
@@ -115,14 +89,3 @@ def _reliability(rows: Sequence[Row]) -> Table:
         if n:
             table.add(f"{confidence / n:.3f}", f"{right / n:.3f}", f"{n:.0f}")
     return table
-
-
-def _robustness(rows: Sequence[Row]) -> dict[str, str | Table]:
-    """Parameters halved and doubled."""
-    table = Table(("parameter", "halved", "doubled"))
-    for name in RigidConfig.model_fields:
-        nmi = (mean(values(rows, "nmi", setting=f"{name} {factor}")) for factor in _FACTORS)
-        table.add(name, *(f"{value:.3f}" for value in nmi))
-    as_it_is = mean(values(rows, "nmi", setting=""))
-    texts = {"robust_scenes": ", ".join(_ROBUST_SCENES), "as_it_is": f"{as_it_is:.3f}"}
-    return {**texts, "robustness": table}

@@ -36,10 +36,8 @@ Examples:
 
     data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
-    quick: bool = option(False, "One seed, the scenes of the thesis, parameters as they are.")
-    part: list[str] | None = option(
-        None, "scores, motion or robustness; may be repeated. Default: all.", metavar="PART"
-    )
+    quick: bool = option(False, "One seed, the scenes of the thesis.")
+    part: list[str] | None = option(None, "scores or motion; may be repeated. Default: both.", metavar="PART")
     out: Path = option(Path("accuracy"), "Where accuracy.md and accuracy.json go.", metavar="DIR")
 
     def run(self) -> None:
@@ -48,8 +46,7 @@ Examples:
         from comotion_experiments.accuracy.report import PARTS, markdown, run_experiment
         from comotion_experiments.inputs import parse_seeds
 
-        most = PARTS[: -1 if self.quick else None]
-        parts = _chosen(self.part, PARTS, "part") if self.part else most
+        parts = _chosen(self.part, PARTS, "part")
         chosen = cases.scene_cases() + ([] if self.quick else cases.displaced_cases())
         chosen = [case for case in chosen if not self.quick or case.group == cases.THESIS_SCENES]
         chosen += cases.recorded_cases(self.data) if self.data is not None else []
@@ -76,10 +73,11 @@ class Ablation(OnFamilies):
 Examples:
   comotion dev reproduce ablation --data recordings/mocap --out docs/research
   comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
+  comotion dev reproduce ablation --rule looseness=0.01 --rule looseness=0.04   # a parameter
 """
 
     rule: list[str] | None = option(
-        None, "Rule to leave out; may be repeated. Default: each.", metavar="NAME"
+        None, "Rule to leave out, or PARAMETER=VALUE; may be repeated. Default: each rule.", metavar="NAME"
     )
     seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
     data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
@@ -87,11 +85,13 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.ablation import RULES, markdown, run_experiment
+        from comotion_experiments.ablation import RULES, markdown, rule_of, run_experiment
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import find_families
 
-        rules = _chosen(self.rule, list(RULES), "rule")
+        rules = self.rule or list(RULES)
+        for rule in rules:
+            rule_of(rule)
         families = find_families(self.family or (), quick=not self.family)
         seeds, data = parse_seeds(self.seeds), self.data or ()
         with progress() as note:
