@@ -29,7 +29,7 @@ from .core import SceneSpec, messages
 SCENE = "bench"
 SOURCES = 3
 RATE = 30.0
-COUNTERS = frozenset({"updates", "overruns", "late", "lost", "batches"})
+COUNTERS = ("updates", "overruns", "late", "lost", "batches")
 _LEAD_S = 10.0  # until the sources start: all processes are then ready
 
 
@@ -70,7 +70,7 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
         rows.append(((time.time_ns() - update.stamp_ns) * 1e-6, len(update.track_id)))
         if time.monotonic() > began + seconds:
             break
-    took = time.monotonic() - began
+    took, after = time.monotonic() - began, _counters(statuses.drain())
     ages, tracks = np.array(rows).T
     return {
         "last_batch": [*np.percentile(ages, (50, 99, 100)).tolist()],
@@ -79,18 +79,18 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
         "tracks": int(np.median(tracks)),
         "cpu_share": (service.processor_s() - cpu_s) / took,
         "memory_mb": service.most_mb(),
-        "counters": _grown(before, _counters(statuses.drain())),
+        "counters": {name: after[name] - before[name] for name in COUNTERS},
     }
 
 
-def live_lines(found: dict[str, Any]) -> list[str]:
+def live_lines(values: dict[str, Any]) -> list[str]:
     """Format the result as text."""
-    seconds, updates, tracks = found["seconds"], found["updates"], found["tracks"]
-    middle, p99, largest = found["last_batch"]
-    counters = ", ".join(f"{value} {name}" for name, value in found["counters"].items())
+    seconds, updates, tracks = values["seconds"], values["updates"], values["tracks"]
+    middle, p99, largest = values["last_batch"]
+    counters = ", ".join(f"{value} {name}" for name, value in values["counters"].items())
     return [
         f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
-        f"service: {counters}; {100 * found['cpu_share']:.0f} % of a core, {found['memory_mb']:.0f} MB",
+        f"service: {counters}; {100 * values['cpu_share']:.0f} % of a core, {values['memory_mb']:.0f} MB",
         f"last batch to receipt of its update: median {middle:.1f} ms, p99 {p99:.1f}, largest {largest:.1f}",
     ]
 
@@ -115,11 +115,8 @@ def run_source(endpoint: str, features: int, start: float, seconds: float, index
 
 
 def _counters(statuses: list[tuple[float, Status]]) -> dict[str, int]:
-    return next((dict(s.counters) for _, s in reversed(statuses) if s.role == "service"), {})
-
-
-def _grown(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
-    return {name: count - before.get(name, 0) for name, count in after.items() if name in COUNTERS}
+    last = next((status.counters for _, status in reversed(statuses) if status.role == "service"), {})
+    return {name: last.get(name, 0) for name in COUNTERS}
 
 
 if __name__ == "__main__":

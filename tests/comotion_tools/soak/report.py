@@ -121,21 +121,10 @@ def _most(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
 
 def lines(values: dict[str, Any]) -> list[str]:
     """The result as text, from :func:`as_json`."""
-    faults = ", ".join(f"{count} {kind}" for kind, count in sorted(values["faults"].items()))
-    gaps = [f"{seconds:.2f} s ({fault})" for seconds, fault in sorted(values["gaps"], reverse=True)]
+    rest = {name: value for name, value in values.items() if name not in {"usage", "violations"}}
     return [
-        f"{values['seconds'] / 60:.1f} min, seed {values['seed']}; faults: {faults or 'none'}",
-        f"updates: {values['updates']}, {values['missed']} missed, {values['services']} lives of the service",
-        f"gaps over three periods: {', '.join(gaps) or 'none'}",
-        f"accounts: {values['batches_audited']} batches in {values['audits']} stretches, "
-        f"{values['batches_missing']} not accounted for",
-        f"ids: {len(values['ids_changed'])} changes, {len(values['ids_reused'])} given out twice, "
-        f"the largest {values['latest_id']}",
-        *(
-            f"  {name}: {most['starts']} starts, at most {most['memory_mb']:.0f} MB, {most['descriptors']} "
-            f"descriptors, {most['threads']} threads; log {most['log_bytes']} bytes"
-            for name, most in values["usage"].items()
-        ),
+        *(f"{name.replace('_', ' ')}: {value}" for name, value in rest.items()),
+        *(f"  {name}, at most: {most}" for name, most in values["usage"].items()),
         *([f"VIOLATION: {text}" for text in values["violations"]] or ["no violation"]),
     ]
 
