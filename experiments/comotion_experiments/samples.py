@@ -6,7 +6,6 @@ Rerun. Needs the extras `foxglove` and `view`.
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import foxglove
@@ -18,11 +17,12 @@ from comotion_clients.metrics import Score
 from comotion_clients.viewing.picture import Drawn, ScenePicture
 from comotion_clients.viewing.sink import RerunSink
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
+from comotion_sources.simulator import batches, load_scene, simulate
 
-from .inputs import Arrived, Incoming, find_inputs
+from .inputs import Incoming
 from .offline import run_offline
 
-SCENE = "sim:3d_5"
+SCENE = "3d_5"
 SECONDS = 6.0
 NOON_NS = 1_767_268_800_000_000_000
 """Noon of a day: a viewer writes the date instead of the time where a scene begins at midnight."""
@@ -31,8 +31,7 @@ NOON_NS = 1_767_268_800_000_000_000
 def make(folder: Path) -> list[Path]:
     """Write the samples; returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    name = SCENE.partition(":")[2]
-    files = [folder / f"{name}.mcap", folder / f"{name}.rrd"]
+    files = [folder / f"{SCENE}.mcap", folder / f"{SCENE}.rrd"]
     for file in files:
         file.unlink(missing_ok=True)
     messages = played(SCENE, SECONDS)
@@ -42,36 +41,26 @@ def make(folder: Path) -> list[Path]:
         for log_ns, message in messages:
             scene.add(log_ns, message)
     with RerunSink(file=files[1]) as sink:
-        play(Drawn(sink, ScenePicture(name)), messages)
+        play(Drawn(sink, ScenePicture(SCENE)), messages)
     return files
 
 
 def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
-    """What a recorder would have received of a scene: (time in ns, message) in order, counted from noon."""
+    """What a recorder would have received of a simulated scene: (time in ns, message) in order."""
     messages: list[tuple[int, Message]] = []
-
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
-        messages.append((update.published_ns, update))
 
     def noted() -> Iterator[Incoming]:
         newest_ns = NOON_NS
-        (scene_input,) = find_inputs([scene])
-        for message in scene_input.open():
-            moved = at_noon(message) if isinstance(message, ObservationBatch) else message
-            assert not isinstance(moved, Arrived)  # noqa: S101 - of recordings alone
-            newest_ns = moved.stamp_ns if isinstance(moved, ObservationBatch) else newest_ns
-            messages.append((newest_ns, moved))
-            yield moved
+        for message in batches(simulate(load_scene(scene)), epoch_ns=NOON_NS):
+            newest_ns = message.stamp_ns if isinstance(message, ObservationBatch) else newest_ns
+            messages.append((newest_ns, message))
+            yield message
+
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
+        messages.append((update.published_ns, update))
 
     run_offline(noted(), FusionConfig(), duration=seconds, on_update=on_update)
     return messages
-
-
-def at_noon(batch: ObservationBatch) -> ObservationBatch:
-    """A batch whose stamps count from :data:`NOON_NS`."""
-    stamps = None if batch.stamps_ns is None else batch.stamps_ns + NOON_NS
-    return replace(batch, stamp_ns=batch.stamp_ns + NOON_NS, stamps_ns=stamps)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 
 from comotion_sources.simulator.spec import KeyStates, Sines
 
-from .motion import PoseAt, at_speed, chained, looped, simulated, stopping
+from .motion import at_speed, chained, looped, simulated, stopping
 from .scene import (
     OUTLIER_FACTOR,
     SIGMA_M,
@@ -232,13 +232,8 @@ def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float 
         [at + seconds * s, place + reach * np.cos(angle * s), reach * np.sin(angle * s), 0, 0, 0, angle * s]
         for s in np.linspace(0.0, 1.0, 20).tolist()
     ]
-    door = Body(
-        "door",
-        simulated(KeyStates(kind="key-states", states=states)),
-        12,
-        np.array([width, 0.02, height]),
-        sigma,
-    )
+    motion = simulated(KeyStates(kind="key-states", states=states))
+    door = Body("door", motion, 12, np.array([width, 0.02, height]), sigma)
     bodies = [background(24, sigma), door]
     return made(seed, bodies, at + seconds + 10.0, lasting(bodies))
 
@@ -246,14 +241,8 @@ def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float 
 def arm(seed: int, *, duration: float) -> list[Scene]:
     """Swing an arm of two links about a fixed shoulder; the second turns about the end of the first."""
     lengths = rng_of(seed, "lengths").uniform(0.3, 0.4, 2)
-    first, second = (_turning(seed, f"link {k + 1}") for k in range(2))
+    turning = Sines(kind="sines", amplitude=0.0, rotation=1.0)
+    turns = [simulated(turning, rng_of(seed, "motion", name)) for name in ("link 1", "link 2")]
     size = np.array([lengths[0], 0.08, 0.08])
-    links = [
-        Body("link 1", chained([first], lengths[:1]), 10, size),
-        Body("link 2", chained([first, second], lengths), 10, size),
-    ]
+    links = [Body(f"link {k}", chained(turns[:k], lengths[:k]), 10, size) for k in (1, 2)]
     return made(seed, [background(), *links], duration)
-
-
-def _turning(seed: int, name: str) -> PoseAt:
-    return simulated(Sines(kind="sines", amplitude=0.0, rotation=1.0), rng_of(seed, "motion", name))

@@ -22,8 +22,6 @@ from .metrics import Watcher, apart
 from .observe import messages_of
 from .scene import Happening, Scene
 
-TEN_MINUTES = "ten minutes"
-
 
 @dataclass(frozen=True)
 class Family:
@@ -35,11 +33,6 @@ class Family:
     make: Callable[..., list[Scene]]  # of a seed; keywords are its parameters
     parameters: Mapping[str, Any]
     seeded: bool = True
-
-    @property
-    def slow(self) -> bool:
-        """Whether a quick run leaves it out."""
-        return self.group == TEN_MINUTES
 
     def scenes(self, seed: int, **overrides: Any) -> list[Scene]:
         """Make the scenes of a seed; the same for the same seed and parameters."""
@@ -62,7 +55,7 @@ def _read() -> dict[str, Family]:
 FAMILIES = _read()
 
 
-def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[Family]:
+def find_families(names: Sequence[str] = ()) -> list[Family]:
     """Look up families; a name also stands for all that begin with it and an underscore.
 
     Raises
@@ -71,7 +64,7 @@ def find_families(names: Sequence[str] = (), *, quick: bool = False) -> list[Fam
         If a name fits none.
     """
     if not names:
-        return [family for family in FAMILIES.values() if not (quick and family.slow)]
+        return list(FAMILIES.values())
     chosen: dict[str, Family] = {}
     for name in names:
         fitting = {k: f for k, f in FAMILIES.items() if k == name or k.startswith(f"{name}_")}
@@ -186,7 +179,7 @@ def markdown(rows: Sequence[Row]) -> str:
     parts: dict[str, str | Table] = {"opening": textwrap.fill(" ".join(opening.split()), _WIDTH)}
     for group in dict.fromkeys(family.group for family in families):
         of_group = [family for family in families if family.group == group]
-        parts[group.replace(" ", "_")] = _table(rows, of_group)
+        parts[group] = _table(rows, of_group)
     return filled(Path(__file__).with_name("page.md"), parts)
 
 

@@ -92,7 +92,7 @@ Examples:
         rules = self.rule or list(RULES)
         for rule in rules:
             rule_of(rule)
-        families = find_families(self.family or (), quick=not self.family)
+        families = find_families(self.family or ())
         seeds, data = parse_seeds(self.seeds), self.data or ()
         with progress() as note:
             rows = run_experiment(rules, families, seeds, data, jobs=self.jobs, progress=note)
@@ -116,7 +116,7 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         None, "Seeds, e.g. 1,3 or 0-4. Default: 1,3,5,7,9, quick 1; even ones are for development."
     )
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
-    quick: bool = option(False, "One seed, no runs of ten minutes.")
+    quick: bool = option(False, "One seed.")
     out: Path = option(Path("stress"), "Where stress.md and stress.json go.", metavar="DIR")
 
     def run(self) -> None:
@@ -127,7 +127,7 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
 
         seeds = parse_seeds(self.seeds) if self.seeds else stress.REPORTED_SEEDS[: 1 if self.quick else None]
         methods = _chosen(self.method, stress.METHODS, "method")
-        families = stress.find_families(self.family or (), quick=self.quick)
+        families = stress.find_families(self.family or ())
         with progress() as note:
             rows = run_study(stress.run_method, families, methods, seeds, jobs=self.jobs, progress=note)
         self.report("stress", stress.markdown(rows), {"rows": rows})
