@@ -77,17 +77,16 @@ def filled(template: Path, parts: Mapping[str, str | Table]) -> str:
 
 
 class Column(NamedTuple):
-    """A column of numbers: which value of a row it shows, its title, digits, factor, and what follows it."""
+    """A column of numbers: which value of a row it shows, its title, digits, and factor."""
 
     key: str
     title: str
     digits: int
     times: float = 1.0
-    unit: str = ""
 
     def of(self, row: Mapping[str, float]) -> str:
         """The cell of a row."""
-        return number(self.times * row[self.key], self.digits) + self.unit
+        return number(self.times * row[self.key], self.digits)
 
 
 def number(value: float, digits: int) -> str:

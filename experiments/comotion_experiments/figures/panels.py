@@ -115,12 +115,6 @@ def _scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: i
     axes.set_title(f"t = {view.t:.3g} s", fontsize=9)
 
 
-def row_title(axes: Any, text: str) -> None:
-    """Write a title to the left of a row's first panel."""
-    style: dict[str, Any] = {"fontsize": 12, "fontweight": "bold", "va": "center", "ha": "right"}
-    axes.text(-0.24, 0.5, text, transform=axes.transAxes, rotation=90, **style)
-
-
 def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float = 0.3) -> None:
     """Draw every track as its trail and a point, in the style of its hypothesis."""
     labels = view.moment.hypotheses

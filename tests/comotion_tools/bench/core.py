@@ -36,6 +36,7 @@ from comotion_experiments.tables import Column, Table, document
 from comotion_schemas import ObservationBatch
 
 _NOISE_M = 0.002
+_BODIES = 6
 # A fixed camera without depth: distance to the scene in m; focal length and principal point in px.
 _CAMERA_Z = 3.0
 _FOCAL_PX = 500.0
@@ -47,25 +48,23 @@ class SceneSpec:
     """Specification of the scene."""
 
     features: int = 1000  # at any time, over all sources
-    bodies: int = 6  # that move
     sources: int = 3  # whose phases are evenly spread
     rate: float = 30.0  # Hz of each
     churn: float = 0.03  # share of the features that is replaced per second
-    seed: int = 0
     pixels: bool = False  # cameras without depth instead, each with its own space and noise of 0.3 px
 
 
 def messages(spec: SceneSpec, seconds: float, sources: Iterable[int] | None = None) -> Iterator[Incoming]:
     """Yield the truth of a scene, and the batches of its sources, or of some of them, as they arrive."""
-    share, rest = divmod(spec.features - spec.features // 2, spec.bodies)
-    moving = swinging_bodies(spec.seed, spec.bodies, share, _NOISE_M)
+    share, rest = divmod(spec.features - spec.features // 2, _BODIES)
+    moving = swinging_bodies(0, _BODIES, share, _NOISE_M)
     moving = [replace(body, features=share + (k < rest)) for k, body in enumerate(moving)]
     bodies = [background(spec.features // 2, _NOISE_M), *moving]
-    spans, lives = lasting(bodies), rng_of(spec.seed, "lives")
+    spans, lives = lasting(bodies), rng_of(0, "lives")
     if spec.churn:
         spans = renewed(len(spans), seconds, lives, lambda rng: float(rng.exponential(1 / spec.churn)))
     observers = [Source(f"s{k}", spec.rate, k / spec.sources) for k in range(spec.sources)]
-    (scene,) = made(spec.seed, bodies, seconds, spans, sources=observers)
+    (scene,) = made(0, bodies, seconds, spans, sources=observers)
     found = messages_of(scene, sources)
     yield from found.truth
     for arrived in found.batches:
@@ -92,7 +91,7 @@ _COLUMNS = (
     Column("p99_ms", "p99", 1),
     Column("ingest_ms", "ingest", 1),
     Column("cpu_ms", "CPU ms", 1),
-    Column("cpu_share", "CPU", 0, 100.0, " %"),
+    Column("cpu_share", "CPU, %", 0, 100.0),
     Column("memory_mb", "MB", 0),
     Column("nmi", "NMI", 3),
 )

@@ -36,7 +36,7 @@ _LEAD_S = 10.0  # until the sources start: all processes are then ready
 def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
     """Run the complete system and measure it, from `settle` s after the first track on: the window is full.
 
-    `fusion` are options of ``comotion serve``. In the result ``last_batch`` is from the stamp of the last
+    `fusion` are options of ``comotion serve``. In the result ``last_batch_ms`` is from the stamp of the last
     batch in an update to receipt of the update, as median, 99th percentile and largest in ms; ``cpu_share``
     is the processor time of the service as a share of one core; ``counters`` is the growth of its own.
     """
@@ -73,7 +73,7 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
     took, after = time.monotonic() - began, _counters(statuses.drain())
     ages, tracks = np.array(rows).T
     return {
-        "last_batch": [*np.percentile(ages, (50, 99, 100)).tolist()],
+        "last_batch_ms": [*np.percentile(ages, (50, 99, 100)).tolist()],
         "seconds": took,
         "updates": len(rows),
         "tracks": int(np.median(tracks)),
@@ -81,18 +81,6 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
         "memory_mb": service.most_mb(),
         "counters": {name: after[name] - before[name] for name in COUNTERS},
     }
-
-
-def live_lines(values: dict[str, Any]) -> list[str]:
-    """Format the result as text."""
-    seconds, updates, tracks = values["seconds"], values["updates"], values["tracks"]
-    middle, p99, largest = values["last_batch"]
-    counters = ", ".join(f"{value} {name}" for name, value in values["counters"].items())
-    return [
-        f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
-        f"service: {counters}; {100 * values['cpu_share']:.0f} % of a core, {values['memory_mb']:.0f} MB",
-        f"last batch to receipt of its update: median {middle:.1f} ms, p99 {p99:.1f}, largest {largest:.1f}",
-    ]
 
 
 def run_source(endpoint: str, features: int, start: float, seconds: float, index: int) -> None:

@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from comotion_deploy.commands.experiments import Experiment, progress
 from comotion_deploy.errors import UserError
@@ -29,10 +30,7 @@ Examples:
     method: list[str] | None = option(None, "Method; may be repeated. Default: comotion and thesis.")
     rate: str = option("30", "Hz of every source; several make more rows.")
     updates: int | None = option(None, "Updates to time per row.", min=2)
-    bodies: int = option(6, "Moving bodies of the scene.", min=1)
     sources: int = option(3, "Sources of the scene.", min=1, max=64)
-    churn: float = option(0.03, "Share of the features replaced per second.", min=0, max=1)
-    seed: int = option(0, "Seed of the scene.", min=0)
     pixels: bool = option(False, "Plain cameras: a space in px for each of the sources.")
     quick: bool = option(False, "Small numbers, few updates.")
     live: bool = option(False, "Measure processes over a router instead.")
@@ -48,7 +46,7 @@ Examples:
         if self.live:
             self._run_live()
             return
-        like = {name: getattr(self, name) for name in ("bodies", "sources", "churn", "seed", "pixels")}
+        like: Any = {"sources": self.sources, "pixels": self.pixels}
         features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
         sizes = numbers("--features", features, 2, 50_000)
         rates = numbers("--rate", self.rate, 1, 1000)
@@ -63,7 +61,7 @@ Examples:
         self.report("bench", markdown(rows, machine), {"machine": machine, "rows": rows})
 
     def _run_live(self) -> None:
-        from comotion_tools.bench.live import live_lines, run_live
+        from comotion_tools.bench.live import run_live
 
         words = [word for name in self.method or () for word in ("--method", name)]
         words += [word for text in self.set_ or () for word in ("--set", text)]
@@ -71,7 +69,7 @@ Examples:
         for size in numbers("--features", self.features or "1000", 2, 50_000):
             most = ["--set", f"max_tracks={max(5000, 2 * size)}"]
             results.append(run_live(size, self.seconds, [*most, *words], 12.0))
-            shown += live_lines(results[-1])
+            shown += [f"{name}: {value}" for name, value in results[-1].items()]
         self.show(results, *shown)
 
 
