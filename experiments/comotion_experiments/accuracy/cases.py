@@ -126,9 +126,9 @@ def run_case(case: Case, config: FusionConfig, seed: int) -> dict[str, Any]:
 
     def on_update(update: HypothesisUpdate, _: Score) -> None:
         objects, labels = objects_of(update, truth), update.track_hypothesis
-        known = (objects >= 0) & (labels != UNDETERMINED)
-        confidence = update.track_confidence[known].astype(np.float64)
-        right = rightly_assigned(labels[known], objects[known])
+        scored = (objects >= 0) & (labels != UNDETERMINED)
+        confidence = update.track_confidence[scored].astype(np.float64)
+        right = rightly_assigned(labels[scored], objects[scored])
         counted = np.column_stack([confidence, right, np.ones(len(right))])
         np.add.at(bins, np.digitize(confidence, BINS) - 1, counted)
 

@@ -17,10 +17,10 @@ __all__ = ["FIGURES", "Figure", "Options", "Study", "select"]
 
 def _figure(name: str, title: str, shows: str, draw: str, shot: str | None = None) -> Figure:
     module, function = draw.split(".")
-    found = import_module(f".{module}", __package__)
-    drawn: Any = getattr(found, function)
+    source = import_module(f".{module}", __package__)
+    drawn: Any = getattr(source, function)
     if shot is not None:
-        drawn = drawn(getattr(found, shot))
+        drawn = drawn(getattr(source, shot))
     return Figure(name, title, " ".join(shows.split()), drawn, workcell=shot is not None)
 
 
@@ -44,8 +44,8 @@ def select(names: Sequence[str] | None) -> list[Figure]:
     if names is None:
         return list(FIGURES)
     wanted = [part.strip() for name in names for part in name.split(",")]
-    known = [figure.name for figure in FIGURES]
+    numbers = [figure.name for figure in FIGURES]
     for name in wanted:
-        if name not in known:
-            raise KnownError(f"no figure {name!r}; one of {', '.join(known)}")
+        if name not in numbers:
+            raise KnownError(f"no figure {name!r}; one of {', '.join(numbers)}")
     return [figure for figure in FIGURES if figure.name in wanted]

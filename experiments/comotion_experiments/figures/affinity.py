@@ -142,9 +142,9 @@ def _bars(axes: Any, t: float, mixtures: list[Mixture]) -> None:
     # Full covariances grow without bound; what decides is at the bottom.
     low, top = best.bic / 1e3, -1.2 * best.bic / 1e3
     for kind in COVARIANCES:
-        some = [m for m in mixtures if m.covariance == kind]
-        heights = [min(m.bic / 1e3, top) for m in some]
-        axes.bar([place(m) for m in some], heights, 0.25, edgecolor="white", linewidth=0.4, **_STYLES[kind])
+        fits = [m for m in mixtures if m.covariance == kind]
+        heights = [min(m.bic / 1e3, top) for m in fits]
+        axes.bar([place(m) for m in fits], heights, 0.25, edgecolor="white", linewidth=0.4, **_STYLES[kind])
     axes.set_ylim(1.35 * low, 1.45 * top)
     for mixture in mixtures:
         if mixture.bic / 1e3 > top:

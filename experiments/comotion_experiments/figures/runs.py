@@ -63,7 +63,7 @@ class SeedRun:
 
     def main_of(self, name: str) -> NDArray[np.int64]:
         """Hypothesis that holds most of an object's tracks at every update, int64 [U]; -1 where none does."""
-        numbers = [number for number, known in self.names.items() if known == name]
+        numbers = [number for number, other in self.names.items() if other == name]
         return np.array([_main(m.hypotheses[np.isin(m.objects, numbers)]) for m in self.moments])
 
 
@@ -101,8 +101,8 @@ class SceneRuns:
 
     def spread(self) -> tuple[Any, Any]:
         """Mean and standard deviation of NMI over seeds [U], masked where no seed has a value."""
-        known = np.ma.masked_invalid(self.nmi)
-        return known.mean(axis=0), known.std(axis=0)
+        scored = np.ma.masked_invalid(self.nmi)
+        return scored.mean(axis=0), scored.std(axis=0)
 
     def as_json(self) -> dict[str, list[float]]:
         """The curve, to four digits; NaN where a value is masked."""

@@ -223,8 +223,8 @@ def _apart(take: SceneRuns, name: str, other: str) -> str:
     shares = []
     for seed in take.seeds:
         first, second = seed.main_of(name), seed.main_of(other)
-        known = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
-        shares.append(100 * np.mean(first[known] != second[known]) if known.any() else np.nan)
+        both = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
+        shares.append(100 * np.mean(first[both] != second[both]) if both.any() else np.nan)
     return f"{spread(shares, 0)} % of updates"
 
 
@@ -239,8 +239,8 @@ def _door(take: SceneRuns) -> str:
 
 
 def _most(ids: Any) -> int:
-    known = ids[ids >= 0]
-    return int(np.bincount(known).argmax()) if len(known) else -1
+    assigned = ids[ids >= 0]
+    return int(np.bincount(assigned).argmax()) if len(assigned) else -1
 
 
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:

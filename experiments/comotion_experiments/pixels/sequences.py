@@ -59,10 +59,10 @@ def score(sequence: Sequence, labels: NDArray[np.int64]) -> dict[str, float]:
     -------
     `error`: misclassified ones in per cent; `nmi`; `exact`: 1 where the number of objects is right, else 0.
     """
-    known = sequence.truth > 0
-    mine, truth = isolate(labels[known], -1), sequence.truth[known]
-    exact = len(np.unique(labels[known & (labels >= 0)])) == len(np.unique(truth))
-    return {"error": 100 * misclassification(mine, truth), "nmi": nmi(mine, truth), "exact": float(exact)}
+    scored = sequence.truth > 0
+    alone, truth = isolate(labels[scored], -1), sequence.truth[scored]
+    exact = len(np.unique(labels[scored & (labels >= 0)])) == len(np.unique(truth))
+    return {"error": 100 * misclassification(alone, truth), "nmi": nmi(alone, truth), "exact": float(exact)}
 
 
 def find_sequences(folder: Path) -> list[Sequence]:

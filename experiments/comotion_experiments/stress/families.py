@@ -133,9 +133,9 @@ def sliding(seed: int, *, bodies: int, share: float, reach: float, duration: flo
         places = np.flatnonzero(of_slot == index)
         sliders = rng.permutation(places)[: round(share * len(places))]
         for edge in range(2):
-            mine = sliders[edge::2]
-            slip.amplitude[mine, rng.integers(3)] = reach * rng.uniform(0.5, 1.5, len(mine))
-            slip.frequency[mine], slip.phase[mine] = rng.uniform(0.1, 0.3), rng.uniform(0, 2 * np.pi)
+            of_edge = sliders[edge::2]
+            slip.amplitude[of_edge, rng.integers(3)] = reach * rng.uniform(0.5, 1.5, len(of_edge))
+            slip.frequency[of_edge], slip.phase[of_edge] = rng.uniform(0.1, 0.3), rng.uniform(0, 2 * np.pi)
     return made(seed, all_bodies, duration, slip=slip)
 
 
@@ -210,7 +210,7 @@ def covers(
     times = np.arange(first, duration - every, every).tolist()
     happenings = [Happening(t, t + seconds, (1 + k % bodies,), lost=True) for k, t in enumerate(times)]
     of_slot = slot_bodies(all_bodies)
-    cuts = [(one.begin, one.end, of_slot == one.bodies[0]) for one in happenings]
+    cuts = [(happening.begin, happening.end, of_slot == happening.bodies[0]) for happening in happenings]
     spans = cut(respawning(all_bodies, duration, seed), cuts)
     return made(seed, all_bodies, duration, spans, happenings=happenings, **how)
 

@@ -67,9 +67,9 @@ def _moved(scene: Scene, poses: list[Poses], body: int, frame: int) -> Array:
     turn = back @ poses[body].rotations
     shift = np.einsum("tij,tj->ti", back, poses[body].translations - poses[frame].translations)
     # The first place of every slot of the body.
-    mine = np.flatnonzero(scene.lives.body == body)
-    _, first = np.unique(scene.lives.slot[mine], return_index=True)
-    places = np.einsum("tij,nj->tni", turn, scene.lives.local[mine[first]]) + shift[:, None]
+    rows = np.flatnonzero(scene.lives.body == body)
+    _, first = np.unique(scene.lives.slot[rows], return_index=True)
+    places = np.einsum("tij,nj->tni", turn, scene.lives.local[rows[first]]) + shift[:, None]
     return np.asarray(np.sqrt(((places - places[0]) ** 2).sum(axis=2).mean(axis=1)), np.float64)
 
 
@@ -168,12 +168,12 @@ def delays(moments: Sequence[Moment], apart: Apart, last: float) -> list[float]:
 
 def has_own(m: Moment, body: int) -> bool:
     """Whether a hypothesis stands for a body and for nothing else."""
-    mine = m.bodies == body
+    own = m.bodies == body
     identity = majority(m, body)
     members = m.labels == identity
-    shared = np.count_nonzero(mine & members)
+    shared = np.count_nonzero(own & members)
     return identity is not None and bool(
-        shared >= _MAJORITY * np.count_nonzero(mine) and shared >= _MAJORITY * np.count_nonzero(members)
+        shared >= _MAJORITY * np.count_nonzero(own) and shared >= _MAJORITY * np.count_nonzero(members)
     )
 
 
@@ -192,9 +192,9 @@ def ids_per_object(moments: Sequence[Moment], apart: Apart) -> float:
     for body in range(len(apart.since)):
         first = next((m.t for m in moments if m.t >= apart.onset(body) and has_own(m, body)), np.inf)
         ids = {majority(m, body) for m in moments if m.t >= first}
-        known = {m for moment in moments for m in moment.confirmed}
+        confirmed = {m for moment in moments for m in moment.confirmed}
         if np.isfinite(first):
-            counts.append(len(ids & known))
+            counts.append(len(ids & confirmed))
     return mean(counts)
 
 

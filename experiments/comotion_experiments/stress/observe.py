@@ -69,10 +69,10 @@ class _View:
         names = {str(k): body.name for k, body in enumerate(self._scene.bodies)}
         objects = self._scene.lives.body[self._rows].astype(np.int32)
         for number in range(len(self._begins)):
-            mine = self._session == number
-            ids, session = self._id[mine], _session_name(number)
+            rows = self._session == number
+            ids, session = self._id[rows], _session_name(number)
             yield TruthBatch(
-                source=self._source.name, session=session, ids=ids, objects=objects[mine], names=names
+                source=self._source.name, session=session, ids=ids, objects=objects[rows], names=names
             )
 
     def batches(self) -> Iterator[Arrived]:

@@ -132,7 +132,7 @@ def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.rand
     birth, slots, death = np.array(sorted(row for row in rows if row[2] > row[0]), np.float64).T
     slot = slots.astype(np.intp)
     body = slot_bodies(bodies)[slot]
-    half = np.array([one.size for one in bodies])[body] / 2.0
+    half = np.array([owner.size for owner in bodies])[body] / 2.0
     local = rng.uniform(-1.0, 1.0, half.shape) * half
     return Features(slot=slot, body=body, local=local, birth=birth, death=death)
 

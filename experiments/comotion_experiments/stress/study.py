@@ -41,15 +41,15 @@ class Family:
 
 def _read() -> dict[str, Family]:
     groups = tomllib.loads(Path(__file__).with_name("families.toml").read_text(encoding="utf-8"))
-    defaults, found, rows = groups.pop("defaults"), dict[str, Family](), dict[str, dict[str, Any]]()
+    defaults, every, rows = groups.pop("defaults"), dict[str, Family](), dict[str, dict[str, Any]]()
     for group, members in groups.items():
         for name, given in members.items():
             rows[name] = row = rows.get(given.pop("like", ""), {}) | given
             maker = row["make"]
             own = {key: value for key, value in row.items() if key not in {"make", "title"}}
             parameters = defaults.get(maker, {}) | own
-            found[name] = Family(name, group, row["title"], getattr(families, maker), parameters)
-    return found
+            every[name] = Family(name, group, row["title"], getattr(families, maker), parameters)
+    return every
 
 
 FAMILIES = _read()
@@ -197,8 +197,8 @@ def _table(rows: Sequence[Row], families: Sequence[Family]) -> Table:
     for family, line in zip(families, lines, strict=True):
         shown = (line if column.key == "nmi_apart" else line[:1] for column in columns)
         cells = (
-            " / ".join(_short(column.of(figures)) for figures in some)
-            for column, some in zip(columns, shown, strict=True)
+            " / ".join(_short(column.of(figures)) for figures in methods)
+            for column, methods in zip(columns, shown, strict=True)
         )
         table.add(f"`{family.name}`", family.title, *cells)
     return table

@@ -65,9 +65,9 @@ def messages(spec: SceneSpec, seconds: float, sources: Iterable[int] | None = No
         spans = renewed(len(spans), seconds, lives, lambda rng: float(rng.exponential(1 / spec.churn)))
     observers = [Source(f"s{k}", spec.rate, k / spec.sources) for k in range(spec.sources)]
     (scene,) = made(0, bodies, seconds, spans, sources=observers)
-    found = messages_of(scene, sources)
-    yield from found.truth
-    for arrived in found.batches:
+    published = messages_of(scene, sources)
+    yield from published.truth
+    for arrived in published.batches:
         yield Arrived(_seen(arrived.batch), arrived.now_ns) if spec.pixels else arrived
 
 

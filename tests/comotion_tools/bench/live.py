@@ -95,7 +95,7 @@ def run_source(endpoint: str, features: int, start: float, seconds: float, index
     )
     with publisher as live:
         live.ready()
-        for arrived in (one for one in given if isinstance(one, Arrived)):
+        for arrived in (message for message in given if isinstance(message, Arrived)):
             batch, now_ns = arrived.batch, arrived.now_ns - EPOCH_NS + start_ns
             if live.stop.wait(max(0.0, now_ns * 1e-9 - time.time())):
                 break

@@ -53,35 +53,39 @@ class Audit:
 
 def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -> Moment:
     """Take down a moment: what a service says, by its session, and the sources of what they have sent."""
-    reported = ((one.name, one.account) for one in sources if "session" in one.account)
-    declared = {(name, account["session"]): account for name, account in reported}
+    reporting = [source for source in sources if "session" in source.account]
+    declared = {(source.name, source.account["session"]): source.account for source in reporting}
     # A source whose session is not known has overflowed before anything of it was read.
-    known = declared.keys() | {(name, "") for name, _ in declared}
-    mine = [one for one in reply["accounts"] if (one["source"], one["session"]) in known]
+    sessions = declared.keys() | {(name, "") for name, _ in declared}
+    counted = [
+        account for account in reply["accounts"] if (account["source"], account["session"]) in sessions
+    ]
     sent = {key: account["sent"] + account["repeated"] for key, account in declared.items()}
     heard: dict[str, int] = {}
-    for one in mine:
-        heard[one["source"]] = heard.get(one["source"], 0) + one["batches"] + (one["lost"] or 0)
+    for account in counted:
+        heard[account["source"]] = (
+            heard.get(account["source"], 0) + account["batches"] + (account["lost"] or 0)
+        )
     total = reply["total"]
     settled = sum(total[fate] for fate in _FATES) + sum(total["rejected"].values())
     return Moment(
         service=service,
         sent=sent,
-        received=sum(one["batches"] for one in mine),
-        lost=sum(one["lost"] or 0 for one in mine),
-        waiting=sum(one["waiting"] for one in mine),
+        received=sum(account["batches"] for account in counted),
+        lost=sum(account["lost"] or 0 for account in counted),
+        waiting=sum(account["waiting"] for account in counted),
         unsettled=total["batches"] - settled,
         unheard=sum(max(count - heard.get(name, 0), 0) for (name, _), count in sent.items()),
     )
 
 
-def audit(before: Moment, after: Moment) -> Audit | None:
+def audit(start: Moment, end: Moment) -> Audit | None:
     """Compare two moments; None if another service ran in between."""
-    if before.service != after.service:
+    if start.service != end.service:
         return None
-    sent = sum(count - before.sent.get(key, 0) for key, count in after.sent.items())
-    seen = after.received - before.received + after.lost - before.lost
-    return Audit(sent, sent - seen, after.unsettled, before.sent.keys() == after.sent.keys())
+    sent = sum(count - start.sent.get(key, 0) for key, count in end.sent.items())
+    seen = end.received - start.received + end.lost - start.lost
+    return Audit(sent, sent - seen, end.unsettled, start.sent.keys() == end.sent.keys())
 
 
 LATE_PERIODS = 3
@@ -153,52 +157,54 @@ class Monitor:
         """Whether every body of the last update has a hypothesis of its own."""
         if self.last is None:
             return False
-        found = _labels(self.last)
-        spaces = Counter(space for space, _ in found)
-        apart = len(set(found.values())) == len(found)
+        labels = _labels(self.last)
+        spaces = Counter(space for space, _ in labels)
+        apart = len(set(labels.values())) == len(labels)
         return apart and all(spaces[kind.space] == BODIES for kind in KINDS.values())
 
     def _on_update(self, update: HypothesisUpdate, arrived_s: float) -> None:
-        found, period_s = self.findings, update.period_ns * 1e-9
+        findings, period_s = self.findings, update.period_ns * 1e-9
         at_s = arrived_s - self._started_s
         if self.arrived_s:
             seconds = arrived_s - self.arrived_s[-1]
             self._expected += seconds / period_s
             if seconds > LATE_PERIODS * period_s:
-                found.gaps.append(Gap(round(at_s, 2), round(seconds, 3)))
+                findings.gaps.append(Gap(round(at_s, 2), round(seconds, 3)))
         self.arrived_s.append(arrived_s)
         self.last = update
-        found.updates += 1
-        found.missed = max(0, round(self._expected) - self._counted)
+        findings.updates += 1
+        findings.missed = max(0, round(self._expected) - self._counted)
         self._counted += 1
-        if update.session not in found.sessions:
-            found.sessions.append(update.session)
+        if update.session not in findings.sessions:
+            findings.sessions.append(update.session)
         self._check_ids(update)
         self._check_bodies(update, at_s)
 
     def _check_ids(self, update: HypothesisUpdate) -> None:
-        births = {one.id: one.born_ns for one in update.hypotheses}
-        moved = {one: born_ns - self._births.get(one, born_ns) for one, born_ns in births.items()}
-        known = [one for one in births if one in self._births]
+        births = {hypothesis.id: hypothesis.born_ns for hypothesis in update.hypotheses}
+        moved = {
+            identity: born_ns - self._births.get(identity, born_ns) for identity, born_ns in births.items()
+        }
+        listed = [number for number in births if number in self._births]
         # When the scene follows the clocks of its sources, all births move with its time, by the same.
-        followed = len(known) > 1 and len({moved[one] for one in known}) == 1
-        self.findings.reused += [one for one in births if moved[one] and not followed]
+        followed = len(listed) > 1 and len({moved[number] for number in listed}) == 1
+        self.findings.reused += [number for number in births if moved[number] and not followed]
         self._births |= births
         self.findings.latest_id = max(self.findings.latest_id, *births, 0)
 
     def _check_bodies(self, update: HypothesisUpdate, at_s: float) -> None:
-        found = _labels(update)
-        if len(set(found.values())) < len(found):
+        labels = _labels(update)
+        if len(set(labels.values())) < len(labels):
             self._pending.clear()  # bodies are together: nobody knows whose id it is
             return
-        for body, label in found.items():
-            before, since_s = self._pending.get(body, (label, at_s))
-            self._pending[body] = (label, since_s if before == label else at_s)
+        for body, label in labels.items():
+            pending, since_s = self._pending.get(body, (label, at_s))
+            self._pending[body] = (label, since_s if pending == label else at_s)
             if at_s - self._pending[body][1] < _SETTLED_S:
                 continue
-            known = self.labels.get(body)
-            if known is not None and known != label:
-                self.findings.changes.append((round(at_s, 1), f"{body[0]} {body[1]}", known, label))
+            last = self.labels.get(body)
+            if last is not None and last != label:
+                self.findings.changes.append((round(at_s, 1), f"{body[0]} {body[1]}", last, label))
             self.labels[body] = label
 
 
@@ -218,24 +224,24 @@ class Watched(System):
 
 def votes(update: HypothesisUpdate, sources: Collection[str] = KINDS) -> dict[Body, Counter[int]]:
     """For each body the labels of its features, of these sources, and how many have each."""
-    found: dict[Body, Counter[int]] = {}
-    for source, name in enumerate(one.name for one in update.sources):
+    counts_of: dict[Body, Counter[int]] = {}
+    for source, name in enumerate(ref.name for ref in update.sources):
         if name not in sources:
             continue
-        mine = update.track_source == source
-        bodies = update.track_id[mine] // ID_STEP
-        labels = update.track_hypothesis[mine]
+        rows = update.track_source == source
+        bodies = update.track_id[rows] // ID_STEP
+        labels = update.track_hypothesis[rows]
         for body in range(BODIES):
-            counts = found.setdefault((KINDS[name].space, body), Counter())
+            counts = counts_of.setdefault((KINDS[name].space, body), Counter())
             counts.update(labels[bodies == body].tolist())
-    return found
+    return counts_of
 
 
 def _labels(update: HypothesisUpdate) -> dict[Body, int]:
     """Hypothesis of each body that its features agree on."""
     most = (
-        (body, *one, counts.total())
+        (body, *most_common, counts.total())
         for body, counts in votes(update).items()
-        for one in counts.most_common(1)
+        for most_common in counts.most_common(1)
     )
     return {body: label for body, label, n, of in most if label != UNDETERMINED and n >= _AGREE * of}

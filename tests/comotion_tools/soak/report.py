@@ -38,23 +38,23 @@ def violations(soak: Soak, longest_s: float) -> list[str]:
 
     No update for more than `longest_s` needs a fault of the service or the router as an excuse.
     """
-    found = [f"hypothesis id {one} was given out twice" for one in soak.findings.reused]
+    texts = [f"hypothesis id {number} was given out twice" for number in soak.findings.reused]
     for name, statuses in soak.ended.items():
-        found.append(f"{name} has ended by itself, status {', '.join(map(str, statuses))}")
-    for at_s, one in soak.audits:
-        if one.is_exact and one.missing:
-            found.append(f"at {at_s:.0f} s {one.missing} of {one.sent} batches were not accounted for")
-        if one.unsettled:
-            found.append(f"at {at_s:.0f} s {one.unsettled} batches were in no account")
+        texts.append(f"{name} has ended by itself, status {', '.join(map(str, statuses))}")
+    for at_s, audit in soak.audits:
+        if audit.is_exact and audit.missing:
+            texts.append(f"at {at_s:.0f} s {audit.missing} of {audit.sent} batches were not accounted for")
+        if audit.unsettled:
+            texts.append(f"at {at_s:.0f} s {audit.unsettled} batches were in no account")
     for gap in soak.findings.gaps:
         fault = cause(soak, gap.at_s, gap.seconds)
         if gap.seconds > longest_s and (fault is None or fault.target not in _TIMING):
-            found.append(f"at {gap.at_s:.0f} s no update for {gap.seconds:.1f} s ({fault or 'no fault'})")
-    for at_s, body, before, after in soak.findings.changes:
+            texts.append(f"at {gap.at_s:.0f} s no update for {gap.seconds:.1f} s ({fault or 'no fault'})")
+    for at_s, body, old, new in soak.findings.changes:
         if body.split()[0] not in _ALONE:
             fault = cause(soak, at_s)
-            found.append(f"at {at_s:.0f} s {body} changed from {before} to {after} ({fault or 'no fault'})")
-    return found + _growth(soak)
+            texts.append(f"at {at_s:.0f} s {body} changed from {old} to {new} ({fault or 'no fault'})")
+    return texts + _growth(soak)
 
 
 def _growth(soak: Soak) -> list[str]:
@@ -62,18 +62,18 @@ def _growth(soak: Soak) -> list[str]:
     attacks = [
         (at_s, at_s + fault.lasts_s + _GIVEN_BACK_S) for at_s, fault in soak.faults if fault.kind == "hostile"
     ]
-    found = []
+    violations = []
     for name, samples in soak.usage.items():
         for starts, of_life in groupby(samples, key=lambda sample: sample[1]):
             life = [(at_s, usage) for at_s, _, usage in of_life]
             quiet = [usage for at_s, usage in life if not any(begun <= at_s < end for begun, end in attacks)]
             most = max(usage.memory_mb for _, usage in life)
             texts = _grown(quiet) + ([f"memory reached {most:.0f} MB"] if most > _MOST_MB else [])
-            found += [f"{name}, life {starts}: {text}" for text in texts]
+            violations += [f"{name}, life {starts}: {text}" for text in texts]
         minutes = max(soak.seconds / 60, 1.0)
         if samples and samples[-1][2].log_bytes / minutes > _LOG_BYTES_PER_MINUTE:
-            found.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
-    return found
+            violations.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
+    return violations
 
 
 def _grown(life: list[Usage]) -> list[str]:
@@ -82,12 +82,12 @@ def _grown(life: list[Usage]) -> list[str]:
         return []
     quarter = len(life) // 4
     early, late = life[quarter : 2 * quarter], life[-quarter:]
-    found = []
+    texts = []
     for name, limit, share, unit in _GROWTH:
-        before, after = (median(getattr(usage, name) for usage in part) for part in (early, late))
-        if after - before > max(limit, share * before):
-            found.append(f"{name.partition('_')[0]} grew from {before:.0f} to {after:.0f}{unit}")
-    return found
+        start, end = (median(getattr(usage, name) for usage in part) for part in (early, late))
+        if end - start > max(limit, share * start):
+            texts.append(f"{name.partition('_')[0]} grew from {start:.0f} to {end:.0f}{unit}")
+    return texts
 
 
 def as_json(soak: Soak, seed: int, longest_s: float) -> dict[str, Any]:

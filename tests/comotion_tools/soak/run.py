@@ -168,13 +168,13 @@ class Runner(Watched):
         if not ends and self._window is None:
             self._window, self._window_s = self._moment(opens=True), self.now_s
 
-    def _close_window(self, after: Moment | None) -> None:
-        before, self._window = self._window, None
-        found = None if before is None or after is None else audit(before, after)
-        if found is not None:
-            self.result.audits.append((round(self.now_s, 1), found))
-            if found.missing or found.unsettled:
-                self.say(f"accounts: {found.missing} of {found.sent} batches are missing")
+    def _close_window(self, end: Moment | None) -> None:
+        start, self._window = self._window, None
+        audited = None if start is None or end is None else audit(start, end)
+        if audited is not None:
+            self.result.audits.append((round(self.now_s, 1), audited))
+            if audited.missing or audited.unsettled:
+                self.say(f"accounts: {audited.missing} of {audited.sent} batches are missing")
 
     def _moment(self, *, opens: bool = False) -> Moment | None:
         """Let all sources pause until the service has counted what they have sent.
@@ -182,15 +182,15 @@ class Runner(Watched):
         One that `opens` a stretch waits until the service knows of all: what a service learns only now of
         the time before its start is none of the stretch.
         """
-        sources, before = [self.processes[name] for name in SOURCES], None
+        sources, last_moment = [self.processes[name] for name in SOURCES], None
         end = time.monotonic() + _PAUSED_S
         with self.paused(sources):
             while self.is_so(lambda: all(s.account.get("paused") for s in sources), end - time.monotonic()):
                 last, reply = self.monitor.last, self.accounts(_SETTLE_S)
                 now = None if last is None or reply is None else moment(last.session, reply, sources)
-                if now is not None and now == before and not now.waiting and not (opens and now.unheard):
+                if now is not None and now == last_moment and not now.waiting and not (opens and now.unheard):
                     return now
-                before = now
+                last_moment = now
                 self.wait(_SETTLE_S)
         return None
 
