@@ -130,8 +130,6 @@ def lines(values: dict[str, Any]) -> list[str]:
 
 
 def save(folder: Path, values: dict[str, Any]) -> list[str]:
-    """Write the figures of :func:`as_json` and their text; returns the text."""
-    text = lines(values)
+    """Write the figures of :func:`as_json`; returns their text."""
     (folder / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
-    (folder / "soak.txt").write_text("\n".join(text) + "\n", encoding="utf-8")
-    return text
+    return lines(values)
