@@ -2,8 +2,8 @@
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from comotion_deploy.commands.experiments import Experiment, progress
 from comotion_deploy.errors import UserError
@@ -35,7 +35,7 @@ Examples:
     quick: bool = option(False, "Small numbers, few updates.")
     live: bool = option(False, "Measure processes over a router instead.")
     seconds: float = option(30.0, "Of --live.", min=1)
-    out: Path = option(Path("bench"), "Where bench.md and bench.json go.", metavar="DIR")
+    out: Path = option(Path("out/bench"), "Where bench.md and bench.json go.", metavar="DIR")
 
     def run(self) -> None:
         """Measure the core, or processes over a router, and print the result."""
@@ -46,13 +46,13 @@ Examples:
         if self.live:
             self._run_live()
             return
-        like: Any = {"sources": self.sources, "pixels": self.pixels}
+        scene = partial(SceneSpec, sources=self.sources, pixels=self.pixels)
         features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
         sizes = numbers("--features", features, 2, 50_000)
         rates = numbers("--rate", self.rate, 1, 1000)
         with progress() as note:
             rows = run_bench(
-                [SceneSpec(features=size, rate=rate, **like) for size in sizes for rate in rates],
+                [scene(features=size, rate=rate) for size in sizes for rate in rates],
                 [self.fusion_config(name) for name in self.method or ("comotion", "thesis")],
                 self.updates or (20 if self.quick else 100),
                 note,
