@@ -55,9 +55,8 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-pictures: export COMOTION_CHROMIUM ?= $(shell for p in chromium chromium-browser google-chrome; do command -v $$p && break; done)
-pictures: setup  ## make the pictures, the samples and the notebook's outputs again; those of screens need a browser
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel playwright
+pictures: setup  ## make the pictures, the samples and the notebook's outputs again
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel
 	$(BIN)/python -m comotion_experiments.pictures docs/images
 	$(BIN)/python -m comotion_experiments.samples docs/samples
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb

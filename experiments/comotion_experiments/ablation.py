@@ -11,10 +11,11 @@ import numpy as np
 
 from comotion import FusionConfig
 from comotion.rigid.kernels.resampling import resample
+from comotion_schemas.errors import KnownError
 
-from .accuracy.cases import recorded_cases, run_case
-from .processes import Progress, quiet, run_all
-from .stress import run_family
+from .accuracy.cases import RECORDINGS, Case, recorded_cases, run_case
+from .stress import Family, run_family
+from .study import Progress, Row, quiet, run_study, values
 from .tables import Table, document, mean, number
 
 WHOLE = "whole"
@@ -80,49 +81,45 @@ RULES: dict[str, Rule] = {
 """By name."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """One run: the rule that was left out, the scene, its seed (0 for a recording), and the mean NMI."""
-
-    rule: str
-    scene: str
-    seed: int
-    recorded: bool
-    nmi: float
-
-
 def run_experiment(
     rules: Sequence[str],
-    families: Sequence[str],
+    families: Sequence[Family],
     seeds: Sequence[int],
     folders: Sequence[Path] = (),
     *,
     jobs: int = 2,
     progress: Progress = quiet,
-) -> list[Run]:
+) -> list[Row]:
     """Run families and recordings with all rules, and without each of `rules`.
 
     `folders` are those of labelled recordings, `jobs` processes at once; `progress` is called with one line
     for each run that is done.
     """
-    paths = [(folder, case.name) for folder in folders for case in recorded_cases(folder)]
-    work = [
-        *((rule, None, name, seed) for rule in [WHOLE, *rules] for name in families for seed in seeds),
-        *((rule, folder, name, 0) for rule in [WHOLE, *rules] for folder, name in paths),
-    ]
-    return list(run_all(_run, work, jobs, _said, progress))
+    cases: list[Family | Case] = [*families, *(case for folder in folders for case in recorded_cases(folder))]
+    return run_study(_run, cases, [WHOLE, *rules], seeds, jobs=jobs, progress=progress)
 
 
-def _said(run: Run) -> str:
-    return f"without {run.rule}, {run.scene}: NMI {run.nmi:.3f}"
+def rule_of(name: str) -> Rule:
+    """A rule by its name, or ``PARAMETER=VALUE`` for a parameter of the group `rigid`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such rule, parameter or value.
+    """
+    parameter, sign, value = name.partition("=")
+    if not sign and name not in RULES:
+        raise KnownError(f"no rule {name!r}; one of {', '.join(RULES)}, or PARAMETER=VALUE")
+    rule = Rule(f"{parameter} {value}", parameters={parameter: value}) if sign else RULES[name]
+    with rule.left_out():
+        return rule
 
 
-def _run(name: str, folder: Path | None, scene: str, seed: int) -> Run:
-    with RULES.get(name, Rule("nothing")).left_out() as config:
-        if folder is None:
-            return Run(name, scene, seed, False, run_family(scene, seed, config)["nmi_apart"])
-        case = next(recorded for recorded in recorded_cases(folder) if recorded.name == scene)
-        return Run(name, scene, seed, True, run_case(case, config, 0)["nmi"])
+def _run(case: Family | Case, rule: str, seed: int) -> Row:
+    with (Rule("nothing") if rule == WHOLE else rule_of(rule)).left_out() as config:
+        if isinstance(case, Family):
+            return {"nmi": run_family(case.name, seed, config)["nmi_apart"]}
+        return {"nmi": run_case(case, config, seed)["nmi"]}
 
 
 _HEAD = """# Ablation
@@ -132,34 +129,23 @@ over all updates. Stress families with seeds {seeds}, and recordings.
 The last column names the two scenes that change most, by more than {scatter:.3f}."""
 
 
-def as_json(runs: Sequence[Run]) -> dict[str, Any]:
-    """Values for JSON: all runs, and the seeds of families."""
-    return {"seeds": _seeds(runs), "runs": runs}
-
-
-def _seeds(runs: Sequence[Run]) -> list[int]:
-    return sorted({run.seed for run in runs if not run.recorded})
-
-
-def markdown(runs: Sequence[Run]) -> str:
+def markdown(rows: Sequence[Row]) -> str:
     """A table with a line for each rule."""
-    drawn = Table(("left out", "families", "recordings", "changes"))
-    whole = _means(runs, WHOLE)
-    for name in dict.fromkeys([WHOLE, *(run.rule for run in runs)]):
-        found = _means(runs, name)
-        changes = {key: nmi - whole[key] for key, nmi in found.items()}
+    table = Table(("left out", "families", "recordings", "changes"))
+    whole = _means(rows, WHOLE)
+    for rule in dict.fromkeys(row["setting"] for row in rows):
+        nmi = _means(rows, rule)
+        changes = {case: nmi[case] - whole[case] for case in nmi}
         largest = sorted(changes.items(), key=lambda item: -abs(item[1]))[:_SHOWN]
-        changed = ", ".join(f"{key[1]} {change:+.3f}" for key, change in largest if abs(change) > SCATTER)
-        of_kinds = (mean(nmi for key, nmi in found.items() if key[0] == kind) for kind in (False, True))
-        title = "nothing" if name == WHOLE else f"`{name}`: {RULES[name].what}"
-        drawn.add(title, *(number(nmi, 4) for nmi in of_kinds), changed or "-")
-    return document([_HEAD.format(seeds=", ".join(map(str, _seeds(runs))), scatter=SCATTER), drawn])
+        changed = ", ".join(f"{name} {change:+.3f}" for (_, name), change in largest if abs(change) > SCATTER)
+        of_kinds = (mean(v for (recorded, _), v in nmi.items() if recorded == kind) for kind in (False, True))
+        title = "nothing" if rule == WHOLE else f"`{rule}`: {rule_of(rule).what}"
+        table.add(title, *(number(value, 4) for value in of_kinds), changed or "-")
+    seeds = sorted({row["seed"] for row in rows if row["group"] != RECORDINGS})
+    return document([_HEAD.format(seeds=", ".join(map(str, seeds)), scatter=SCATTER), table])
 
 
-def _means(runs: Sequence[Run], rule: str) -> dict[tuple[bool, str], float]:
-    """Mean NMI without a rule, by whether it is a recording, and the name of the scene."""
-    scores: dict[tuple[bool, str], list[float]] = {}
-    for run in runs:
-        if run.rule == rule:
-            scores.setdefault((run.recorded, run.scene), []).append(run.nmi)
-    return {key: mean(values) for key, values in sorted(scores.items())}
+def _means(rows: Sequence[Row], rule: str) -> dict[tuple[bool, str], float]:
+    """Mean NMI without a rule, by whether it is a recording, and the name of the case; sorted."""
+    cases = {(row["group"] == RECORDINGS, row["case"]) for row in rows}
+    return {case: mean(values(rows, "nmi", setting=rule, case=case[1])) for case in sorted(cases)}

@@ -102,8 +102,8 @@ def _extent(positions: Floats) -> float:
     return float((known.max(0) - known.min(0)).max()) if len(known) else 1.0
 
 
-def spectral(matrix: NDArray[Any], count: int, **how: Any) -> Labels:
-    """Spectral clustering (scikit-learn, options `how`) of an affinity [N, N], number of objects given."""
+def spectral(matrix: NDArray[Any], count: int) -> Labels:
+    """Spectral clustering (scikit-learn) of an affinity [N, N], number of objects given."""
     if count < 2 or len(matrix) <= count:
         return np.zeros(len(matrix), np.intp)
     # Slow to import, and few evaluations have the comparator.
@@ -112,7 +112,7 @@ def spectral(matrix: NDArray[Any], count: int, **how: Any) -> Labels:
     # Without any affinity between groups the graph falls apart, which is no defect here.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        clustering = SpectralClustering(count, affinity="precomputed", random_state=0, **how)
+        clustering = SpectralClustering(count, affinity="precomputed", random_state=0)
         return np.asarray(clustering.fit_predict(matrix), np.intp)
 
 

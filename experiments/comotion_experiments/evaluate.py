@@ -128,20 +128,15 @@ def plot_path(path: Path, given: Input, *, several: bool) -> Path:
     return path.with_name(f"{path.stem}-{name}{seed}{path.suffix}")
 
 
-def group(results: Sequence[Evaluated]) -> dict[str, list[Evaluated]]:
-    """Group results by the name of the input, in order."""
-    names = dict.fromkeys(result.name for result in results)
-    return {name: [result for result in results if result.name == name] for name in names}
-
-
-def averages(results: Sequence[Evaluated]) -> dict[str, float]:
-    """Mean of every number over the results that have it; NaN if none has."""
-    return means([result.values() for result in results])
-
-
-def overall(results: Sequence[Evaluated]) -> dict[str, float]:
-    """Mean over files of the mean over seeds."""
-    return means([averages(members) for members in group(results).values()])
+def by_file(results: Sequence[Evaluated]) -> dict[str, dict[str, float]]:
+    """Means over the seeds of each file, those of the comparator too, and the `spread` of the mean NMI."""
+    rows = {}
+    for name in dict.fromkeys(result.name for result in results):
+        members = [result for result in results if result.name == name]
+        nmi = [member.summary.mean_nmi for member in members]
+        spread = float(np.std(nmi)) if len(nmi) > 1 else math.nan
+        rows[name] = means([member.values() | member.compared for member in members]) | {_SPREAD: spread}
+    return rows
 
 
 def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | None) -> dict[str, Any]:
@@ -151,12 +146,13 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
         row = {"file": r.name, "seed": r.seed, "seconds": float(r.run.seconds[-1]), **r.values()}
         row |= {"updates_sha256": r.digest, "joints": [known_values(joint) for joint in r.run.last.joints]}
         runs.append(row | ({"brox_malik": r.compared} if r.compared else {}))
+    overall = means(list(by_file(results).values()))
     values: dict[str, Any] = plain(
         {
             "config": config.model_dump(mode="json"),
             "period": config.period if period is None else period,
             "runs": runs,
-            "overall": overall(results),
+            "overall": {name: overall[name] for name in results[0].values()},
         }
     )
     return values
@@ -167,18 +163,16 @@ def table(results: Sequence[Evaluated], *, everything: bool = False) -> Table:
 
     Not wider than 80 characters unless `everything` is asked for, or a comparator was scored.
     """
-    groups = group(results)
-    comparators = list(results[0].compared) if results else []
-    seeded = any(len(members) > 1 for members in groups.values())
+    rows, comparators = by_file(results), list(results[0].compared) if results else []
+    seeded = len(rows) < len(results)
     keys = {column.key for column in _COLUMNS} - (set() if everything else _SELDOM)
     keys -= set() if seeded else {_SPREAD}
     shown = [column for column in _COLUMNS if column.key in keys]
     shown += [Column(name, f"Brox-Malik, {name}", 3) for name in comparators]
     drawn = Table(["file", *(column.title for column in shown)])
-    rows = {name: _row(members) for name, members in groups.items()}
     for name, row in rows.items():
         drawn.add(_label(name, 28 if everything else 16), *(column.of(row) for column in shown))
-    if len(groups) > 1:
+    if len(rows) > 1:
         drawn.end_section()
         row = means(list(rows.values())) | {_SPREAD: math.nan}
         drawn.add("overall", *(column.of(row) for column in shown), strong=True)
@@ -200,13 +194,6 @@ _COLUMNS = (
     Column("ms_per_update", "ms/update", 1),
 )
 _SELDOM = {"final_nmi", "switches_per_100", "idf1", "id_switches"}
-
-
-def _row(members: Sequence[Evaluated]) -> dict[str, float]:
-    """Means over the seeds of a file, those of the comparator too, and the spread of the mean NMI."""
-    nmi = [member.summary.mean_nmi for member in members]
-    spread = float(np.std(nmi)) if len(nmi) > 1 else math.nan
-    return averages(members) | means([member.compared for member in members]) | {_SPREAD: spread}
 
 
 def _label(name: str, width: int) -> str:

@@ -155,4 +155,4 @@ def in_order_of_acquisition(logged: Iterable[tuple[int, Message]]) -> Iterator[t
         heapq.heappush(pending, (place, log_ns, message))
         while log_ns - pending[0][1] > _SORT_SPAN_NS:
             yield heapq.heappop(pending)[1:]
-    yield from (one[1:] for one in sorted(pending))
+    yield from (left[1:] for left in sorted(pending))

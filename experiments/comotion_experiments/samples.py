@@ -5,10 +5,8 @@ Rerun. Needs the extras `foxglove` and `view`.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
 
 import foxglove
 
@@ -18,23 +16,22 @@ from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
 from comotion_clients.viewing.picture import Drawn, ScenePicture
 from comotion_clients.viewing.sink import RerunSink
-from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
+from comotion_sources.simulator import batches, load_scene, simulate
 
-from .inputs import Arrived, Incoming, find_inputs
+from .inputs import Incoming
 from .offline import run_offline
 
-SCENE = "sim:3d_5"
+SCENE = "3d_5"
 SECONDS = 6.0
 NOON_NS = 1_767_268_800_000_000_000
 """Noon of a day: a viewer writes the date instead of the time where a scene begins at midnight."""
-Stamped = TypeVar("Stamped", ObservationBatch, Preview, Status)
 
 
 def make(folder: Path) -> list[Path]:
     """Write the samples; returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    name = SCENE.partition(":")[2]
-    files = [folder / f"{name}.mcap", folder / f"{name}.rrd"]
+    files = [folder / f"{SCENE}.mcap", folder / f"{SCENE}.rrd"]
     for file in files:
         file.unlink(missing_ok=True)
     messages = played(SCENE, SECONDS)
@@ -44,44 +41,26 @@ def make(folder: Path) -> list[Path]:
         for log_ns, message in messages:
             scene.add(log_ns, message)
     with RerunSink(file=files[1]) as sink:
-        play(Drawn(sink, ScenePicture(name)), messages)
+        play(Drawn(sink, ScenePicture(SCENE)), messages)
     return files
 
 
 def played(scene: str, seconds: float) -> list[tuple[int, Message]]:
-    """What a recorder would have received of a scene: (time in ns, message) in order."""
-    (scene_input,) = find_inputs([scene])
-    return received(scene_input.open(), seconds)
-
-
-def received(given: Iterable[Incoming], seconds: float) -> list[tuple[int, Message]]:
-    """Messages of sources, their stamps counted from noon, and between them the updates of the core."""
-    moved = (at_noon(message) if isinstance(message, ObservationBatch) else message for message in given)
+    """What a recorder would have received of a simulated scene: (time in ns, message) in order."""
     messages: list[tuple[int, Message]] = []
 
-    def on_update(update: HypothesisUpdate, score: Score) -> None:
-        del score
+    def noted() -> Iterator[Incoming]:
+        newest_ns = NOON_NS
+        for message in batches(simulate(load_scene(scene)), epoch_ns=NOON_NS):
+            newest_ns = message.stamp_ns if isinstance(message, ObservationBatch) else newest_ns
+            messages.append((newest_ns, message))
+            yield message
+
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         messages.append((update.published_ns, update))
 
-    run_offline(_noted(moved, messages), FusionConfig(), duration=seconds, on_update=on_update)
+    run_offline(noted(), FusionConfig(), duration=seconds, on_update=on_update)
     return messages
-
-
-def _noted(given: Iterable[Incoming], messages: list[tuple[int, Message]]) -> Iterator[Incoming]:
-    newest_ns = NOON_NS
-    for message in given:
-        if isinstance(message, ObservationBatch):
-            newest_ns = max(newest_ns, message.stamp_ns)
-        messages.append((newest_ns, message.batch if isinstance(message, Arrived) else message))
-        yield message
-
-
-def at_noon(message: Stamped) -> Stamped:
-    """A message whose stamps count from :data:`NOON_NS`."""
-    moved: dict[str, Any] = {"stamp_ns": message.stamp_ns + NOON_NS}
-    if isinstance(message, ObservationBatch) and message.stamps_ns is not None:
-        moved["stamps_ns"] = message.stamps_ns + NOON_NS
-    return replace(message, **moved)
 
 
 if __name__ == "__main__":

@@ -77,17 +77,16 @@ def filled(template: Path, parts: Mapping[str, str | Table]) -> str:
 
 
 class Column(NamedTuple):
-    """A column of numbers: which value of a row it shows, its title, digits, factor, and what follows it."""
+    """A column of numbers: which value of a row it shows, its title, digits, and factor."""
 
     key: str
     title: str
     digits: int
     times: float = 1.0
-    unit: str = ""
 
     def of(self, row: Mapping[str, float]) -> str:
         """The cell of a row."""
-        return number(self.times * row[self.key], self.digits) + self.unit
+        return number(self.times * row[self.key], self.digits)
 
 
 def number(value: float, digits: int) -> str:
@@ -97,18 +96,18 @@ def number(value: float, digits: int) -> str:
 
 def spread(values: Any, digits: int = 3) -> str:
     """Mean and, after ±, standard deviation of the values that are finite; a dash without any."""
-    known = np.asarray(values, np.float64)
-    known = known[np.isfinite(known)]
-    if not len(known):
+    finite = np.asarray(values, np.float64)
+    finite = finite[np.isfinite(finite)]
+    if not len(finite):
         return "-"
-    tail = f" ± {known.std():.{digits}f}" if len(known) > 1 else ""
-    return f"{known.mean():.{digits}f}{tail}"
+    tail = f" ± {finite.std():.{digits}f}" if len(finite) > 1 else ""
+    return f"{finite.mean():.{digits}f}{tail}"
 
 
 def mean(values: Iterable[float]) -> float:
     """Mean of the values that are not NaN; NaN without any."""
-    known = [value for value in values if not math.isnan(value)]
-    return float(np.mean(known)) if known else math.nan
+    finite = [value for value in values if not math.isnan(value)]
+    return float(np.mean(finite)) if finite else math.nan
 
 
 def means(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -64,8 +64,8 @@ def moment_of(
     update: HypothesisUpdate, truth: Truth, spaces: Mapping[str, SpaceRef], space: SpaceRef
 ) -> Moment:
     """Select the tracks of a space in an update, with their true objects."""
-    mine = [index for index, source in enumerate(update.sources) if spaces.get(source.name) == space]
-    rows = np.flatnonzero(np.isin(update.track_source, mine))
+    sources = [index for index, source in enumerate(update.sources) if spaces.get(source.name) == space]
+    rows = np.flatnonzero(np.isin(update.track_source, sources))
     rows = rows[np.argsort(update.track_source[rows], kind="stable")]
     refs = (update.sources[index] for index in update.track_source[rows].tolist())
     return Moment(
@@ -94,8 +94,8 @@ def objects_of(update: HypothesisUpdate, truth: Truth) -> NDArray[np.int32]:
     """Return the true object of each track of an update, int32 [N]; -1 where unknown."""
     objects = np.full(len(update.track_id), -1, np.int32)
     for k, source in enumerate(update.sources):
-        mine = update.track_source == k
-        objects[mine] = truth.objects((source.name, source.session), update.track_id[mine])
+        rows = update.track_source == k
+        objects[rows] = truth.objects((source.name, source.session), update.track_id[rows])
     return objects
 
 

@@ -93,7 +93,7 @@ class System:
         """Watch until something is so; UserError with the last lines of the logs if it never is."""
         if self.is_so(condition, seconds) or self.stop.is_set():
             return
-        logs = [one.log for one in self.processes.values() if one.log and one.log.exists()]
+        logs = [log for process in self.processes.values() if (log := process.log) and log.exists()]
         last = [f"{log.stem}: {line}" for log in logs for line in _last_lines(log)]
         raise UserError(f"it does not come up within {seconds:.0f} s: {' | '.join(last)}")
 

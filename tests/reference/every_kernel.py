@@ -10,7 +10,7 @@ from comotion import Fusion, FusionConfig
 from comotion_experiments.inputs import Arrived
 from comotion_schemas import encode
 
-from ..comotion_tools.bench.scene import SceneSpec, messages
+from ..comotion_tools.bench.core import SceneSpec, messages
 from ..comotion_tools.kernels import kernels
 
 # Of so many features in metres the default method searches a subset.

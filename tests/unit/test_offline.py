@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from comotion import Fusion, FusionConfig
-from comotion_experiments.evaluate import as_json, averages, evaluate_inputs, overall, table
+from comotion_experiments.evaluate import as_json, by_file, evaluate_inputs, table
 from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import ObservationBatch
@@ -63,13 +63,14 @@ def test_recordings_and_scenes_are_evaluated(recording):
     assert all(r.summary.final_nmi == 1.0 for r in results)
     # The two markers without a label are grouped but never scored.
     assert results[2].summary.mean_objects == 2
-    scenes = averages(results[:2])["mean_nmi"]
-    assert overall(results)["mean_nmi"] == pytest.approx((scenes + results[2].summary.mean_nmi) / 2)
+    scenes = by_file(results)[scene]["mean_nmi"]
+    assert scenes == pytest.approx((results[0].summary.mean_nmi + results[1].summary.mean_nmi) / 2)
 
     found = json.loads(json.dumps(as_json(results, CONFIG, 0.25), allow_nan=False))
     assert found["period"] == 0.25
     assert found["config"]["thesis"]["sigma_switch"] == 0.02
     assert [run["seed"] for run in found["runs"]] == [0, 1, None]
+    assert found["overall"]["mean_nmi"] == pytest.approx((scenes + results[2].summary.mean_nmi) / 2)
     text = io.StringIO()
     Console(file=text, width=80).print(table(results))
     assert "overall" in text.getvalue()

@@ -8,8 +8,7 @@ import pytest
 from comotion_schemas import SourceRef
 from comotion_tools.processes import Managed, Usage
 from comotion_tools.soak import load
-from comotion_tools.soak.accounts import audit, moment
-from comotion_tools.soak.monitor import Findings, Gap, Monitor
+from comotion_tools.soak.monitor import Findings, Gap, Monitor, audit, moment
 from comotion_tools.soak.report import as_json, lines, violations
 from comotion_tools.soak.run import Soak
 from comotion_tools.soak.schedule import Fault

@@ -3,7 +3,7 @@
 import json
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -15,10 +15,8 @@ from ..fusion_options import Assignments
 from ..options import Json, Tool, option, setting
 
 if TYPE_CHECKING:
-    from comotion_experiments.figures import Results
+    from comotion_experiments.figures import Study
     from comotion_experiments.tables import Table
-
-Pictures = Mapping[str, Callable[[Path], object]]
 
 
 @dataclass(kw_only=True)
@@ -28,34 +26,25 @@ class Experiment(Json, Tool):
     log_level = "warning"
     out: Path
 
-    def report(
-        self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
-    ) -> None:
-        """Write the page of an experiment, its values and its pictures, and show it.
+    def prepare(self) -> None:
+        """Check before hours of work what would fail at the end.
 
-        Parameters
-        ----------
-        name
-            Name of page and values, without a suffix.
-        text
-            The page, in Markdown.
-        values
-            What the JSON file holds.
-        shown
-            Tables and lines for the terminal; the page itself by default.
-        pictures
-            What draws each picture, by its path in the folder.
+        Raises
+        ------
+        UserError
+            If `out` exists and is not a folder.
         """
-        drawn = pictures or {}
-        page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
-        for path in (page, *images):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        super().prepare()
+        if self.out.exists() and not self.out.is_dir():
+            raise UserError(f"{self.out}: not a folder")
+
+    def report(self, name: str, text: str, values: object) -> None:
+        """Write the page of an experiment, in Markdown, and its values, as JSON, and show it."""
+        page, numbers = (self.out / f"{name}.{suffix}" for suffix in ("md", "json"))
+        self.out.mkdir(parents=True, exist_ok=True)
         page.write_text(text, encoding="utf-8")
         write_values(numbers, values)
-        for path, draw in zip(images, drawn.values(), strict=True):
-            draw(path)
-        written = ", ".join(map(str, (page, numbers, *images)))
-        self.show(values, *(shown or (text,)), f"written: {written}", width=170)
+        self.show(values, text, f"written: {page}, {numbers}", width=170)
 
 
 def write_values(path: Path, values: object) -> None:
@@ -63,33 +52,6 @@ def write_values(path: Path, values: object) -> None:
     from comotion_schemas.plain import plain
 
     path.write_text(json.dumps(plain(values), indent=2) + "\n", encoding="utf-8")
-
-
-def check(out: Path) -> None:
-    """Check before hours of work what would fail at the end.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    UserError
-        If `out` exists and is not a folder.
-    """
-    import matplotlib  # noqa: F401
-
-    check_folder(out)
-
-
-def check_folder(out: Path) -> None:
-    """Check that a path can be used as a folder.
-
-    Raises
-    ------
-    UserError
-        If it exists and is not a folder.
-    """
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: not a folder")
 
 
 @contextmanager
@@ -136,7 +98,9 @@ Examples:
 
     def run(self) -> None:
         """Draw them and write the page."""
-        from comotion_experiments.figures import Options, reproduce, select
+        import matplotlib  # noqa: F401 - before hours of work
+
+        from comotion_experiments.figures import Options, Study, select
         from comotion_experiments.figures.page import left_out, page
         from comotion_experiments.inputs import parse_seeds
 
@@ -148,18 +112,18 @@ Examples:
             )
         simulated = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         filmed = parse_seeds(self.workcell_seeds or ("0" if self.quick else "0-1"))
-        check(self.out)
         workcell = find_spec("mujoco") is not None
         if self.only and not workcell and all(figure.workcell for figure in chosen):
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
         given = Options(simulated, filmed, self.quick, self._cache(), config)
         with progress() as note:
-            results = reproduce(chosen, given, self.out, workcell=workcell, note=note)
+            study = Study(given, self.out, note)
+            study.draw(chosen, workcell=workcell)
         data, html = self.out / "figures.json", self.out / "index.html"
-        write_values(data, results.as_json())
-        html.write_text(page(results, self._command()), encoding="utf-8")
-        missing = [left_out(results)] if left_out(results) else []
-        self.show(results.as_json(), _table(results), *missing, f"written: {html}, {data}", width=170)
+        write_values(data, study.as_json())
+        html.write_text(page(study, self._command()), encoding="utf-8")
+        missing = [left_out(study)] if left_out(study) else []
+        self.show(study.as_json(), _table(study), *missing, f"written: {html}, {data}", width=170)
 
     def _cache(self) -> Path:
         base = os.environ.get("XDG_CACHE_HOME")
@@ -178,12 +142,12 @@ Examples:
         return shlex.join(words)
 
 
-def _table(results: "Results") -> "Table":
+def _table(study: "Study") -> "Table":
     from comotion_experiments.tables import Table
 
     titles = ("figure", "", "the thesis says", "thesis method here", "default method here")
     table = Table(titles, words=len(titles))
-    for figure, drawn in results.made:
+    for figure, drawn in study.made:
         for k, row in enumerate(drawn.rows):
             table.add(figure.name if k == 0 else "", row.quantity, row.printed, row.thesis, row.default)
         table.end_section()

@@ -17,11 +17,11 @@ from .study import DEFAULT, Row, Simulated, Study
 
 def count(values: Any) -> str:
     """Mean and, where seeds differ, standard deviation of one number per seed."""
-    known = np.asarray(values, np.float64)
-    known = known[np.isfinite(known)]
-    if len(known) and known.std() > 0:
-        return f"{known.mean():.1f} ± {known.std():.1f}"
-    return f"{known.mean():g}" if len(known) else "-"
+    finite = np.asarray(values, np.float64)
+    finite = finite[np.isfinite(finite)]
+    if len(finite) and finite.std() > 0:
+        return f"{finite.mean():.1f} ± {finite.std():.1f}"
+    return f"{finite.mean():g}" if len(finite) else "-"
 
 
 def row_of(
@@ -50,8 +50,8 @@ def _right_at(take: SceneRuns, view: int) -> str:
     shares = []
     for seed in take.seeds:
         moment = seed.views[view].moment
-        known = (moment.objects >= 0) & (moment.hypotheses != UNDETERMINED)
-        right = rightly_assigned(moment.hypotheses[known], moment.objects[known]).sum()
+        scored = (moment.objects >= 0) & (moment.hypotheses != UNDETERMINED)
+        right = rightly_assigned(moment.hypotheses[scored], moment.objects[scored]).sum()
         shares.append(100 * right / max(int((moment.objects >= 0).sum()), 1))
     return f"{spread(shares, 0)} %"
 
@@ -94,7 +94,7 @@ def rows_of_each(
     """A value of each take, with what the thesis says of each; the default method last."""
     *tried, default = map(value, takes.values())
     columns = zip(takes, said, tried, strict=False)
-    rows = [Row(f"{label}: {quantity}", text, here, "") for label, text, here in columns]
+    rows = [Row(f"{label}: {quantity}", text, shown, "") for label, text, shown in columns]
     return [*rows, Row(quantity, "-", "", default)]
 
 

@@ -9,9 +9,8 @@ from html import escape
 from importlib import metadata, resources
 from pathlib import Path
 
-from .experiment import Results
 from .numbers import summary
-from .study import Drawn, Figure
+from .study import Drawn, Figure, Study
 
 _PACKAGES = ("comotion", "numpy", "scipy", "scikit-learn", "numba", "opencv-python-headless")
 _OF_EXTRAS = ("mujoco", "matplotlib")
@@ -20,9 +19,9 @@ are the best of those drawn, chosen in hindsight; the default method has its def
 4.3 nothing moves for 10 of 12.67 s: nothing can score above 0 until then."""
 
 
-def page(results: Results, command: str) -> str:
-    """Compose the page of results, whose pictures are embedded; `command` is what makes it again."""
-    missing = left_out(results)
+def page(study: Study, command: str) -> str:
+    """Compose the page of a study, whose pictures are embedded; `command` is what makes it again."""
+    missing = left_out(study)
     versions = [("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")]
     for name in (*_PACKAGES, *_OF_EXTRAS):
         try:
@@ -32,29 +31,29 @@ def page(results: Results, command: str) -> str:
     parts = {
         "command": escape(command),
         "notice": f'<p class="notice">{escape(missing[0].upper() + missing[1:])}.</p>' if missing else "",
-        "summary": _summary(results),
-        "links": " · ".join(_link(figure) for figure, _ in results.made),
-        "figures": "\n".join(_section(figure, drawn, results.out) for figure, drawn in results.made),
-        "config": escape(json.dumps(results.options.default.model_dump(mode="json"), indent=2)),
+        "summary": _summary(study),
+        "links": " · ".join(_link(figure) for figure, _ in study.made),
+        "figures": "\n".join(_section(figure, drawn, study.out) for figure, drawn in study.made),
+        "config": escape(json.dumps(study.options.default.model_dump(mode="json"), indent=2)),
         "versions": _table(("", ""), [tuple(map(escape, version)) for version in versions]),
     }
     template = (resources.files(__package__) / "page.html").read_text(encoding="utf-8")
     return re.sub(r"\{(\w+)\}", lambda name: parts[name[1]], template)
 
 
-def left_out(results: Results) -> str:
+def left_out(study: Study) -> str:
     """One line about the figures that were left out; empty when none was."""
-    names = [figure.name for figure in results.left_out]
+    names = [figure.name for figure in study.left_out]
     if not names:
         return ""
     which = f"figure {names[0]} is" if len(names) == 1 else f"figures {', '.join(names)} are"
     return f"{which} left out; they need the workcell: pip install 'comotion[sim3d]'"
 
 
-def _summary(results: Results) -> str:
+def _summary(study: Study) -> str:
     rows = [
         (_link(figure), *(escape(text) for text in (figure.title, *summary(drawn.curves))))
-        for figure, drawn in results.made
+        for figure, drawn in study.made
         if drawn.curves
     ]
     if not rows:

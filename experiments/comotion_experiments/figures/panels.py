@@ -115,12 +115,6 @@ def _scene_panel(axes: Any, view: View, styles: Styles, spec: SceneSpec, seed: i
     axes.set_title(f"t = {view.t:.3g} s", fontsize=9)
 
 
-def row_title(axes: Any, text: str) -> None:
-    """Write a title to the left of a row's first panel."""
-    style: dict[str, Any] = {"fontsize": 12, "fontweight": "bold", "va": "center", "ha": "right"}
-    axes.text(-0.24, 0.5, text, transform=axes.transAxes, rotation=90, **style)
-
-
 def draw_tracks(axes: Any, view: View, styles: Styles, size: float, edge: float = 0.3) -> None:
     """Draw every track as its trail and a point, in the style of its hypothesis."""
     labels = view.moment.hypotheses
@@ -194,7 +188,7 @@ def curve(axes: Any, take: SceneRuns, label: str, *, width: float = 1.8, order: 
     `how` are a `colour` and `dashes`.
     """
     colour, dashes = how["colour"], how.get("dashes", "-")
-    mean, spread = mean_and_spread(take.nmi)
+    mean, spread = take.spread()
     axes.plot(take.t, mean, color=colour, linestyle=dashes, linewidth=width, label=label, zorder=order)
     if len(take.seeds) > 1:
         low, high = np.clip([mean - spread, mean + spread], 0, 1)
@@ -218,12 +212,6 @@ def switch_curves(
     nmi_axes(axes, duration=duration, **how)
     axes.set_title(spread_note(seeds), fontsize=10)
     return figure
-
-
-def mean_and_spread(values: NDArray[np.float64]) -> tuple[Any, Any]:
-    """Mean and standard deviation over seeds [U], masked where no seed has a value."""
-    known = np.ma.masked_invalid(values)
-    return known.mean(axis=0), known.std(axis=0)
 
 
 def nmi_axes(axes: Any, *, duration: float, legend: str = "lower right", columns: int = 1) -> None:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class SeedRun:
 
     def main_of(self, name: str) -> NDArray[np.int64]:
         """Hypothesis that holds most of an object's tracks at every update, int64 [U]; -1 where none does."""
-        numbers = [number for number, known in self.names.items() if known == name]
+        numbers = [number for number, other in self.names.items() if other == name]
         return np.array([_main(m.hypotheses[np.isin(m.objects, numbers)]) for m in self.moments])
 
 
@@ -97,6 +98,17 @@ class SceneRuns:
     def mean_nmi(self) -> Floats:
         """Mean over time of every seed, float64 [seeds]."""
         return np.array([np.nanmean(seed.nmi) for seed in self.seeds])
+
+    def spread(self) -> tuple[Any, Any]:
+        """Mean and standard deviation of NMI over seeds [U], masked where no seed has a value."""
+        scored = np.ma.masked_invalid(self.nmi)
+        return scored.mean(axis=0), scored.std(axis=0)
+
+    def as_json(self) -> dict[str, list[float]]:
+        """The curve, to four digits; NaN where a value is masked."""
+        mean, std = self.spread()
+        columns = {"t": self.t, "mean": mean, "std": std}
+        return {name: np.ma.filled(column, np.nan).round(4).tolist() for name, column in columns.items()}
 
     def nmi_at(self, t: float) -> float:
         """Mean over seeds at the update nearest to a time."""

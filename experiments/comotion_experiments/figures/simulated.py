@@ -39,7 +39,8 @@ def draw_switches(study: Study) -> Drawn:
         panels.scene_panels(row[:-1], take, _SWITCHES.scene, study)
         first = take.seeds[0]
         image = panels.affinity_panel(row[-1], first.views[1], first.names)
-        panels.row_title(row[0], label)
+        style: dict[str, Any] = {"fontsize": 12, "fontweight": "bold", "va": "center", "ha": "right"}
+        row[0].text(-0.24, 0.5, label, transform=row[0].transAxes, rotation=90, **style)
     panels.affinity_bar(figure, image, list(axes[:, -1]))
     panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
     rows = rows_of_each("NMI is 1 from", takes, _SAID.values(), lambda take: format_times(perfect_from(take)))

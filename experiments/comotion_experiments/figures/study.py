@@ -1,4 +1,4 @@
-"""What figures are, and the scenes that they are drawn from, each one run once."""
+"""What figures are, the scenes that they are drawn from, each run once, and all that comes of them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from comotion import FusionConfig
 from comotion_sources.simulator import batches, load_scene, simulate
 
 from ..inputs import Message
-from ..processes import Progress, quiet
+from ..study import Progress, quiet
 from .runs import SceneRuns, ViewRequest, run_seed
 
 DEFAULT = "default method"
@@ -37,15 +37,54 @@ class Simulated:
 
 
 class Study:
-    """Runs scenes through the core; a run that two figures share is done once.
+    """Runs scenes through the core, each once, and draws figures into a folder, which it makes.
 
-    `note` is called with the name of the next run.
+    `note` is called with the name of the next run; `made` are the figures with what came of drawing them.
     """
 
-    def __init__(self, options: Options, note: Progress = quiet) -> None:
-        self.options = options
-        self.note = note
+    def __init__(self, options: Options, out: Path, note: Progress = quiet) -> None:
+        self.options, self.out = options, out
+        self.made: list[tuple[Figure, Drawn]] = []
+        self.left_out: list[Figure] = []
+        self._progress, self._place = note, ""
         self._takes: dict[Any, SceneRuns] = {}
+
+    def draw(self, figures: Sequence["Figure"], *, workcell: bool = True) -> None:
+        """Draw figures in order; without the workcell (MuJoCo) those of it are left out."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        self.left_out = [figure for figure in figures if figure.workcell and not workcell]
+        chosen = [figure for figure in figures if figure not in self.left_out]
+        for number, figure in enumerate(chosen, 1):
+            self._place = f"[{number}/{len(chosen)}] figure {figure.name}"
+            self._progress(self._place)
+            drawn = figure.draw(self)
+            drawn.figure.savefig(self.out / figure.file)
+            self.made.append((figure, drawn))
+
+    def note(self, what: str) -> None:
+        """Say what runs next for the figure that is being drawn."""
+        self._progress(f"{self._place}: {what}")
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything, for JSON; a curve has seconds `t`, and `mean` and `std` of NMI over the seeds."""
+        options = self.options
+        return {
+            "seeds": options.seeds,
+            "workcell_seeds": options.workcell_seeds,
+            "quick": options.quick,
+            "default_method": options.default.model_dump(mode="json"),
+            "left_out": [figure.name for figure in self.left_out],
+            "figures": {
+                figure.name: {
+                    "title": figure.title,
+                    "picture": figure.file,
+                    "numbers": drawn.rows,
+                    "parameters": drawn.parameters,
+                    "curves": {label: take.as_json() for label, take in drawn.curves.items()},
+                }
+                for figure, drawn in self.made
+            },
+        }
 
     def simulated(self, how: Simulated) -> dict[str, SceneRuns]:
         """Run all seeds of a simulated scene, as :meth:`takes`."""

@@ -1,19 +1,128 @@
-"""Figures 4.6 to 4.11: features of a KLT tracker on three scenes of the workcell."""
+"""Figures 4.6 to 4.11: features of a KLT tracker on three scenes of the workcell.
 
-from collections.abc import Callable
-from dataclasses import replace
+Scenes are filmed once: their tracked features are kept on disk.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+import msgpack
 import numpy as np
+from numpy.typing import NDArray
 
+from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
+from comotion_sources import klt, workcell
+from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.streams import OFFLINE_SESSION
+from comotion_sources.workcell import Scene, Viewpoint
+from comotion_sources.workcell.atlas import build_atlas
+from comotion_sources.workcell.camera import CameraSpec, WorkcellCamera
+
+from ..inputs import Message
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .footage import PICTURE, SECONDS, Shot, Stills, film_setup, filmed_messages
 from .numbers import best, right_rows, row_of, rows_of_each, run_parameters
 from .runs import SceneRuns, View, ViewRequest
 from .study import DEFAULT, Drawn, Row, Simulated, Study
+
+CAMERA = "a"
+_SOURCE = "klt-a"
+SECONDS = 18.0
+PICTURE = (320, 240)
+# Packages that tracked features depend on, beside the set-up.
+_PRODUCERS = (klt, workcell)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One scene of the thesis, by its name here."""
+
+    scene: str
+    respawn_every: int  # frames between two looks for new features
+    times: tuple[float, ...]  # moments to show, s
+    apart: tuple[str, str]  # two objects
+    said: str  # about telling them apart, by the thesis
+
+
+def film_setup(study: Study, shot: Shot, seed: int = 0) -> tuple[CameraSpec, TrackerConfig]:
+    """Choose the set-up of the thesis: every n-th frame new features at the 100 best corners."""
+    size, features = ((320, 240), 100) if study.options.quick else ((480, 360), 200)
+    camera = CameraSpec(scene=shot.scene, camera=CAMERA, size=size, rate=30.0, seed=seed, duration=SECONDS)
+    return camera, TrackerConfig(max_features=features, spawn_limit=100, respawn_every=shot.respawn_every)
+
+
+def filmed_messages(study: Study, shot: Shot, seed: int) -> list[Message]:
+    """Read the messages of a scene from the cache, or film it and keep them there."""
+    camera, tracker = film_setup(study, shot, seed)
+    name, cache = f"film-{shot.scene}-{seed}-{_fingerprint(camera, tracker)}.msgpack", study.options.cache
+    path = None if cache is None else cache / name
+    if path is not None and path.is_file():
+        kept = (decode(raw) for raw in msgpack.unpackb(path.read_bytes()))
+        return [message for message in kept if isinstance(message, TruthBatch | ObservationBatch)]
+    frames = round(SECONDS * camera.rate)
+    study.note(f"{shot.scene}, seed {seed}: rendering and tracking {frames} frames")
+    messages = list(_film(camera, tracker))
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(msgpack.packb([encode(message) for message in messages]))
+        partial.replace(path)
+    return messages
+
+
+def _film(spec: CameraSpec, config: TrackerConfig) -> Iterator[Message]:
+    """Render a scene with depth, and track features in it; the same for the same arguments."""
+    camera = WorkcellCamera(spec)
+    space = choose_space(_SOURCE, has_depth=True, intrinsics=camera.intrinsics, extrinsics=camera.extrinsics)
+    observer = Observer(space, space.builder(_SOURCE, OFFLINE_SESSION), camera.objects)
+    tracker = Tracker(config, camera.intrinsics)
+    for frame in camera:
+        yield from observer.messages(tracker.step(frame), frame)
+
+
+def _fingerprint(*how: object) -> str:
+    """Digest of the set-up, and of all code and scenes that the messages depend on."""
+    digest = hashlib.sha256(repr(how).encode())
+    folders = [Path(str(package.__file__)).parent for package in _PRODUCERS]
+    for path in sorted(path for folder in folders for path in folder.rglob("*.[px][ym]*")):
+        if path.suffix in {".py", ".xml"}:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+class Stills:
+    """Renders still images of a scene and seed of the workcell, and projects points into them."""
+
+    def __init__(self, scene: str, seed: int) -> None:
+        self._scene = Scene.named(scene, seed)
+        atlas = build_atlas(self._scene.model, seed)
+        # Without image noise, which would take 90 % of the size of a PNG.
+        self._view = Viewpoint(self._scene, CAMERA, PICTURE, atlas, grain=0.0)
+        self._into_camera = self._view.extrinsics.inverse()
+
+    @property
+    def names(self) -> dict[int, str]:
+        """Names of the true objects by number."""
+        return dict(self._scene.objects)
+
+    def picture(self, t: float) -> NDArray[np.uint8]:
+        """Render the RGB image uint8 [H, W, 3] at a time in seconds."""
+        frame = self._view.frame(self._scene.configuration(t), round(t * 1e9))
+        return np.ascontiguousarray(frame.image[..., ::-1])
+
+    def pixels(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Project points float32 [N, 3] of the world to pixels float32 [N, 2]."""
+        if not len(points):
+            return np.zeros((0, 2), np.float32)
+        inside = self._into_camera.apply(points.astype(np.float64))
+        return np.asarray(self._view.intrinsics.project(inside), np.float32)
+
 
 PERIOD = 1 / 3
 SWITCHES = (0.0025, 0.005, 0.01, 0.02, 0.04)
@@ -114,8 +223,8 @@ def _apart(take: SceneRuns, name: str, other: str) -> str:
     shares = []
     for seed in take.seeds:
         first, second = seed.main_of(name), seed.main_of(other)
-        known = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
-        shares.append(100 * np.mean(first[known] != second[known]) if known.any() else np.nan)
+        both = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
+        shares.append(100 * np.mean(first[both] != second[both]) if both.any() else np.nan)
     return f"{spread(shares, 0)} % of updates"
 
 
@@ -130,8 +239,8 @@ def _door(take: SceneRuns) -> str:
 
 
 def _most(ids: Any) -> int:
-    known = ids[ids >= 0]
-    return int(np.bincount(known).argmax()) if len(known) else -1
+    assigned = ids[ids >= 0]
+    return int(np.bincount(assigned).argmax()) if len(assigned) else -1
 
 
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:

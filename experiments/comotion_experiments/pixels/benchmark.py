@@ -1,128 +1,106 @@
-"""Runs the pixel benchmark: data sets -> scores of the method."""
+"""Runs the pixel benchmark: the method on whole sequences, on their first frames, and with noise."""
 
-from collections.abc import Mapping
-from typing import Any
+import time
+from collections.abc import Sequence as Rows
 
 import numpy as np
+from numpy.typing import NDArray
 
-from comotion.config import PixelsConfig
+from comotion import FusionConfig
+from comotion.partition import Previous, SpaceSpec
+from comotion.pixels.method import PixelMethod
+from comotion.trajectories.window import Window
 
-from ..processes import Progress, quiet
+from ..study import Progress, Row, quiet, run_study, values
 from ..tables import Table, document, mean
-from .methods import engine
-from .sequences import Sequence, score
+from .sequences import HOPKINS, Sequence, score
 
-LENGTHS: tuple[int | None, ...] = (None, 10, 20, 30)
-OURS = "comotion, K unknown"
-NOISY = "the same with 0.4 px of white noise"
+_LENGTHS = (None, 10, 20, 30)
 _NOISE_PX = 0.4
-_LENGTH_TITLES = ("all frames", *(f"first {n}" for n in LENGTHS if n is not None))
-TITLES = ("data set", "method", *_LENGTH_TITLES, "median", "NMI", "K exact", "ms")
+_METHODS = {"comotion, K unknown": 0.0, f"the same with {_NOISE_PX:g} px of white noise": _NOISE_PX}
+_ALONE = "each motion alone"
+_RUNS = {f"{method}, {n}": (n, noise) for method, noise in _METHODS.items() for n in _LENGTHS}
+_GAP_NS = 500_000_000
 
 
-def run_benchmark(data_sets: Mapping[str, list[Sequence]], progress: Progress = quiet) -> dict[str, Any]:
-    """Score the engine on whole sequences and on their first frames.
-
-    Parameters
-    ----------
-    data_sets
-        By name, see :func:`~comotion_experiments.pixels.sequences.find_data_sets`.
-    progress
-        Receives what comes next.
+def run_benchmark(sequences: Rows[Sequence], *, jobs: int = 1, progress: Progress = quiet) -> list[Row]:
+    """Score every sequence under every setting.
 
     Returns
     -------
-    `rows`: means over the sequences of a data set at one length, error and exactness in per cent;
-    `error_of_halves`: mean error on every other scene of a data set, and on the rest; `single_objects`: of so
-    many motions alone how many are one hypothesis.
+    Rows with figures of :func:`~.sequences.score`, `ms` and `scene`; of Hopkins155 besides how many motions
+    `alone` are one hypothesis, of how many, `of`.
     """
-    rows: list[dict[str, Any]] = []
-    halves: dict[str, tuple[float, float]] = {}
-    for name, sequences in data_sets.items():
-        for frames in LENGTHS:
-            progress(f"{name}, {'all' if frames is None else f'first {frames}'} frames")
-            parts = [s if frames is None else s.first(frames) for s in sequences]
-            for title, tried in ((OURS, parts), (NOISY, [part.noisy(_NOISE_PX) for part in parts])):
-                ours = [_scored(part) for part in tried]
-                rows.append({"data_set": name, "method": title, "frames": frames} | _means(ours))
-                if frames is None and len({s.scene for s in sequences}) > 1:
-                    halves[name if title == OURS else f"{name}, {title}"] = _halves(sequences, ours)
-    found: dict[str, Any] = {"rows": rows, "error_of_halves": halves, "single_objects": {}}
-    if "Hopkins155" in data_sets:
-        progress("single objects")
-        found["single_objects"] = _singles(data_sets["Hopkins155"])
-    return found
+    return run_study(_scored, sequences, [*_RUNS, _ALONE], [0], jobs=jobs, progress=progress)
 
 
-def _scored(sequence: Sequence) -> dict[str, float]:
-    labels, seconds = engine(sequence, PixelsConfig())
-    return score(sequence, labels) | {"ms": 1e3 * seconds}
+def _scored(sequence: Sequence, setting: str, _: int) -> Row:
+    if setting == _ALONE:
+        return _motions_alone(sequence)
+    frames, noise = _RUNS[setting]
+    part = sequence if frames is None else sequence.first(frames)
+    part = part.noisy(noise) if noise else part
+    labels, seconds = engine(part)
+    return score(part, labels) | {"ms": 1e3 * seconds, "scene": sequence.scene}
 
 
-def _means(scored: list[dict[str, float]]) -> dict[str, Any]:
-    errors = [s["error"] for s in scored]
-    return {
-        "sequences": len(scored),
-        "error": mean(errors),
-        "median_error": float(np.median(errors)),
-        "nmi": mean(s["nmi"] for s in scored),
-        "k_exact": 100 * mean(s["exact"] for s in scored),
-        "ms": float(np.median([s["ms"] for s in scored])),
-    }
+def _motions_alone(sequence: Sequence) -> Row:
+    """Count the motions of a whole sequence that are one hypothesis when they are alone, and all motions."""
+    if sequence.group != HOPKINS or sequence.scene != sequence.name:
+        return {}
+    motions = np.unique(sequence.truth[sequence.truth > 0]).tolist()
+    labels = (engine(sequence.of(sequence.truth == motion))[0] for motion in motions)
+    return {"alone": sum(len(np.unique(found)) == 1 for found in labels), "of": len(motions)}
 
 
-def _halves(sequences: list[Sequence], scored: list[dict[str, float]]) -> tuple[float, float]:
-    """Mean errors on every other scene and on the rest.
+def engine(sequence: Sequence) -> tuple[NDArray[np.int64], float]:
+    """Labels of one update of the core over a whole sequence, including ended trajectories.
 
-    Sequences of one scene share footage and go into the same half.
+    Returns
+    -------
+    Labels int64 [N], −1 undetermined, and the seconds that the update took.
     """
-    scenes = sorted({s.scene for s in sequences})
-    second = np.array([scenes.index(s.scene) % 2 == 1 for s in sequences])
-    errors = np.array([s["error"] for s in scored])
-    return float(errors[~second].mean()), float(errors[second].mean())
+    stamps = np.round((sequence.times - sequence.times[0]) * 1e9).astype(np.int64)
+    window = Window(2, int(stamps[-1]) + 1, _GAP_NS)
+    core = PixelMethod(FusionConfig(), SpaceSpec("camera/pixels", "px", 2))
+    slots = window.open(sequence.positions.shape[1], 0)
+    for stamp, x in zip(stamps.tolist(), sequence.positions, strict=True):
+        seen = np.flatnonzero(np.isfinite(x).all(axis=1))
+        if len(seen):
+            window.insert(slots[seen], stamp, x[seen], np.full(len(seen), np.nan), None)
+    begin = time.perf_counter()
+    nothing = Previous(np.full(window.capacity, -1), np.zeros(0, np.int64))
+    partition = core.partition(window, slots, int(stamps[-1]), nothing)
+    group_of = np.full(window.capacity, -1)
+    group_of[partition.slots] = partition.groups
+    return group_of[slots], time.perf_counter() - begin
 
 
-def _singles(sequences: list[Sequence]) -> dict[str, int]:
-    """Count the motions that are one hypothesis when they are alone, and all motions."""
-    alone = []
-    for sequence in sequences:
-        if sequence.scene == sequence.name:
-            for motion in np.unique(sequence.truth[sequence.truth > 0]).tolist():
-                labels, _ = engine(sequence.of(sequence.truth == motion), PixelsConfig())
-                alone.append(len(np.unique(labels)) == 1)
-    return {"one_hypothesis": sum(alone), "of": len(alone)}
+def markdown(rows: Rows[Row]) -> str:
+    """A table of mean errors in per cent by length, the rest of all frames; and lines on parts of sets."""
+    titles = ("all frames", *(f"first {n}" for n in _LENGTHS if n), "median", "NMI", "K exact", "ms")
+    table, lines = Table(("data set", "method", *titles), words=2), list[str]()
+    for name in dict.fromkeys(row["group"] for row in rows):
+        for method, noise in _METHODS.items():
+            whole, *parts = ({"group": name, "setting": f"{method}, {n}"} for n in _LENGTHS)
+            errors = [f"{mean(values(rows, 'error', **part)):.1f}" for part in (whole, *parts)]
+            median, ms = (np.median(values(rows, figure, **whole)) for figure in ("error", "ms"))
+            nmi, exact = (mean(values(rows, figure, **whole)) for figure in ("nmi", "exact"))
+            rest = (f"{median:.1f}", f"{nmi:.3f}", f"{100 * exact:.0f} %", "-" if noise else f"{ms:.0f}")
+            scenes = values(rows, "scene", **whole)
+            table.add(f"{name} ({len(scenes)})", method, *errors, *rest)
+            title = f"{name}, {method}" if noise else name
+            lines += _halves(title, scenes, values(rows, "error", **whole))
+    alone, motions = sum(values(rows, "alone")), sum(values(rows, "of"))
+    lines += [f"{HOPKINS}, each motion alone: one hypothesis in {alone} of {motions}"] if motions else []
+    return document([table, "\n".join(f"- {line}" for line in lines)])
 
 
-def table(benchmark: dict[str, Any]) -> Table:
-    """Build the table: mean error in per cent per length; the rest is of all frames."""
-    drawn = Table(TITLES, words=2)
-    errors = {(r["data_set"], r["method"], r["frames"]): f"{r['error']:.1f}" for r in benchmark["rows"]}
-    for row in benchmark["rows"]:
-        if row["frames"] is not None:
-            continue
-        name, method = row["data_set"], row["method"]
-        ours = method == OURS
-        lengths = (errors[name, method, n] for n in LENGTHS)
-        rest = (f"{row['median_error']:.1f}", f"{row['nmi']:.3f}", f"{row['k_exact']:.0f} %")
-        ms = f"{row['ms']:.0f}" if ours else "-"
-        drawn.add(f"{name} ({row['sequences']})", method, *lengths, *rest, ms, strong=ours)
-    return drawn
-
-
-def lines(benchmark: dict[str, Any]) -> list[str]:
-    """Format the results that are not in the table."""
-    alone = benchmark["single_objects"]
-    texts = [
-        f"{name}: {first:.1f} % on every other scene by name, {second:.1f} % on the rest"
-        for name, (first, second) in benchmark["error_of_halves"].items()
-    ]
-    if alone.get("of"):
-        texts.append(
-            f"Hopkins155, each motion alone: one hypothesis in {alone['one_hypothesis']} of {alone['of']}"
-        )
-    return texts
-
-
-def markdown(benchmark: dict[str, Any]) -> str:
-    """Format the results as Markdown."""
-    return document([table(benchmark), "\n".join(f"- {line}" for line in lines(benchmark))])
+def _halves(title: str, scenes: Rows[str], errors: Rows[float]) -> list[str]:
+    """Mean errors on every other scene and on the rest; sequences of one scene share footage."""
+    numbers = {scene: k for k, scene in enumerate(sorted(set(scenes)))}
+    if len(numbers) < 2:
+        return []
+    pairs = list(zip(scenes, errors, strict=True))
+    first, second = (mean(error for scene, error in pairs if numbers[scene] % 2 == k) for k in (0, 1))
+    return [f"{title}: {first:.1f} % on every other scene by name, {second:.1f} % on the rest"]

@@ -11,8 +11,9 @@ from comotion_clients.metrics import isolate, misclassification, nmi
 from comotion_schemas.errors import KnownError
 from comotion_sources.recordings.npz import read_npz
 
+HOPKINS = "Hopkins155"
 DATA_SETS = {
-    "Hopkins155": "hopkins155/*.npz",
+    HOPKINS: "hopkins155/*.npz",
     "KT3DMoSeg": "kt3dmoseg/*.npz",
     "MTPV": "mtpv/*.npz",
     "ikeasmall01": "video/ikeasmall01.npz",
@@ -27,6 +28,8 @@ class Sequence:
     positions: NDArray[np.float64]  # [F, N, 2], px; NaN where unobserved
     times: NDArray[np.float64]  # [F], s
     truth: NDArray[np.int64]  # [N]; object from 1 on, less than 1 where not scored
+    group: str  # its data set
+    seeded: bool = False
 
     @property
     def scene(self) -> str:
@@ -48,10 +51,6 @@ class Sequence:
         rng = np.random.default_rng(sum(map(ord, self.name)))
         return replace(self, positions=self.positions + rng.normal(0, sigma, self.positions.shape))
 
-    def objects(self) -> int:
-        """Number of true objects."""
-        return len(np.unique(self.truth[self.truth > 0]))
-
 
 def score(sequence: Sequence, labels: NDArray[np.int64]) -> dict[str, float]:
     """Score labels [N], -1 undetermined, of the trajectories with a true object.
@@ -60,29 +59,29 @@ def score(sequence: Sequence, labels: NDArray[np.int64]) -> dict[str, float]:
     -------
     `error`: misclassified ones in per cent; `nmi`; `exact`: 1 where the number of objects is right, else 0.
     """
-    known = sequence.truth > 0
-    mine, truth = isolate(labels[known], -1), sequence.truth[known]
-    exact = len(np.unique(labels[known & (labels >= 0)])) == len(np.unique(truth))
-    return {"error": 100 * misclassification(mine, truth), "nmi": nmi(mine, truth), "exact": float(exact)}
+    scored = sequence.truth > 0
+    alone, truth = isolate(labels[scored], -1), sequence.truth[scored]
+    exact = len(np.unique(labels[scored & (labels >= 0)])) == len(np.unique(truth))
+    return {"error": 100 * misclassification(alone, truth), "nmi": nmi(alone, truth), "exact": float(exact)}
 
 
-def find_data_sets(folder: Path) -> dict[str, list[Sequence]]:
-    """Find the data sets in a folder.
+def find_sequences(folder: Path) -> list[Sequence]:
+    """Find the sequences of all data sets in a folder.
 
     Raises
     ------
     ValueError
         If there is none, or a file is not a labelled recording of image positions.
     """
-    found = {name: [_read(path) for path in sorted(folder.glob(glob))] for name, glob in DATA_SETS.items()}
-    found = {name: sequences for name, sequences in found.items() if sequences}
-    if not found:
+    sequences = [_read(path, name) for name, glob in DATA_SETS.items() for path in sorted(folder.glob(glob))]
+    if not sequences:
         raise KnownError(f"{folder}: holds none of {', '.join(DATA_SETS.values())}")
-    return found
+    return sequences
 
 
-def _read(path: Path) -> Sequence:
+def _read(path: Path, group: str) -> Sequence:
     recording = read_npz(path)
     if recording.dim != 2 or recording.labels is None:
         raise KnownError(f"{path}: not a labelled recording of image positions")
-    return Sequence(path.stem, recording.positions, recording.times, recording.labels.astype(np.int64))
+    truth = recording.labels.astype(np.int64)
+    return Sequence(path.stem, recording.positions, recording.times, truth, group)

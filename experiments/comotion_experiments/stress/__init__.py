@@ -1,7 +1,6 @@
 """Stress: scenes that are not clean, and how soon the methods get over it."""
 
-from .catalogue import FAMILIES, Family, find_families
-from .experiment import METHODS, REPORTED_SEEDS, run_experiment, run_family
+from .study import FAMILIES, METHODS, REPORTED_SEEDS, Family, find_families, markdown, run_family, run_method
 
 __all__ = [
     "FAMILIES",
@@ -9,6 +8,7 @@ __all__ = [
     "REPORTED_SEEDS",
     "Family",
     "find_families",
-    "run_experiment",
+    "markdown",
     "run_family",
+    "run_method",
 ]

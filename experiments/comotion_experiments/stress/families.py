@@ -1,26 +1,31 @@
-"""How the scenes of families are made; :mod:`.catalogue` has the parameters of each."""
+"""How the scenes of families are made; ``families.toml`` has the parameters of each."""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from comotion_schemas.errors import KnownError
-from comotion_sources.simulator import load_scene
-from comotion_sources.simulator.spec import Sines
+from comotion_sources.simulator.spec import KeyStates, Sines
 
-from .motion import PoseAt, at_speed, chained, coupled, key_states, looped, simulated, stopping
-from .scene import OUTLIER_FACTOR, SIGMA_M, Body, Happening, Noise, Scene, Slip, Source, rng_of, slot_bodies
-from .worlds import (
+from .motion import at_speed, chained, looped, simulated, stopping
+from .scene import (
+    OUTLIER_FACTOR,
+    SIGMA_M,
+    Body,
+    Happening,
+    Noise,
+    Scene,
+    Slip,
+    Source,
     background,
     cut,
     displaced,
-    dropouts,
     lasting,
     made,
     renewed,
-    replaced,
     respawning,
+    rng_of,
+    slot_bodies,
     swinging_bodies,
     swinging_scene,
 )
@@ -128,9 +133,9 @@ def sliding(seed: int, *, bodies: int, share: float, reach: float, duration: flo
         places = np.flatnonzero(of_slot == index)
         sliders = rng.permutation(places)[: round(share * len(places))]
         for edge in range(2):
-            mine = sliders[edge::2]
-            slip.amplitude[mine, rng.integers(3)] = reach * rng.uniform(0.5, 1.5, len(mine))
-            slip.frequency[mine], slip.phase[mine] = rng.uniform(0.1, 0.3), rng.uniform(0, 2 * np.pi)
+            of_edge = sliders[edge::2]
+            slip.amplitude[of_edge, rng.integers(3)] = reach * rng.uniform(0.5, 1.5, len(of_edge))
+            slip.frequency[of_edge], slip.phase[of_edge] = rng.uniform(0.1, 0.3), rng.uniform(0, 2 * np.pi)
     return made(seed, all_bodies, duration, slip=slip)
 
 
@@ -160,16 +165,7 @@ def noisy(
     how = Noise(**noise)
     spans = None if bodies else lasting(all_bodies)
     largest = sigma * (OUTLIER_FACTOR * how.outliers + how.ray)
-    switch = _SIGMA_PER_SWITCH * max(largest, 4.0 * how.depth)
-    return made(seed, all_bodies, duration, spans, noise=how, sigma_switch=switch)
-
-
-def gaps(seed: int, *, every: float, shortest: float, longest: float, duration: float) -> list[Scene]:
-    """Hide every feature now and then; it keeps its id."""
-    bodies, rng = swinging_scene(seed), rng_of(seed, "gaps")
-    length = {"shortest": shortest, "longest": longest}
-    hidden = dropouts(len(slot_bodies(bodies)), duration, rng, every=every, **length)
-    return made(seed, bodies, duration, hidden=hidden)
+    return made(seed, all_bodies, duration, spans, noise=how, sigma_switch=_SIGMA_PER_SWITCH * largest)
 
 
 def stops(
@@ -202,8 +198,7 @@ def _stopping(
     pairs = zip(swinging_bodies(seed, len(switches)), switches, strict=True)
     bodies = [replace(body, motion=stopping(body.motion, times, moving=moving)) for body, times in pairs]
     bodies = [background(), *bodies]
-    rng = rng_of(seed, "respawn")
-    spans = replaced(bodies, duration, rng, share=renewal, every=2.0) if renewal else lasting(bodies)
+    spans = respawning(bodies, duration, seed, share=renewal) if renewal else lasting(bodies)
     return made(seed, bodies, duration, spans, **how)
 
 
@@ -215,7 +210,7 @@ def covers(
     times = np.arange(first, duration - every, every).tolist()
     happenings = [Happening(t, t + seconds, (1 + k % bodies,), lost=True) for k, t in enumerate(times)]
     of_slot = slot_bodies(all_bodies)
-    cuts = [(one.begin, one.end, of_slot == one.bodies[0]) for one in happenings]
+    cuts = [(happening.begin, happening.end, of_slot == happening.bodies[0]) for happening in happenings]
     spans = cut(respawning(all_bodies, duration, seed), cuts)
     return made(seed, all_bodies, duration, spans, happenings=happenings, **how)
 
@@ -224,23 +219,6 @@ def slow(seed: int, *, bodies: int, speed: float, duration: float) -> list[Scene
     """Slow bodies."""
     moving = (replace(body, motion=at_speed(body.motion, speed)) for body in swinging_bodies(seed, bodies))
     return made(seed, [background(), *moving], duration)
-
-
-def slowed_figure(seed: int, *, scene: str, speed: float) -> list[Scene]:
-    """Play a figure of the thesis slowly; its features are replaced as much more rarely."""
-    spec = load_scene(scene)
-    bodies = []
-    for body in spec.bodies:
-        if not isinstance(body.size, list):
-            raise KnownError(f"body {body.name!r}: the size is not fixed")
-        motion = at_speed(simulated(body.motion, rng_of(seed, "motion", body.name), spec.dim), speed)
-        bodies.append(Body(body.name, motion, body.features, np.array(body.size, np.float64), body.sigma))
-    duration, spans, respawn = spec.duration / speed, lasting(bodies), spec.respawn
-    if respawn is not None:
-        rng, every = rng_of(seed, "respawn"), respawn.every / speed
-        spans = replaced(bodies, duration, rng, share=respawn.share, every=every)
-    where: dict[str, Any] = {"dim": spec.dim, "unit": spec.unit, "space": spec.space}
-    return made(seed, bodies, duration, spans, period=1 / 3, **where)
 
 
 def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float = SIGMA_M) -> list[Scene]:
@@ -254,30 +232,17 @@ def hinge(seed: int, *, degrees: float, at: float, seconds: float, sigma: float 
         [at + seconds * s, place + reach * np.cos(angle * s), reach * np.sin(angle * s), 0, 0, 0, angle * s]
         for s in np.linspace(0.0, 1.0, 20).tolist()
     ]
-    door = Body("door", key_states(states), 12, np.array([width, 0.02, height]), sigma)
+    motion = simulated(KeyStates(kind="key-states", states=states))
+    door = Body("door", motion, 12, np.array([width, 0.02, height]), sigma)
     bodies = [background(24, sigma), door]
     return made(seed, bodies, at + seconds + 10.0, lasting(bodies))
-
-
-def coupled_pair(seed: int, *, until: float, duration: float) -> list[Scene]:
-    """Let two bodies move as one, then apart."""
-    leader, follower, third = swinging_bodies(seed, 3, features=10)
-    offset = rng_of(seed, "offset").uniform(-0.3, 0.3, 3)
-    follower = replace(follower, motion=coupled(leader.motion, follower.motion, until, offset))
-    return made(seed, [background(), leader, follower, third], duration)
 
 
 def arm(seed: int, *, duration: float) -> list[Scene]:
     """Swing an arm of two links about a fixed shoulder; the second turns about the end of the first."""
     lengths = rng_of(seed, "lengths").uniform(0.3, 0.4, 2)
-    first, second = (_turning(seed, f"link {k + 1}") for k in range(2))
+    turning = Sines(kind="sines", amplitude=0.0, rotation=1.0)
+    turns = [simulated(turning, rng_of(seed, "motion", name)) for name in ("link 1", "link 2")]
     size = np.array([lengths[0], 0.08, 0.08])
-    links = [
-        Body("link 1", chained([first], lengths[:1]), 10, size),
-        Body("link 2", chained([first, second], lengths), 10, size),
-    ]
+    links = [Body(f"link {k}", chained(turns[:k], lengths[:k]), 10, size) for k in (1, 2)]
     return made(seed, [background(), *links], duration)
-
-
-def _turning(seed: int, name: str) -> PoseAt:
-    return simulated(Sines(kind="sines", amplitude=0.0, rotation=1.0), rng_of(seed, "motion", name))

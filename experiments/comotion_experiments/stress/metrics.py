@@ -1,23 +1,136 @@
-"""Metrics that users feel: delays, healing, lasting ids, spurious events. Pure functions of moments."""
+"""What a run said at each update beside the truth, and metrics that users feel. Pure.
+
+Two bodies can be distinguished from when on they have moved against each other by five sigma.
+"""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
-from comotion_schemas import UNDETERMINED
+from comotion_clients.metrics import Truth, labels_of, score_labels
+from comotion_clients.scoring import Observed
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
+from comotion_sources.simulator.motion import Poses
 
+from ..inputs import Arrived
 from ..tables import mean
-from .apart import Apart
-from .moments import Moment
-from .scene import Happening
+from .motion import Array
+from .observe import EPOCH_NS
+from .scene import Happening, Scene
+
+SIGMAS = 5.0
+_GRID_S = 0.05
+
+
+@dataclass(frozen=True)
+class Apart:
+    """When each pair of bodies has moved apart: `since` float64 [B, B], s; infinite if never."""
+
+    since: Array
+
+    def components(self, t: float) -> NDArray[np.intp]:
+        """Number the sets of bodies that nothing has separated until t, intp [B]."""
+        groups: NDArray[np.intp] = connected_components(self.since > t, directed=False)[1].astype(np.intp)
+        return groups
+
+    def onset(self, body: int) -> float:
+        """When a body is apart from every other, s; infinite if never."""
+        return float(np.delete(self.since[body], body).max(initial=0.0))
+
+
+def apart(scene: Scene) -> Apart:
+    """Find when the features of each pair of bodies have moved against each other.
+
+    The measure is the root mean square over the features of one body of how far they have moved in the
+    frame of the other since the scene's start; of the two ways round the smaller one.
+    """
+    times = np.arange(scene.start, scene.duration + _GRID_S, _GRID_S)
+    poses = [body.motion(times) for body in scene.bodies]
+    count = len(poses)
+    since = np.full((count, count), np.inf)
+    for i in range(count):
+        for j in range(i):
+            bound = SIGMAS * max(scene.bodies[i].sigma, scene.bodies[j].sigma)
+            moved = np.minimum(_moved(scene, poses, i, j), _moved(scene, poses, j, i)) > bound
+            if moved.any():
+                since[i, j] = since[j, i] = times[int(moved.argmax())]
+    return Apart(since)
+
+
+def _moved(scene: Scene, poses: list[Poses], body: int, frame: int) -> Array:
+    """Root mean square distance of a body's features from where they were in another's frame, [T]."""
+    back = np.swapaxes(poses[frame].rotations, 1, 2)
+    turn = back @ poses[body].rotations
+    shift = np.einsum("tij,tj->ti", back, poses[body].translations - poses[frame].translations)
+    # The first place of every slot of the body.
+    rows = np.flatnonzero(scene.lives.body == body)
+    _, first = np.unique(scene.lives.slot[rows], return_index=True)
+    places = np.einsum("tij,nj->tni", turn, scene.lives.local[rows[first]]) + shift[:, None]
+    return np.asarray(np.sqrt(((places - places[0]) ** 2).sum(axis=2).mean(axis=1)), np.float64)
+
+
+UNEVENTFUL = frozenset({"joined", "released"})
+"""Kinds of events about joints between hypotheses, not of the set of hypotheses."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One update over the tracks observed at its stamp."""
+
+    t: float  # s of the scene
+    labels: NDArray[np.int64]  # [N], hypothesis id; UNDETERMINED for a track that has none
+    bodies: NDArray[np.int64]  # [N], index of the true body
+    confirmed: frozenset[int]  # ids of the confirmed hypotheses among the labels
+    events: tuple[str, ...]  # kinds of the events of this update
+    nmi: float  # against the true bodies
+    nmi_apart: float  # with bodies as one that nothing has separated yet
+
+
+@dataclass
+class Watcher:
+    """Collects the moments of a run; feed it batches before the core sees them, and every update."""
+
+    truth: Truth
+    apart: Apart
+    moments: list[Moment] = field(default_factory=list)
+    _listed: set[tuple[int, str, int, tuple[int, ...]]] = field(default_factory=set)
+    _observed: Observed = field(default_factory=Observed)
+
+    def passing(self, batches: Iterable[Arrived]) -> Iterator[Arrived]:
+        """Hand batches on, and note what they observe."""
+        for arrived in batches:
+            self._observed.add(arrived.batch)
+            yield arrived
+
+    def add(self, update: HypothesisUpdate) -> None:
+        """Take in an update."""
+        t = (update.stamp_ns - EPOCH_NS) / 1e9
+        labels, bodies = labels_of(update, self.truth, self._observed.at(update.stamp_ns))
+        together = self.apart.components(t)[bodies].astype(np.int32)
+        confirmed = {h.id for h in update.hypotheses if h.confirmed}
+        # Each event is repeated for some seconds.
+        listed = {(e.stamp_ns, e.kind, e.hypothesis, tuple(e.others)) for e in update.events}
+        new = sorted(listed - self._listed)
+        self._listed |= listed
+        self.moments.append(
+            Moment(
+                t=t,
+                labels=labels,
+                bodies=bodies.astype(np.int64),
+                confirmed=frozenset(labels[labels != UNDETERMINED].tolist()) & confirmed,
+                events=tuple(kind for _, kind, _, _ in new if kind not in UNEVENTFUL),
+                nmi=score_labels(labels, bodies, 0).nmi,
+                nmi_apart=score_labels(labels, together, 0).nmi,
+            )
+        )
+
 
 GOOD = 0.95
 """NMI from which on a scene counts as right."""
-SETTLING_S = 1.0
-"""Time after the bodies are apart from which on all are expected to be separate."""
-LATE_S = 5.0
-"""Time after which a run that is not right counts as wrong."""
 _MAJORITY = 0.8
 _STEADY_S = 3.0
 _FALLEN_S = 1.0
@@ -34,12 +147,6 @@ def mean_nmi(
     With bodies as one until they have moved `apart`, or against the true bodies.
     """
     return mean([m.nmi_apart if apart else m.nmi for m in moments if start <= m.t < stop])
-
-
-def wrong_late(moments: Sequence[Moment]) -> float:
-    """1 if the mean NMI from :data:`LATE_S` after the first update on is not good, else 0."""
-    late = mean_nmi(moments, moments[0].t + LATE_S)
-    return float("nan") if np.isnan(late) else float(late < GOOD)
 
 
 def delays(moments: Sequence[Moment], apart: Apart, last: float) -> list[float]:
@@ -61,12 +168,12 @@ def delays(moments: Sequence[Moment], apart: Apart, last: float) -> list[float]:
 
 def has_own(m: Moment, body: int) -> bool:
     """Whether a hypothesis stands for a body and for nothing else."""
-    mine = m.bodies == body
+    own = m.bodies == body
     identity = majority(m, body)
     members = m.labels == identity
-    shared = np.count_nonzero(mine & members)
+    shared = np.count_nonzero(own & members)
     return identity is not None and bool(
-        shared >= _MAJORITY * np.count_nonzero(mine) and shared >= _MAJORITY * np.count_nonzero(members)
+        shared >= _MAJORITY * np.count_nonzero(own) and shared >= _MAJORITY * np.count_nonzero(members)
     )
 
 
@@ -85,9 +192,9 @@ def ids_per_object(moments: Sequence[Moment], apart: Apart) -> float:
     for body in range(len(apart.since)):
         first = next((m.t for m in moments if m.t >= apart.onset(body) and has_own(m, body)), np.inf)
         ids = {majority(m, body) for m in moments if m.t >= first}
-        known = {m for moment in moments for m in moment.confirmed}
+        confirmed = {m for moment in moments for m in moment.confirmed}
         if np.isfinite(first):
-            counts.append(len(ids & known))
+            counts.append(len(ids & confirmed))
     return mean(counts)
 
 

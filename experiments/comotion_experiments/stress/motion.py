@@ -1,14 +1,13 @@
-"""Motions of bodies: the simulator's, slower, stopped, coupled or on a hinge; and smooth ones. Pure."""
+"""Motions of bodies: the simulator's, slower, stopped or in a chain. Pure."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comotion_sources.simulator.motion import Path, Poses
-from comotion_sources.simulator.spec import KeyStates, Motion, Rest, Sines
+from comotion_sources.simulator.spec import Motion, Sines
 
 Array: TypeAlias = NDArray[np.float64]
 PoseAt: TypeAlias = Callable[[Array], Poses]
@@ -17,44 +16,11 @@ PoseAt: TypeAlias = Callable[[Array], Poses]
 # The motion of the simulator's 3-D set: two sines an axis within a place of ±0.6 m.
 SWINGING = Sines(kind="sines", within=0.6, amplitude=0.25, rotation=1.5)
 _GRID_S, _RAMP_S = 0.02, 0.3
-STILL: Array = np.zeros(3)
 
 
-def simulated(motion: Motion, rng: np.random.Generator, dim: int = 3) -> PoseAt:
-    """Draw a motion of the simulator."""
-    return Path(motion, dim, rng).at
-
-
-def resting(dim: int = 3) -> PoseAt:
-    """Rest at the origin."""
-    return simulated(Rest(), np.random.default_rng(0), dim)
-
-
-def key_states(states: Sequence[Sequence[float]], dim: int = 3) -> PoseAt:
-    """Interpolate linearly between states (t, position, rotation)."""
-    motion = KeyStates(kind="key-states", states=[list(s) for s in states])
-    return simulated(motion, np.random.default_rng(0), dim)
-
-
-def glide(
-    place: Array,
-    velocity: Array = STILL,
-    *,
-    facing: Array = STILL,
-    turn: Array = STILL,
-    swing: Array = STILL,
-) -> PoseAt:
-    """Move smoothly: x(t) = place + velocity·t + swing·sin(π·t), R(t) = exp(turn·t)·exp(facing).
-
-    All are float64 [3]: m and m/s, rotation vectors in rad and rad/s.
-    """
-
-    def at(times: Array) -> Poses:
-        turned = Rotation.from_rotvec(times[:, None] * turn) * Rotation.from_rotvec(facing)
-        moved = place + times[:, None] * velocity + np.sin(np.pi * times)[:, None] * swing
-        return Poses(np.asarray(turned.as_matrix(), np.float64), np.asarray(moved, np.float64))
-
-    return at
+def simulated(motion: Motion, rng: np.random.Generator | None = None) -> PoseAt:
+    """Draw a motion of the simulator; by default one in which nothing is random."""
+    return Path(motion, 3, rng or np.random.default_rng(0)).at
 
 
 def stopping(motion: PoseAt, switches: Sequence[float], *, moving: bool) -> PoseAt:
@@ -85,28 +51,6 @@ def at_speed(motion: PoseAt, speed: float) -> PoseAt:
 def looped(motion: PoseAt, length: float) -> PoseAt:
     """Play the first `length` seconds of a motion again and again."""
     return lambda times: motion(np.mod(times, length))
-
-
-def coupled(leader: PoseAt, own: PoseAt, until: float, offset: Array) -> PoseAt:
-    """Follow a leader rigidly `until` a time (s), then move on by a motion of its own.
-
-    Its own changes of pose after that are added to the pose of that time; `offset` float64 [dim] is its
-    place in the leader's axes.
-    """
-    end, base = leader(np.array([until])), own(np.array([until]))
-
-    def at(times: Array) -> Poses:
-        led, free = leader(times), own(times)
-        turn = free.rotations @ base.rotations[0].T
-        pivot = end.rotations[0] @ offset + end.translations[0]
-        follows = (times < until)[:, None]
-        place = led.translations + led.rotations @ offset
-        return Poses(
-            np.where(follows[..., None], led.rotations, turn @ end.rotations[0]),
-            np.where(follows, place, pivot + free.translations - base.translations[0]),
-        )
-
-    return at
 
 
 def chained(turns: Sequence[PoseAt], lengths: Array) -> PoseAt:

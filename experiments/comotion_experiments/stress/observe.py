@@ -61,7 +61,7 @@ class _View:
         self._id = (np.arange(len(self._rows)) - first[self._session]).astype(np.uint64)
         self._rng = rng_of(scene.seed, "noise", self._source.name)
         self._sigma = np.array([body.sigma for body in scene.bodies])[lives.body[self._rows]]
-        shape = (len(self._rows), scene.dim)
+        shape = (len(self._rows), 3)
         self._walked, self._correlated = np.zeros(shape), np.zeros(shape)
 
     def truth(self) -> Iterator[TruthBatch]:
@@ -69,10 +69,10 @@ class _View:
         names = {str(k): body.name for k, body in enumerate(self._scene.bodies)}
         objects = self._scene.lives.body[self._rows].astype(np.int32)
         for number in range(len(self._begins)):
-            mine = self._session == number
-            ids, session = self._id[mine], _session_name(number)
+            rows = self._session == number
+            ids, session = self._id[rows], _session_name(number)
             yield TruthBatch(
-                source=self._source.name, session=session, ids=ids, objects=objects[mine], names=names
+                source=self._source.name, session=session, ids=ids, objects=objects[rows], names=names
             )
 
     def batches(self) -> Iterator[Arrived]:
@@ -87,9 +87,7 @@ class _View:
         for number, t in enumerate(times.tolist()):
             session = int(np.searchsorted(self._begins, t, side="right")) - 1
             alive = np.flatnonzero(scene.lives.alive(self._rows, t) & (self._session == session))
-            hidden = [slot for slot, begin, end in scene.hidden if begin <= t < end]
-            seen = alive[~np.isin(scene.lives.slot[self._rows[alive]], hidden)] if hidden else alive
-            positions = self._positions(seen, rotations[number], translations[number], t)
+            positions = self._positions(alive, rotations[number], translations[number], t)
             if t >= scene.start and not any(begin <= t < end for begin, end in source.off):
                 lost = np.setdiff1d(last_alive, alive)
                 ended = self._id[lost[self._session[lost] == session]]
@@ -98,12 +96,12 @@ class _View:
                     source=source.name,
                     session=_session_name(session),
                     seq=number,
-                    space=scene.space,
-                    unit=scene.unit,
-                    dim=scene.dim,
+                    space="world",
+                    unit="m",
+                    dim=3,
                     stamp_ns=in_ns(t + (error[-1] if error else 0.0)),
-                    ids=self._id[seen],
-                    covariance=self._covariance(seen, positions),
+                    ids=self._id[alive],
+                    covariance=self._covariance(alive, positions),
                     positions=positions.astype(np.float32),
                     ended=ended if len(ended) else None,
                 )
@@ -123,7 +121,7 @@ class _View:
     def _slipped(self, rows: NDArray[np.intp], t: float) -> Array:
         slip = self._scene.slip
         if slip is None:
-            return np.zeros((len(rows), self._scene.dim))
+            return np.zeros((len(rows), 3))
         slot = self._scene.lives.slot[rows]
         swing = np.sin(2 * np.pi * slip.frequency[slot] * t + slip.phase[slot])
         age = t - self._scene.lives.birth[rows]
@@ -132,12 +130,12 @@ class _View:
     def _drifted(self, seen: NDArray[np.intp]) -> Array:
         step = self._scene.noise.walk / np.sqrt(self._source.rate)
         if step:
-            self._walked[seen] += step * self._rng.normal(size=(len(seen), self._scene.dim))
+            self._walked[seen] += step * self._rng.normal(size=(len(seen), 3))
         return self._walked[seen]
 
     def _noise(self, seen: NDArray[np.intp]) -> Array:
         noise, sigma = self._scene.noise, self._sigma[seen, None]
-        white = self._rng.normal(size=(len(seen), self._scene.dim))
+        white = self._rng.normal(size=(len(seen), 3))
         if noise.outliers:
             wild = self._rng.uniform(size=(len(seen), 1)) < noise.outliers
             white = white * np.where(wild, OUTLIER_FACTOR, 1.0)
@@ -152,11 +150,10 @@ class _View:
 
     def _noise_along_ray(self, exact: Array, sigma: Array) -> Array:
         noise = self._scene.noise
-        if not (noise.depth or noise.flying or noise.ray != 1.0):
+        if not noise.flying and noise.ray == 1.0:
             return np.zeros_like(exact)
         ray = exact - _CAMERA
-        scale = noise.depth * ray[:, 2] ** 2 + sigma * np.sqrt(noise.ray**2 - 1.0)
-        along = scale * self._rng.normal(size=len(ray))
+        along = sigma * np.sqrt(noise.ray**2 - 1.0) * self._rng.normal(size=len(ray))
         if noise.flying:
             behind = _REACH_M * self._rng.uniform(size=len(ray))
             along = np.where(self._rng.uniform(size=len(ray)) < noise.flying, behind, along)

@@ -24,19 +24,19 @@ from comotion_sources.runtime import SourcePublisher
 
 from ..processes import COMOTION, Managed
 from ..system import UP_S, System
-from .scene import SceneSpec, messages
+from .core import SceneSpec, messages
 
 SCENE = "bench"
 SOURCES = 3
 RATE = 30.0
-COUNTERS = frozenset({"updates", "overruns", "late", "lost", "batches"})
+COUNTERS = ("updates", "overruns", "late", "lost", "batches")
 _LEAD_S = 10.0  # until the sources start: all processes are then ready
 
 
 def run_live(features: int, seconds: float, fusion: Sequence[str], settle: float) -> dict[str, Any]:
     """Run the complete system and measure it, from `settle` s after the first track on: the window is full.
 
-    `fusion` are options of ``comotion serve``. In the result ``last_batch`` is from the stamp of the last
+    `fusion` are options of ``comotion serve``. In the result ``last_batch_ms`` is from the stamp of the last
     batch in an update to receipt of the update, as median, 99th percentile and largest in ms; ``cpu_share``
     is the processor time of the service as a share of one core; ``counters`` is the growth of its own.
     """
@@ -70,29 +70,17 @@ def _watch(system: System, seconds: float, settle: float) -> dict[str, Any]:
         rows.append(((time.time_ns() - update.stamp_ns) * 1e-6, len(update.track_id)))
         if time.monotonic() > began + seconds:
             break
-    took = time.monotonic() - began
+    took, after = time.monotonic() - began, _counters(statuses.drain())
     ages, tracks = np.array(rows).T
     return {
-        "last_batch": [*np.percentile(ages, (50, 99, 100)).tolist()],
+        "last_batch_ms": [*np.percentile(ages, (50, 99, 100)).tolist()],
         "seconds": took,
         "updates": len(rows),
         "tracks": int(np.median(tracks)),
         "cpu_share": (service.processor_s() - cpu_s) / took,
         "memory_mb": service.most_mb(),
-        "counters": _grown(before, _counters(statuses.drain())),
+        "counters": {name: after[name] - before[name] for name in COUNTERS},
     }
-
-
-def live_lines(found: dict[str, Any]) -> list[str]:
-    """Format the result as text."""
-    seconds, updates, tracks = found["seconds"], found["updates"], found["tracks"]
-    middle, p99, largest = found["last_batch"]
-    counters = ", ".join(f"{value} {name}" for name, value in found["counters"].items())
-    return [
-        f"{tracks} tracks from three source processes, {updates} updates in {seconds:.0f} s",
-        f"service: {counters}; {100 * found['cpu_share']:.0f} % of a core, {found['memory_mb']:.0f} MB",
-        f"last batch to receipt of its update: median {middle:.1f} ms, p99 {p99:.1f}, largest {largest:.1f}",
-    ]
 
 
 def run_source(endpoint: str, features: int, start: float, seconds: float, index: int) -> None:
@@ -107,7 +95,7 @@ def run_source(endpoint: str, features: int, start: float, seconds: float, index
     )
     with publisher as live:
         live.ready()
-        for arrived in (one for one in given if isinstance(one, Arrived)):
+        for arrived in (message for message in given if isinstance(message, Arrived)):
             batch, now_ns = arrived.batch, arrived.now_ns - EPOCH_NS + start_ns
             if live.stop.wait(max(0.0, now_ns * 1e-9 - time.time())):
                 break
@@ -115,11 +103,8 @@ def run_source(endpoint: str, features: int, start: float, seconds: float, index
 
 
 def _counters(statuses: list[tuple[float, Status]]) -> dict[str, int]:
-    return next((dict(s.counters) for _, s in reversed(statuses) if s.role == "service"), {})
-
-
-def _grown(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
-    return {name: count - before.get(name, 0) for name, count in after.items() if name in COUNTERS}
+    last = next((status.counters for _, status in reversed(statuses) if status.role == "service"), {})
+    return {name: last.get(name, 0) for name in COUNTERS}
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ class Soak(Json, Logged):
 Examples:
   comotion dev soak
   comotion dev soak --duration 2700 --seed 3 --out /tmp/soak
-  comotion dev soak --kills 100      # kill -9 of the service in a row, then SIGSTOP of each process
+  comotion dev soak --fault kill --target service   # kill -9 of the service, again and again
 
 The status is 0 if nothing was violated, and 1 otherwise.
 """
@@ -30,10 +30,8 @@ The status is 0 if nothing was violated, and 1 otherwise.
 
     duration: float = option(180.0, "s to run.", min=20)
     seed: int = option(0, "Seed of the faults.", min=0)
-    kills: int | None = option(
-        None, "Instead: kill the service so often in a row, then stop each process.", min=1
-    )
-    stopped: float = option(30.0, "s for which --kills stops each process; 0: not.", min=0)
+    fault: str = option("", "Faults of one kind alone, e.g. kill, stop or hostile.", metavar="KIND")
+    target: str = option("", "Faults of one process alone, e.g. service.", metavar="NAME")
     gap: float = option(1.0, "s without an update that are allowed.", min=0.1)
     out: Path = option(Path("out/soak"), "Where report and logs go.", metavar="DIR", file_okay=False)
 
@@ -42,9 +40,10 @@ The status is 0 if nothing was violated, and 1 otherwise.
         from comotion_deploy.demo import free_endpoint
         from comotion_schemas.component import stop_on_signals
         from comotion_tools.soak import report
-        from comotion_tools.soak.run import Runner, clear, kill_in_a_row, stop_each
+        from comotion_tools.soak.run import Runner, clear
         from comotion_tools.soak.schedule import draw
 
+        faults = draw(self.seed, self.duration, self.fault, self.target)
         clear(self.out)
         stop, began = threading.Event(), time.monotonic()
 
@@ -55,13 +54,8 @@ The status is 0 if nothing was violated, and 1 otherwise.
         with stop_on_signals(stop), Runner(free_endpoint(), self.out, stop, say) as runner:
             runner.settle()
             say(f"all bodies have a hypothesis; logs are in {self.out}")
-            if self.kills is None:
-                runner.run(draw(self.seed, self.duration), self.duration)
-            else:
-                kill_in_a_row(runner, self.kills)
-                if self.stopped:
-                    stop_each(runner, self.stopped)
+            runner.run(faults, self.duration)
         values = report.as_json(runner.result, self.seed, self.gap)
-        self.show(values, *report.save(self.out, values, runner.result))
+        self.show(values, *report.save(self.out, values))
         if values["violations"]:
             raise typer.Exit(1)

@@ -1,87 +1,83 @@
 """``comotion dev reproduce accuracy, ablation, stress, pixels``: methods on made-up and recorded scenes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import Experiment, check, check_folder, progress
+from comotion_deploy.commands.experiments import Experiment, progress
 from comotion_deploy.errors import UserError
 from comotion_deploy.options import option, setting
 
 
-def _known(asked: list[str] | None, names: list[str], what: str) -> list[str]:
-    """What is asked for, or all; an error where there is no such name."""
-    for one in asked or ():
-        if one not in names:
-            raise UserError(f"no {what} {one!r}; one of {', '.join(names)}")
-    return asked or names
+@dataclass(kw_only=True)
+class Study(Experiment):
+    """Options of what runs in processes of its own."""
+
+    jobs: int = option(2, "Processes at once.", min=1, max=256)
+
+
+def _chosen(names: list[str] | None, every: Sequence[str], what: str) -> Sequence[str]:
+    """The names that are given, or all; an error where there is no such name."""
+    for name in names or ():
+        if name not in every:
+            raise UserError(f"no {what} {name!r}; one of {', '.join(every)}")
+    return names or every
 
 
 @dataclass(kw_only=True)
-class Accuracy(Experiment):
+class Accuracy(Study):
     """Compare the accuracy of the default method and the thesis method on scenes and recordings."""
 
     epilog = """
 Examples:
   comotion dev reproduce accuracy --data recordings/mocap --out docs/research
   comotion dev reproduce accuracy --quick
-  comotion dev reproduce accuracy --part comparator --data recordings/mocap   # Brox and Malik's affinity
 """
 
     data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
-    quick: bool = option(False, "One seed, the scenes of the thesis, as --no-robustness.")
-    robustness: bool = option(True, "Halve and double every parameter too.")
-    part: list[str] | None = option(
-        None, "scores, comparator, motion or robustness; may be repeated. Default: all.", metavar="PART"
-    )
-    out: Path = option(Path("accuracy"), "Where accuracy.md, accuracy.json and a picture go.", metavar="DIR")
+    quick: bool = option(False, "One seed, the scenes of the thesis.")
+    part: list[str] | None = option(None, "scores or motion; may be repeated. Default: both.", metavar="PART")
+    out: Path = option(Path("accuracy"), "Where accuracy.md and accuracy.json go.", metavar="DIR")
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments import accuracy as study
-        from comotion_experiments.accuracy import report
+        from comotion_experiments.accuracy import cases
+        from comotion_experiments.accuracy.report import PARTS, markdown, run_experiment
         from comotion_experiments.inputs import parse_seeds
 
-        check(self.out)
-        robust = self.robustness and not self.quick
-        most = [part for part in study.PARTS if part != "robustness" or robust]
-        parts = _known(self.part, list(study.PARTS), "part") if self.part else most
-        cases = study.scene_cases()
-        if self.quick:
-            cases = [case for case in cases if case.group == "thesis scenes"]
-        else:
-            cases += study.displaced_cases()
-        cases += study.recorded_cases(self.data) if self.data is not None else []
+        parts = _chosen(self.part, PARTS, "part")
+        chosen = cases.scene_cases() + ([] if self.quick else cases.displaced_cases())
+        chosen = [case for case in chosen if not self.quick or case.group == cases.THESIS_SCENES]
+        chosen += cases.recorded_cases(self.data) if self.data is not None else []
         seeds = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         with progress() as note:
-            results = study.run_experiment(cases, seeds, parts, note)
-        picture = "images/reliability.png"
-        drawn = {picture: lambda path: report.save_reliability(path, results)} if "scores" in parts else {}
-        self.report("accuracy", report.markdown(results, picture), report.as_json(results), pictures=drawn)
+            results = run_experiment(chosen, seeds, parts, jobs=self.jobs, progress=note)
+        self.report("accuracy", markdown(results), results)
 
 
 @dataclass(kw_only=True)
-class OnFamilies:
+class OnFamilies(Study):
     """Options of what runs on stress families."""
 
     family: list[str] | None = option(
         None, "Stress family, or how several begin; may be repeated. Default: all.", metavar="NAME"
     )
-    jobs: int = option(2, "Processes at once.", min=1, max=256)
 
 
 @dataclass(kw_only=True)
-class Ablation(OnFamilies, Experiment):
+class Ablation(OnFamilies):
     """Leave out each rule of the default method alone, on stress families and recordings."""
 
     epilog = """
 Examples:
   comotion dev reproduce ablation --data recordings/mocap --out docs/research
   comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
+  comotion dev reproduce ablation --rule looseness=0.01 --rule looseness=0.04   # a parameter
 """
 
     rule: list[str] | None = option(
-        None, "Rule to leave out; may be repeated. Default: each.", metavar="NAME"
+        None, "Rule to leave out, or PARAMETER=VALUE; may be repeated. Default: each rule.", metavar="NAME"
     )
     seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
     data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
@@ -89,23 +85,22 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.ablation import RULES, as_json, markdown, run_experiment
+        from comotion_experiments.ablation import RULES, markdown, rule_of, run_experiment
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import find_families
 
-        check_folder(self.out)
-        rules = _known(self.rule, list(RULES), "rule")
-        chosen = find_families(self.family or (), quick=not self.family)
-        families = [family.name for family in chosen if not family.of_images]
+        rules = self.rule or list(RULES)
+        for rule in rules:
+            rule_of(rule)
+        families = find_families(self.family or ())
+        seeds, data = parse_seeds(self.seeds), self.data or ()
         with progress() as note:
-            results = run_experiment(
-                rules, families, parse_seeds(self.seeds), self.data or (), jobs=self.jobs, progress=note
-            )
-        self.report("ablation", markdown(results), as_json(results))
+            rows = run_experiment(rules, families, seeds, data, jobs=self.jobs, progress=note)
+        self.report("ablation", markdown(rows), {"rows": rows})
 
 
 @dataclass(kw_only=True)
-class Stress(OnFamilies, Experiment):
+class Stress(OnFamilies):
     """How the methods get over restarts, covers, drift, rest and other trouble, on made-up scenes."""
 
     epilog = """
@@ -121,31 +116,25 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         None, "Seeds, e.g. 1,3 or 0-4. Default: 1,3,5,7,9, quick 1; even ones are for development."
     )
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
-    quick: bool = option(False, "One seed, no runs of ten minutes.")
-    trace: bool = option(False, "Print the NMI of every update too.")
-    out: Path = option(Path("stress"), "Where stress.md, stress.json and a picture go.", metavar="DIR")
+    quick: bool = option(False, "One seed.")
+    out: Path = option(Path("stress"), "Where stress.md and stress.json go.", metavar="DIR")
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments import stress as study
+        from comotion_experiments import stress
         from comotion_experiments.inputs import parse_seeds
-        from comotion_experiments.stress import report
+        from comotion_experiments.study import run_study
 
-        check(self.out)
-        seeds = parse_seeds(self.seeds) if self.seeds else study.REPORTED_SEEDS[: 1 if self.quick else None]
-        methods = _known(self.method, list(study.METHODS), "method")
-        families = study.find_families(self.family or (), quick=self.quick)
+        seeds = parse_seeds(self.seeds) if self.seeds else stress.REPORTED_SEEDS[: 1 if self.quick else None]
+        methods = _chosen(self.method, stress.METHODS, "method")
+        families = stress.find_families(self.family or ())
         with progress() as note:
-            results = study.run_experiment(families, seeds, methods=methods, jobs=self.jobs, progress=note)
-        picture = "images/stress.png"
-        text = report.markdown(results, picture)
-        drawn = {picture: lambda path: report.save_picture(path, results)}
-        shown = [*report.tables(results), *([report.traces(results)] if self.trace else [])]
-        self.report("stress", text, report.as_json(results), *shown, pictures=drawn)
+            rows = run_study(stress.run_method, families, methods, seeds, jobs=self.jobs, progress=note)
+        self.report("stress", stress.markdown(rows), {"rows": rows})
 
 
 @dataclass(kw_only=True)
-class Pixels(Experiment):
+class Pixels(Study):
     """Score the grouping of image features on labelled recordings."""
 
     epilog = """
@@ -160,10 +149,9 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments import pixels as study
+        from comotion_experiments.pixels.benchmark import markdown, run_benchmark
+        from comotion_experiments.pixels.sequences import find_sequences
 
-        check_folder(self.out)
         with progress() as note:
-            scores = study.run_benchmark(study.find_data_sets(self.data), note)
-        shown = study.table(scores), *study.lines(scores)
-        self.report("pixels", study.markdown(scores), scores, *shown)
+            rows = run_benchmark(find_sequences(self.data), jobs=self.jobs, progress=note)
+        self.report("pixels", markdown(rows), {"rows": rows})

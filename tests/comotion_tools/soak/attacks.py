@@ -137,12 +137,12 @@ def statuses(attacker: Attacker) -> None:
 
 def drift(attacker: Attacker) -> None:
     """It sees the bodies of the others, twice as many features of each, and turns away."""
-    found = positions(_DRIFTER, places(_DRIFTER, 1), time.time())
-    found += np.random.default_rng(attacker.seq).normal(0, 0.002, found.shape)
+    seen = positions(_DRIFTER, places(_DRIFTER, 1), time.time())
+    seen += np.random.default_rng(attacker.seq).normal(0, 0.002, seen.shape)
     angle = _DRIFT * max(attacker.seq / _DRIFTER.rate - _STEADY_S, 0.0)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(_DRIFTER.features)
-    rows = (found.reshape(-1, 3) @ turn.T).astype(np.float32)
+    rows = (seen.reshape(-1, 3) @ turn.T).astype(np.float32)
     attacker.send(attacker.batch(len(rows), ids=ids.reshape(-1).astype(np.uint64), positions=rows))
 
 

@@ -35,16 +35,6 @@ def _noise(attacker: Attacker) -> bytes:
     return attacker.chance.randbytes(attacker.chance.choice((0, 10, 5000, 200_000)))
 
 
-def _jump(attacker: Attacker) -> bytes:
-    far = attacker.chance.choice((1e3, 1e6, 9e8)) * attacker.chance.choice((1, -1))
-    return encode(attacker.batch(positions=np.full((50, 3), far, np.float32)))
-
-
-def _millimetres(attacker: Attacker) -> bytes:
-    rows = [[attacker.chance.uniform(-1000, 1000) for _ in range(3)] for _ in range(50)]
-    return encode(attacker.batch(positions=np.array(rows, np.float32)))
-
-
 def _tampered(attacker: Attacker) -> bytes:
     changes = (
         {"positions": np.full(150, math.nan, "<f4").tobytes()},
@@ -59,25 +49,25 @@ def _tampered(attacker: Attacker) -> bytes:
 
 
 def _extreme(attacker: Attacker) -> bytes:
-    other = f"{attacker.chance.getrandbits(64):016x}"
+    chance, now = attacker.chance, time.time_ns()
+    count, other = chance.choice((50, 2000)), f"{chance.getrandbits(64):016x}"
+    far = chance.choice((1e3, 1e6, 9e8)) * chance.choice((1, -1))
+    millimetres = [[chance.uniform(-1000, 1000) for _ in range(3)] for _ in range(count)]
     changes: tuple[dict[str, Any], ...] = (
         {"seq": 2**63 - 1, "session": other},
         {"stamp_ns": -(2**63)},
         {"stamp_ns": 2**63 - 1},
-        {"space": f"space-{attacker.chance.randrange(1000)}"},
+        {"space": f"space-{chance.randrange(1000)}"},
         {"unit": "px"},
         {"session": other},
+        {"positions": np.full((count, 3), far, np.float32)},
+        {"positions": np.array(millimetres, np.float32)},
+        {"stamp_ns": now, "stamps_ns": now - np.arange(count)[::-1] * 1000},
     )
-    return encode(attacker.batch(**attacker.chance.choice(changes)))
+    return encode(attacker.batch(count, **chance.choice(changes)))
 
 
-def _many_instants(attacker: Attacker) -> bytes:
-    count, now = attacker.chance.choice((100, 2000)), time.time_ns()
-    stamps = now - np.arange(count)[::-1] * 1000
-    return encode(attacker.batch(count, stamp_ns=now, stamps_ns=stamps))
-
-
-_MAKERS = (_mutated, _noise, _jump, _millimetres, _tampered, _extreme, _many_instants)
+_MAKERS = (_mutated, _noise, _tampered, _extreme, _extreme, _extreme, _extreme)
 
 
 def damage(attacker: Attacker) -> None:

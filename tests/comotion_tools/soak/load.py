@@ -56,12 +56,12 @@ def places(kind: Kind, seed: int) -> NDArray[np.float64]:
 def positions(kind: Kind, features: NDArray[np.float64], t: float) -> NDArray[np.float64]:
     """Where they are at a time in s: the first body rests, the others swing, each in its own way."""
     scale = 1.0 if kind.unit == "m" else 200.0
-    found = features.copy()
-    found[:, :, 0] += scale * np.arange(BODIES)[:, None]
+    rows = features.copy()
+    rows[:, :, 0] += scale * np.arange(BODIES)[:, None]
     for body in range(1, BODIES):
         swing = 0.3 * scale * np.sin(2 * np.pi * (0.11 + 0.06 * body) * t + body)
-        found[body, :, body % 2] += swing
-    return found
+        rows[body, :, body % 2] += swing
+    return rows
 
 
 @dataclass
@@ -110,8 +110,8 @@ class Source:
         kind, faults = self.kind, self.faults
         now = time.time()
         offset = faults.clock_s if faults.now("clock") else 0.0
-        found = positions(kind, self._features, now)
-        found += self._rng.normal(0, _NOISE_M if kind.unit == "m" else _NOISE_PX, found.shape)
+        rows = positions(kind, self._features, now)
+        rows += self._rng.normal(0, _NOISE_M if kind.unit == "m" else _NOISE_PX, rows.shape)
         ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(kind.features) + 100 * faults.generation
         self.sent += 1
         return ObservationBatch(
@@ -123,7 +123,7 @@ class Source:
             dim=kind.dim,
             stamp_ns=round((now + offset) * 1e9),
             ids=ids.reshape(-1).astype(np.uint64),
-            positions=found.reshape(-1, kind.dim).astype(np.float32),
+            positions=rows.reshape(-1, kind.dim).astype(np.float32),
         )
 
     def send(self) -> None:

@@ -1,17 +1,15 @@
-"""Reports a soak: violations, a page of Markdown, JSON and a plot."""
+"""Reports a soak: violations, text and JSON."""
 
 import json
 from collections import Counter
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from comotion_experiments.plot import new_figure
-
 from ..processes import Usage
 from .load import KINDS
-from .monitor import Gap
 from .run import Soak
 from .schedule import Fault
 
@@ -40,23 +38,23 @@ def violations(soak: Soak, longest_s: float) -> list[str]:
 
     No update for more than `longest_s` needs a fault of the service or the router as an excuse.
     """
-    found = [f"hypothesis id {one} was given out twice" for one in soak.findings.reused]
+    texts = [f"hypothesis id {number} was given out twice" for number in soak.findings.reused]
     for name, statuses in soak.ended.items():
-        found.append(f"{name} has ended by itself, status {', '.join(map(str, statuses))}")
-    for at_s, one in soak.audits:
-        if one.is_exact and one.missing:
-            found.append(f"at {at_s:.0f} s {one.missing} of {one.sent} batches were not accounted for")
-        if one.unsettled:
-            found.append(f"at {at_s:.0f} s {one.unsettled} batches were in no account")
+        texts.append(f"{name} has ended by itself, status {', '.join(map(str, statuses))}")
+    for at_s, audit in soak.audits:
+        if audit.is_exact and audit.missing:
+            texts.append(f"at {at_s:.0f} s {audit.missing} of {audit.sent} batches were not accounted for")
+        if audit.unsettled:
+            texts.append(f"at {at_s:.0f} s {audit.unsettled} batches were in no account")
     for gap in soak.findings.gaps:
         fault = cause(soak, gap.at_s, gap.seconds)
         if gap.seconds > longest_s and (fault is None or fault.target not in _TIMING):
-            found.append(f"at {gap.at_s:.0f} s no update for {gap.seconds:.1f} s ({fault or 'no fault'})")
-    for at_s, body, before, after in soak.findings.changes:
+            texts.append(f"at {gap.at_s:.0f} s no update for {gap.seconds:.1f} s ({fault or 'no fault'})")
+    for at_s, body, old, new in soak.findings.changes:
         if body.split()[0] not in _ALONE:
             fault = cause(soak, at_s)
-            found.append(f"at {at_s:.0f} s {body} changed from {before} to {after} ({fault or 'no fault'})")
-    return found + _growth(soak)
+            texts.append(f"at {at_s:.0f} s {body} changed from {old} to {new} ({fault or 'no fault'})")
+    return texts + _growth(soak)
 
 
 def _growth(soak: Soak) -> list[str]:
@@ -64,18 +62,18 @@ def _growth(soak: Soak) -> list[str]:
     attacks = [
         (at_s, at_s + fault.lasts_s + _GIVEN_BACK_S) for at_s, fault in soak.faults if fault.kind == "hostile"
     ]
-    found = []
+    violations = []
     for name, samples in soak.usage.items():
         for starts, of_life in groupby(samples, key=lambda sample: sample[1]):
             life = [(at_s, usage) for at_s, _, usage in of_life]
             quiet = [usage for at_s, usage in life if not any(begun <= at_s < end for begun, end in attacks)]
             most = max(usage.memory_mb for _, usage in life)
             texts = _grown(quiet) + ([f"memory reached {most:.0f} MB"] if most > _MOST_MB else [])
-            found += [f"{name}, life {starts}: {text}" for text in texts]
+            violations += [f"{name}, life {starts}: {text}" for text in texts]
         minutes = max(soak.seconds / 60, 1.0)
         if samples and samples[-1][2].log_bytes / minutes > _LOG_BYTES_PER_MINUTE:
-            found.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
-    return found
+            violations.append(f"{name} has logged {samples[-1][2].log_bytes} bytes")
+    return violations
 
 
 def _grown(life: list[Usage]) -> list[str]:
@@ -84,111 +82,54 @@ def _grown(life: list[Usage]) -> list[str]:
         return []
     quarter = len(life) // 4
     early, late = life[quarter : 2 * quarter], life[-quarter:]
-    found = []
+    texts = []
     for name, limit, share, unit in _GROWTH:
-        before, after = (median(getattr(usage, name) for usage in part) for part in (early, late))
-        if after - before > max(limit, share * before):
-            found.append(f"{name.partition('_')[0]} grew from {before:.0f} to {after:.0f}{unit}")
-    return found
+        start, end = (median(getattr(usage, name) for usage in part) for part in (early, late))
+        if end - start > max(limit, share * start):
+            texts.append(f"{name.partition('_')[0]} grew from {start:.0f} to {end:.0f}{unit}")
+    return texts
 
 
 def as_json(soak: Soak, seed: int, longest_s: float) -> dict[str, Any]:
-    """All figures, as plain values."""
-    found = soak.findings
-    exact = [one for _, one in soak.audits if one.is_exact]
+    """All figures, as plain values; of each process its starts, and the most that it has held."""
+    findings, exact = soak.findings, [audited for _, audited in soak.audits if audited.is_exact]
+    causes = ((gap, cause(soak, gap.at_s, gap.seconds)) for gap in findings.gaps)
     return {
         "seconds": round(soak.seconds, 1),
         "seed": seed,
         "faults": dict(Counter(fault.kind for _, fault in soak.faults)),
-        "updates": found.updates,
-        "missed": found.missed,
-        "services": len(found.sessions),
-        "gaps": len(found.gaps),
-        "longest_gap_s": max((gap.seconds for gap in found.gaps), default=0.0),
-        "gaps_by_fault": gaps_by_fault(soak),
-        "ids_changed": [list(one) for one in found.changes],
-        "ids_reused": found.reused,
-        "latest_id": found.latest_id,
+        "updates": findings.updates,
+        "missed": findings.missed,
+        "services": len(findings.sessions),
+        "gaps": [[gap.seconds, str(fault or "no fault")] for gap, fault in causes],
+        "ids_changed": [list(change) for change in findings.changes],
+        "ids_reused": findings.reused,
+        "latest_id": findings.latest_id,
         "audits": len(exact),
-        "batches_audited": sum(one.sent for one in exact),
-        "batches_missing": sum(abs(one.missing) for one in exact),
-        "batches_unsettled": sum(one.unsettled for _, one in soak.audits),
-        "usage": {name: _extremes(samples) for name, samples in soak.usage.items()},
-        "recovery_s": [[what, round(seconds, 3)] for what, seconds in soak.recovery],
+        "batches_audited": sum(audited.sent for audited in exact),
+        "batches_missing": sum(abs(audited.missing) for audited in exact),
+        "batches_unsettled": sum(audited.unsettled for _, audited in soak.audits),
+        "usage": {name: _most(samples) for name, samples in soak.usage.items()},
         "violations": violations(soak, longest_s),
     }
 
 
-def gaps_by_fault(soak: Soak) -> dict[str, list[float]]:
-    """Gaps by what they come from, in s, longest first."""
-    found: dict[str, list[float]] = {}
-    for gap in soak.findings.gaps:
-        fault = cause(soak, gap.at_s, gap.seconds)
-        name = "no fault" if fault is None else f"{fault.kind} {fault.target}"
-        found.setdefault(name, []).append(gap.seconds)
-    return {name: sorted(gaps, reverse=True) for name, gaps in sorted(found.items())}
+def _most(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
+    held = [asdict(usage) for *_, usage in samples]
+    return {"starts": samples[-1][1]} | {name: max(usage[name] for usage in held) for name in held[0]}
 
 
-def _extremes(samples: list[tuple[float, int, Usage]]) -> dict[str, Any]:
-    found: dict[str, Any] = {"starts": samples[-1][1], "log_bytes": samples[-1][2].log_bytes}
-    for name in ("memory_mb", "descriptors", "threads"):
-        held = [getattr(usage, name) for *_, usage in samples]
-        found[name] = [round(median(held), 1), round(max(held), 1)]
-    return found
-
-
-def lines(found: dict[str, Any]) -> list[str]:
+def lines(values: dict[str, Any]) -> list[str]:
     """The result as text, from :func:`as_json`."""
-    faults = ", ".join(f"{count} {kind}" for kind, count in sorted(found["faults"].items()))
-    text = [
-        f"{found['seconds'] / 60:.1f} min, seed {found['seed']}; faults: {faults or 'none'}",
-        f"updates: {found['updates']}, {found['missed']} missed, {found['gaps']} gaps over three periods, "
-        f"longest {found['longest_gap_s']:.2f} s; {found['services']} lives of the service",
-        f"accounts: {found['batches_audited']} batches in {found['audits']} stretches, "
-        f"{found['batches_missing']} not accounted for",
-        f"ids: {len(found['ids_changed'])} changes, {len(found['ids_reused'])} given out twice, "
-        f"the largest {found['latest_id']}",
+    rest = {name: value for name, value in values.items() if name not in {"usage", "violations"}}
+    return [
+        *(f"{name.replace('_', ' ')}: {value}" for name, value in rest.items()),
+        *(f"  {name}, at most: {most}" for name, most in values["usage"].items()),
+        *([f"VIOLATION: {text}" for text in values["violations"]] or ["no violation"]),
     ]
-    for name, gaps in found["gaps_by_fault"].items():
-        text.append(f"  gaps, {name}: {len(gaps)}, longest {gaps[0]:.2f} s")
-    for name, held in found["usage"].items():
-        (middle, most), files, threads = (held[key] for key in ("memory_mb", "descriptors", "threads"))
-        memory = f"{middle:.0f} MB (most {most:.0f}), {files[0]:.0f} descriptors (most {files[1]})"
-        threads = f"{threads[0]:.0f} threads (most {threads[1]})"
-        text.append(f"  {name}: {held['starts']} starts, {memory}, {threads}, log {held['log_bytes']} bytes")
-    if found["recovery_s"]:
-        times = sorted(seconds for _, seconds in found["recovery_s"])
-        text.append(f"  recovery: median {median(times):.2f} s, longest {times[-1]:.2f} s of {len(times)}")
-    text += [f"VIOLATION: {one}" for one in found["violations"]] or ["no violation"]
-    return text
 
 
-def save(folder: Path, values: dict[str, Any], soak: Soak) -> list[str]:
-    """Write the figures of :func:`as_json`, their text and, with matplotlib, a plot; returns the text."""
-    text = lines(values)
+def save(folder: Path, values: dict[str, Any]) -> list[str]:
+    """Write the figures of :func:`as_json`; returns their text."""
     (folder / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
-    (folder / "soak.txt").write_text("\n".join(text) + "\n", encoding="utf-8")
-    try:
-        figure = new_figure(10, 6, dpi=90)
-    except ModuleNotFoundError:
-        return [*text, "no plot: pip install 'comotion[plot]'"]
-    _draw(figure, soak)
-    figure.savefig(folder / "soak.png")
-    return text
-
-
-def _draw(figure: Any, soak: Soak) -> None:
-    """Draw memory and gaps over time, with the faults."""
-    above, below = figure.subplots(2, 1, sharex=True)
-    for name, samples in soak.usage.items():
-        above.plot([s / 60 for s, *_ in samples], [u.memory_mb for *_, u in samples], lw=1, label=name)
-    above.set_ylabel("memory, MB")
-    above.legend(ncols=4, fontsize=8)
-    gaps: list[Gap] = soak.findings.gaps
-    below.vlines([g.at_s / 60 for g in gaps], 0, [g.seconds for g in gaps], lw=1)
-    for kind in sorted({fault.kind for _, fault in soak.faults}):
-        at = [s / 60 for s, fault in soak.faults if fault.kind == kind]
-        below.plot(at, [0] * len(at), "|", label=kind)
-    below.set_ylabel("time without updates, s")
-    below.set_xlabel("min")
-    below.legend(ncols=5, fontsize=8)
+    return lines(values)

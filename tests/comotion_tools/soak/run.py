@@ -16,9 +16,8 @@ from comotion_deploy.processes import PYTHON
 from comotion_schemas.transport import SessionSettings
 
 from ..processes import COMOTION, STARTS, Managed, Usage
-from .accounts import Audit, Moment, audit, moment
-from .monitor import Findings, Watched
-from .schedule import HOSTILE, OTHERS, SOURCES, Fault
+from .monitor import Audit, Findings, Moment, Watched, audit, moment
+from .schedule import HOSTILE, SOURCES, Fault
 
 SCENE = "soak"
 _ENDS = {"kill": signal.SIGKILL, "restart": signal.SIGTERM}
@@ -28,8 +27,6 @@ _WINDOW_S = 60.0
 _SETTLE_S = 1.2
 _HOSTILE_S = 4.0
 _RECORDINGS = 3
-_RECOVERED_S = 60.0
-_BETWEEN_S = 4.0
 
 
 @dataclass
@@ -45,7 +42,6 @@ class Soak:
     usage: dict[str, list[tuple[float, int, Usage]]] = field(default_factory=dict)
     # Exit statuses of processes that nobody has ended.
     ended: dict[str, list[int]] = field(default_factory=dict)
-    recovery: list[tuple[str, float]] = field(default_factory=list)
 
 
 def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = ()) -> dict[str, Managed]:
@@ -172,13 +168,13 @@ class Runner(Watched):
         if not ends and self._window is None:
             self._window, self._window_s = self._moment(opens=True), self.now_s
 
-    def _close_window(self, after: Moment | None) -> None:
-        before, self._window = self._window, None
-        found = None if before is None or after is None else audit(before, after)
-        if found is not None:
-            self.result.audits.append((round(self.now_s, 1), found))
-            if found.missing or found.unsettled:
-                self.say(f"accounts: {found.missing} of {found.sent} batches are missing")
+    def _close_window(self, end: Moment | None) -> None:
+        start, self._window = self._window, None
+        audited = None if start is None or end is None else audit(start, end)
+        if audited is not None:
+            self.result.audits.append((round(self.now_s, 1), audited))
+            if audited.missing or audited.unsettled:
+                self.say(f"accounts: {audited.missing} of {audited.sent} batches are missing")
 
     def _moment(self, *, opens: bool = False) -> Moment | None:
         """Let all sources pause until the service has counted what they have sent.
@@ -186,15 +182,15 @@ class Runner(Watched):
         One that `opens` a stretch waits until the service knows of all: what a service learns only now of
         the time before its start is none of the stretch.
         """
-        sources, before = [self.processes[name] for name in SOURCES], None
+        sources, last_moment = [self.processes[name] for name in SOURCES], None
         end = time.monotonic() + _PAUSED_S
         with self.paused(sources):
             while self.is_so(lambda: all(s.account.get("paused") for s in sources), end - time.monotonic()):
                 last, reply = self.monitor.last, self.accounts(_SETTLE_S)
                 now = None if last is None or reply is None else moment(last.session, reply, sources)
-                if now is not None and now == before and not now.waiting and not (opens and now.unheard):
+                if now is not None and now == last_moment and not now.waiting and not (opens and now.unheard):
                     return now
-                before = now
+                last_moment = now
                 self.wait(_SETTLE_S)
         return None
 
@@ -215,34 +211,3 @@ def clear(folder: Path) -> None:
     for pattern in ("*.log", "take-*.mcap", "scene.state*"):
         for file in folder.glob(pattern):
             file.unlink()
-
-
-def kill_in_a_row(runner: Runner, count: int) -> None:
-    """Kill the service, start it again, and wait until all bodies have their hypotheses; `count` times."""
-    for k in range(1, count + 1):
-        if runner.stop.is_set():
-            return
-        seconds = _recovery_s(runner)
-        runner.result.recovery.append(("kill service", seconds))
-        changed = len(runner.monitor.findings.changes)
-        runner.say(
-            f"kill {k} of {count}: all bodies again after {seconds:.2f} s, {changed} ids changed so far"
-        )
-        runner.wait(_BETWEEN_S)
-
-
-def _recovery_s(runner: Runner) -> float:
-    """Kill the service; how long until all bodies have their hypotheses again, at most a minute."""
-    monitor, began = runner.monitor, time.monotonic()
-    sessions = len(monitor.findings.sessions)
-    runner.carry_out(Fault(runner.now_s, "kill", "service"))
-    runner.is_so(lambda: len(monitor.findings.sessions) > sessions and monitor.is_sorted_out, _RECOVERED_S)
-    return time.monotonic() - began
-
-
-def stop_each(runner: Runner, seconds: float) -> None:
-    """Stop each process for some time and continue it."""
-    for target in (*SOURCES, *OTHERS):
-        if target in runner.processes:
-            runner.carry_out(Fault(runner.now_s, "stop", target, seconds))
-            runner.wait(2 * _BETWEEN_S)

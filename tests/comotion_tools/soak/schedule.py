@@ -1,27 +1,27 @@
 """Draws the faults of a soak from a seed: what happens to which process, and when."""
 
 import random
-from collections.abc import Iterator
 from dataclasses import dataclass
+
+from comotion_deploy.errors import UserError
 
 SOURCES = ("left", "right", "arm", "camera")
 """The well-behaved sources; the first three observe the same bodies."""
 OTHERS = ("router", "service", "recorder", "viewer")
 HOSTILE = "hostile"
 
-# Kinds of faults, their weight, and the processes that they may happen to.
-_KINDS: tuple[tuple[str, float, tuple[str, ...]], ...] = (
-    ("kill", 3.0, (*SOURCES, *OTHERS)),
-    ("stop", 2.0, (*SOURCES, *OTHERS)),
-    ("restart", 1.0, (*SOURCES, *OTHERS)),
-    ("clock", 2.0, SOURCES),
-    ("burst", 1.0, SOURCES),
-    ("loss", 1.0, SOURCES),
-    ("disorder", 1.0, SOURCES),
-    ("churn", 1.0, SOURCES),
-    ("hostile", 2.0, (HOSTILE,)),
-)
-KINDS = tuple(kind for kind, _, _ in _KINDS)
+KINDS: dict[str, tuple[float, tuple[str, ...]]] = {
+    "kill": (3.0, (*SOURCES, *OTHERS)),
+    "stop": (2.0, (*SOURCES, *OTHERS)),
+    "restart": (1.0, (*SOURCES, *OTHERS)),
+    "clock": (2.0, SOURCES),
+    "burst": (1.0, SOURCES),
+    "loss": (1.0, SOURCES),
+    "disorder": (1.0, SOURCES),
+    "churn": (1.0, SOURCES),
+    "hostile": (2.0, (HOSTILE,)),
+}
+"""Kinds of faults, their weight, and the processes that they may happen to."""
 _CLOCK_STEPS_S = (-3600.0, -1.0, 1.0, 3600.0)
 # Until all is in its place at the start, and after the last fault.
 LEAD_S, TAIL_S = 8.0, 12.0
@@ -51,22 +51,28 @@ class Fault:
         return f"{self.kind}{size} {self.target}" + (f" for {self.lasts_s:.0f} s" if self.lasts_s else "")
 
 
-def draw(seed: int, duration_s: float) -> list[Fault]:
-    """Draw the faults of a soak; the same for the same seed and duration."""
-    chance = random.Random(seed)
-    return list(_draw(chance, duration_s))
+def draw(seed: int, duration_s: float, kind: str = "", target: str = "") -> list[Fault]:
+    """Draw the faults of a soak, or those of a kind or a target alone; the same for the same arguments.
 
-
-def _draw(chance: random.Random, duration_s: float) -> Iterator[Fault]:
-    at_s = LEAD_S
-    weights = [weight for _, weight, _ in _KINDS]
+    Raises
+    ------
+    UserError
+        If no fault is of this kind and target.
+    """
+    chance, at_s = random.Random(seed), LEAD_S
+    fitting = {name: w for name, (w, t) in KINDS.items() if kind in {"", name} and target in {"", *t}}
+    if not fitting:
+        raise UserError(f"no fault {kind!r} of {target!r}; kinds are {', '.join(KINDS)}")
+    faults = []
     while at_s < duration_s - TAIL_S:
-        kind, _, targets = chance.choices(_KINDS, weights)[0]
-        lasts_s = round(chance.uniform(*_LASTS_S.get(kind, (0.0, 0.0))), 1)
+        (name,) = chance.choices([*fitting], [*fitting.values()])
+        lasts_s = round(chance.uniform(*_LASTS_S.get(name, (0.0, 0.0))), 1)
         size = 0.0
-        if kind == "clock":
+        if name == "clock":
             size = chance.choice(_CLOCK_STEPS_S)
-        elif kind == "burst":
+        elif name == "burst":
             size = chance.randint(*_BURST)
-        yield Fault(round(at_s, 1), kind, chance.choice(targets), lasts_s, size)
+        whose = target or chance.choice(KINDS[name][1])
+        faults.append(Fault(round(at_s, 1), name, whose, lasts_s, size))
         at_s += lasts_s + chance.uniform(*_PAUSE_S)
+    return faults
