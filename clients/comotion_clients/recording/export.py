@@ -3,7 +3,6 @@
 Its topics are those of :mod:`comotion_clients.foxglove.scene`. Log times are those of the recording.
 """
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from comotion_schemas.naming import Names
 from comotion_schemas.text import counted
 
 from ..foxglove.scene import FoxgloveScene
-from .disk import create
 
 
 @dataclass
@@ -55,7 +53,7 @@ def export(source: Path, target: Path, names: Names | None = None) -> Exported:
         If a file cannot be read or written, or `target` exists.
     """
     context = foxglove.Context()
-    with MessageLog(source) as log, os.fdopen(create(target), "wb") as output:
+    with MessageLog(source) as log, target.open("xb") as output:
         try:
             with foxglove.open_mcap(output, context=context):
                 scene = FoxgloveScene(context, names)

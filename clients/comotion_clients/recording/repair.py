@@ -5,7 +5,6 @@ contains its length twice and a checksum, so other bytes are not mistaken for a 
 """
 
 import mmap
-import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import PROFILE
 from comotion_schemas.text import counted
 
-from .disk import create
 from .file import Definition, TopicWriter
 
 _COMPRESSED = b"\x04\0\0\0zstd"
@@ -94,7 +92,7 @@ def repair(source: Path, target: Path) -> RepairResult:
     with (
         source.open("rb") as file,
         mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
-        os.fdopen(create(target), "wb") as output,
+        target.open("xb") as output,
     ):
         try:
             _copy(data, TopicWriter(output, profile=PROFILE), result)

@@ -125,8 +125,6 @@ class Series:
     def abandon(self) -> None:
         """Complete the last file as far as possible; never raises OSError."""
         with contextlib.suppress(OSError):
-            self._file.flush()
-        with contextlib.suppress(OSError):
             self._file.close()
 
     def _accepts_key(self, key: str) -> bool:

@@ -64,8 +64,6 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
         """Publish until stopped."""
         if self.bag is not None and self.ros_connect is not None:
             raise UserError("--ros-connect is only for publishing, not with --bag")
-        if self.bag is not None and self.bag.exists():
-            raise UserError(f"{self.bag}: exists")
         from comotion_clients.ros2.process import run
 
         self.require_ros()
