@@ -4,9 +4,10 @@ import time
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, Self, TypeVar, cast
+from typing import Generic, Self, cast
 
 import zenoh
+from typing_extensions import TypeVar
 
 from comotion_schemas import (
     DEFAULT_SCENE,
@@ -64,7 +65,7 @@ class ActiveSession:
         return True
 
 
-M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview)
+M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview, default=HypothesisUpdate)
 
 _KINDS: dict[type, Kind] = {
     HypothesisUpdate: "hypotheses",
