@@ -174,12 +174,7 @@ class Subscription(Generic[M]):
 
     def drain(self) -> list[tuple[float, M]]:
         """Return all received messages at once: (time of arrival by ``time.monotonic()``, message)."""
-        received: list[tuple[float, M]] = []
-        while True:
-            try:
-                received.append(self._inbox.get(0.0))
-            except (TimeoutError, Closed):
-                return received
+        return self._inbox.drain()
 
     def __iter__(self) -> Iterator[M]:
         return self

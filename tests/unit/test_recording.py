@@ -195,12 +195,12 @@ def test_what_waits_is_bounded_and_the_rest_is_counted():
     pending = PendingPayloads(limit=100)
     for number in range(5):
         pending.put(Arrival("obs", KEYS.stream("obs", "a"), number, bytes(40)))
-    assert [a.log_ns for a in pending.take(0.0)] == [0, 1]
-    assert pending.dropped == {KEYS.stream("obs", "a"): 3}
+    assert [a.log_ns for a in pending.drain()] == [3, 4]
+    assert pending.dropped_of == {KEYS.stream("obs", "a"): 3}
     small = Arrival("obs", KEYS.stream("obs", "a"), 9, bytes(90))
     pending.put(small)
-    assert pending.take(0.0) == [small]
-    assert pending.take(0.0) == []
+    assert pending.drain() == [small]
+    assert pending.drain() == []
 
 
 def test_the_export_is_what_foxglove_reads(tmp_path):
