@@ -1,9 +1,9 @@
-"""``comotion dev reproduce``: the experiments of the project, their options and checks."""
+"""``comotion dev reproduce``: the figures of the thesis, and what all experiments say as they run."""
 
 import json
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,45 +18,6 @@ if TYPE_CHECKING:
     from comotion_experiments.figures import Results
     from comotion_experiments.tables import Table
 
-Pictures = Mapping[str, Callable[[Path], object]]
-
-
-@dataclass(kw_only=True)
-class Experiment(Json, Tool):
-    """What all experiments have in common: a folder for their results, and how these are printed."""
-
-    log_level = "warning"
-    out: Path
-
-    def report(
-        self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
-    ) -> None:
-        """Write the page of an experiment, its values and its pictures, and show it.
-
-        Parameters
-        ----------
-        name
-            Name of page and values, without a suffix.
-        text
-            The page, in Markdown.
-        values
-            What the JSON file holds.
-        shown
-            Tables and lines for the terminal; the page itself by default.
-        pictures
-            What draws each picture, by its path in the folder.
-        """
-        drawn = pictures or {}
-        page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
-        for path in (page, *images):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(text, encoding="utf-8")
-        write_values(numbers, values)
-        for path, draw in zip(images, drawn.values(), strict=True):
-            draw(path)
-        written = ", ".join(map(str, (page, numbers, *images)))
-        self.show(values, *(shown or (text,)), f"written: {written}", width=170)
-
 
 def write_values(path: Path, values: object) -> None:
     """Write results to a JSON file."""
@@ -65,49 +26,17 @@ def write_values(path: Path, values: object) -> None:
     path.write_text(json.dumps(plain(values), indent=2) + "\n", encoding="utf-8")
 
 
-def check(out: Path) -> None:
-    """Check before hours of work what would fail at the end.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    UserError
-        If `out` exists and is not a folder.
-    """
-    import matplotlib  # noqa: F401
-
-    check_folder(out)
-
-
-def check_folder(out: Path) -> None:
-    """Check that a path can be used as a folder.
-
-    Raises
-    ------
-    UserError
-        If it exists and is not a folder.
-    """
-    if out.exists() and not out.is_dir():
-        raise UserError(f"{out}: not a folder")
-
-
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
     """Yield a function that shows what runs next on standard error."""
-    from rich.console import Console
+    from comotion_schemas.terminal import reporting
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda what: console.print(what, highlight=False, markup=False, soft_wrap=True)
-        return
-    with console.status("") as status:
-        # Brackets are not markup.
-        yield lambda what: status.update(what.replace("[", r"\["))
+    with reporting(terminal_s=0.0, plain_s=0.0) as report:
+        yield lambda what: report(lambda: what)
 
 
 @dataclass(kw_only=True)
-class Figures(Assignments, Experiment):
+class Figures(Assignments, Json, Tool):
     """Draw all figures of the thesis with the thesis method and the default method.
 
     Writes pictures and a page. Figures 4.6 to 4.11 need the workcell (extra sim3d).
@@ -119,6 +48,7 @@ Examples:
   comotion dev reproduce --only 4.4 --only 4.5 --out figures
   comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
 """
+    log_level = "warning"
 
     only: list[str] | None = option(
         None, "Figure, e.g. 4.4; may be repeated. Default: all fifteen.", metavar="FIGURE"
@@ -132,10 +62,14 @@ Examples:
         env="COMOTION_CACHE",
         metavar="DIR",
     )
-    out: Path = option(Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR")
+    out: Path = option(
+        Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Draw them and write the page."""
+        import matplotlib  # noqa: F401 - before hours of work
+
         from comotion_experiments.figures import Options, reproduce, select
         from comotion_experiments.figures.page import left_out, page
         from comotion_experiments.inputs import parse_seeds
@@ -148,7 +82,6 @@ Examples:
             )
         simulated = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         filmed = parse_seeds(self.workcell_seeds or ("0" if self.quick else "0-1"))
-        check(self.out)
         workcell = find_spec("mujoco") is not None
         if self.only and not workcell and all(figure.workcell for figure in chosen):
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")

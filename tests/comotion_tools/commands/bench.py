@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import check, progress
+from comotion_deploy.commands.experiments import progress
 from comotion_deploy.errors import UserError
 from comotion_deploy.fusion_options import Assignments
 from comotion_deploy.options import Json, Tool, option
@@ -42,7 +42,9 @@ Examples:
     quick: bool = option(False, "Small numbers, few updates.")
     live: bool = option(False, "Measure processes over a router instead.")
     seconds: float = option(30.0, "Of --live.", min=1)
-    out: Path | None = option(None, "Write performance.md and images/performance.png there.", metavar="DIR")
+    out: Path | None = option(
+        None, "Write performance.md and images/performance.png there.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Measure the core, or processes over a router, and print or write the result."""
@@ -56,7 +58,7 @@ Examples:
             self._run_live()
             return
         if self.out is not None:
-            check(self.out)
+            import matplotlib  # noqa: F401 - before the work
         like = {name: getattr(self, name) for name in ("bodies", "sources", "churn", "seed", "pixels")}
         features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
         sizes = numbers("--features", features, 2, 50_000)

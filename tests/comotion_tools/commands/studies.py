@@ -1,11 +1,51 @@
 """``comotion dev reproduce accuracy, ablation, stress, pixels``: methods on made-up and recorded scenes."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import Experiment, check, check_folder, progress
+from comotion_deploy.commands.experiments import progress, write_values
 from comotion_deploy.errors import UserError
-from comotion_deploy.options import option, setting
+from comotion_deploy.options import Json, Tool, option, setting
+
+Pictures = Mapping[str, Callable[[Path], object]]
+
+
+@dataclass(kw_only=True)
+class Experiment(Json, Tool):
+    """What all experiments have in common: a folder for their results, and how these are printed."""
+
+    log_level = "warning"
+    out: Path
+
+    def report(
+        self, name: str, text: str, values: object, *shown: object, pictures: Pictures | None = None
+    ) -> None:
+        """Write the page of an experiment, its values and its pictures, and show it.
+
+        Parameters
+        ----------
+        name
+            Name of page and values, without a suffix.
+        text
+            The page, in Markdown.
+        values
+            What the JSON file holds.
+        shown
+            Tables and lines for the terminal; the page itself by default.
+        pictures
+            What draws each picture, by its path in the folder.
+        """
+        drawn = pictures or {}
+        page, numbers, *images = (self.out / file for file in (f"{name}.md", f"{name}.json", *drawn))
+        for path in (page, *images):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        page.write_text(text, encoding="utf-8")
+        write_values(numbers, values)
+        for path, draw in zip(images, drawn.values(), strict=True):
+            draw(path)
+        written = ", ".join(map(str, (page, numbers, *images)))
+        self.show(values, *(shown or (text,)), f"written: {written}", width=170)
 
 
 def _known(asked: list[str] | None, names: list[str], what: str) -> list[str]:
@@ -34,15 +74,18 @@ Examples:
     part: list[str] | None = option(
         None, "scores, comparator, motion or robustness; may be repeated. Default: all.", metavar="PART"
     )
-    out: Path = option(Path("accuracy"), "Where accuracy.md, accuracy.json and a picture go.", metavar="DIR")
+    out: Path = option(
+        Path("accuracy"), "Where accuracy.md, accuracy.json and a picture go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Run it and write the report."""
+        import matplotlib  # noqa: F401 - before hours of work
+
         from comotion_experiments import accuracy as study
         from comotion_experiments.accuracy import report
         from comotion_experiments.inputs import parse_seeds
 
-        check(self.out)
         robust = self.robustness and not self.quick
         most = [part for part in study.PARTS if part != "robustness" or robust]
         parts = _known(self.part, list(study.PARTS), "part") if self.part else most
@@ -85,7 +128,9 @@ Examples:
     )
     seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
     data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
-    out: Path = option(Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR")
+    out: Path = option(
+        Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -93,7 +138,6 @@ Examples:
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import find_families
 
-        check_folder(self.out)
         rules = _known(self.rule, list(RULES), "rule")
         chosen = find_families(self.family or (), quick=not self.family)
         families = [family.name for family in chosen if not family.of_images]
@@ -123,15 +167,18 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
     quick: bool = option(False, "One seed, no runs of ten minutes.")
     trace: bool = option(False, "Print the NMI of every update too.")
-    out: Path = option(Path("stress"), "Where stress.md, stress.json and a picture go.", metavar="DIR")
+    out: Path = option(
+        Path("stress"), "Where stress.md, stress.json and a picture go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Run it and write the report."""
+        import matplotlib  # noqa: F401 - before hours of work
+
         from comotion_experiments import stress as study
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import report
 
-        check(self.out)
         seeds = parse_seeds(self.seeds) if self.seeds else study.REPORTED_SEEDS[: 1 if self.quick else None]
         methods = _known(self.method, list(study.METHODS), "method")
         families = study.find_families(self.family or (), quick=self.quick)
@@ -156,13 +203,12 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 """
 
     data: Path = option(..., "Folder of the recordings.", env="COMOTION_DATA", metavar="DIR")
-    out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR")
+    out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Run it and write the report."""
         from comotion_experiments import pixels as study
 
-        check_folder(self.out)
         with progress() as note:
             scores = study.run_benchmark(study.find_data_sets(self.data), note)
         shown = study.table(scores), *study.lines(scores)
