@@ -27,7 +27,7 @@ class Assignments(Command):
 
         Raises
         ------
-        UserError
+        UserError, ValueError
             For an unknown parameter or a value out of bounds.
         """
         from comotion.config import put, read_config
@@ -39,10 +39,7 @@ class Assignments(Command):
         for text in self.set_ or ():
             name, value = _assignment(text)
             put(values, name, value)
-        try:
-            return read_config(values)
-        except ValueError as error:
-            raise UserError(str(error)) from None
+        return read_config(values)
 
 
 @dataclass(kw_only=True)
