@@ -18,7 +18,7 @@ from comotion_schemas.text import counted
 from .feed import BATCHES_KEPT, SceneFeed
 from .joints import known_values
 from .metrics import Score, Truth
-from .scoring import LiveScoring, SpaceRef, Summary, Tally
+from .scoring import Scoring, SpaceRef, Summary
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -52,8 +52,7 @@ class _Feed(SceneFeed):
         super().__init__(
             session, scene, {TruthBatch: None, ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None}
         )
-        self.live = LiveScoring()
-        self.tally = Tally(self.live.truth)
+        self.scoring = Scoring()
         self.first_at: float | None = None
         self.joints: list[Joint] = []
         self._on_update = on_update
@@ -61,12 +60,12 @@ class _Feed(SceneFeed):
     def poll(self, now: float) -> None:
         """Process received messages and score the updates that are due at `now`."""
         for message, arrived, _ in self.messages():
-            self.live.add(message, arrived)
+            self.scoring.add(message, arrived)
             if self.first_at is None and isinstance(message, HypothesisUpdate):
                 self.first_at = arrived
-        for update in self.live.due(now):
+        for update in self.scoring.due(now):
             self.joints = update.joints
-            self._on_update(update, self.tally.add(update, self.live.observed))
+            self._on_update(update, self.scoring.score(update))
 
 
 def evaluate(
@@ -111,7 +110,7 @@ def evaluate(
         begun = time.monotonic()
         while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
             feed.poll(time.monotonic())
-            report(lambda: progress_line(feed.tally))
+            report(lambda: progress_line(feed.scoring))
         feed.poll(math.inf)
     return _result(feed, component.scene)
 
@@ -125,7 +124,8 @@ def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:
 
 
 def _result(feed: _Feed, scene: str) -> LiveRun:
-    summary = feed.tally.summary()
+    scoring = feed.scoring
+    summary = scoring.summary()
     if not summary.updates:
         raise KnownError(f"no update was received in scene {scene!r}: is the service running?")
     if not summary.scored:
@@ -133,20 +133,20 @@ def _result(feed: _Feed, scene: str) -> LiveRun:
     updates = feed.of[HypothesisUpdate].counters
     return LiveRun(
         summary=summary,
-        scores=feed.tally.scores,
-        truth=feed.tally.truth,
-        spaces=dict(feed.live.observed.spaces),
+        scores=scoring.scores,
+        truth=scoring.truth,
+        spaces=dict(scoring.observed.spaces),
         lost=updates.lost,
         invalid=dict(updates.invalid),
         joints=feed.joints,
     )
 
 
-def progress_line(tally: Tally) -> str:
+def progress_line(scoring: Scoring) -> str:
     """Format the scores so far as one line."""
-    if not tally.scores:
+    if not scoring.scores:
         return "waiting for updates"
-    score, updates, mean = tally.scores[-1], len(tally.scores), tally.mean_nmi
+    score, updates, mean = scoring.scores[-1], len(scoring.scores), scoring.mean_nmi
     if math.isnan(mean):
         return f"{updates} updates, no truth yet"
     return (

@@ -231,31 +231,16 @@ def score_labels(labels: NDArray[np.int64], objects: NDArray[np.int32], stamp_ns
     )
 
 
-@dataclass(frozen=True)
-class Switches:
-    """Number of label switches, and of tracks that two consecutive updates have in common."""
-
-    switched: int = 0
-    common: int = 0
-
-    def __add__(self, other: "Switches") -> "Switches":
-        return Switches(self.switched + other.switched, self.common + other.common)
-
-    @property
-    def per_100(self) -> float:
-        """Switches per 100 common tracks; 0 without common tracks."""
-        return 100.0 * self.switched / self.common if self.common else 0.0
-
-
-def label_switches(previous: HypothesisUpdate, current: HypothesisUpdate) -> Switches:
-    """Count the tracks whose hypothesis id differs between two updates.
+def label_switches(previous: HypothesisUpdate, current: HypothesisUpdate) -> tuple[int, int]:
+    """Count the tracks whose hypothesis id differs between two updates, and those that both have.
 
     A change from or to undetermined counts as well.
     """
-    tables_before, switched, common = tracks_of(previous), 0, 0
-    for key, table in tracks_of(current).items():
-        old = tables_before.get(key, {})
-        shared = [(old[feature], new) for feature, new in table.items() if feature in old]
-        common += len(shared)
-        switched += sum(was != now for was, now in shared)
-    return Switches(switched, common)
+    old_of = tracks_of(previous)
+    pairs = [
+        (old_of[key][feature], new)
+        for key, table in tracks_of(current).items()
+        for feature, new in table.items()
+        if feature in old_of.get(key, {})
+    ]
+    return sum(old != new for old, new in pairs), len(pairs)

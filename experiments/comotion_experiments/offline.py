@@ -15,7 +15,7 @@ from comotion.config import ThesisConfig
 from comotion.event_time.faults import warn_of
 from comotion.library.compiling import compile_ahead
 from comotion_clients.metrics import Score, Truth
-from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
+from comotion_clients.scoring import Scoring, SpaceRef, Summary
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 
@@ -46,7 +46,7 @@ class Run:
     last: HypothesisUpdate = field(init=False)
 
     def __post_init__(self) -> None:
-        self._tally, self._observed = Tally(self.truth), Observed()
+        self._scoring = Scoring(self.truth)
         # Of each update: s that the ingest of its batches took, it and the update, and of processors.
         self._times: list[NDArray[np.float64]] = []
         self._busy = np.zeros(3)
@@ -55,17 +55,17 @@ class Run:
     @property
     def summary(self) -> Summary:
         """Summary of the scores."""
-        return self._tally.summary()
+        return self._scoring.summary()
 
     @property
     def scores(self) -> list[Score]:
         """One per update, in order."""
-        return self._tally.scores
+        return self._scoring.scores
 
     @property
     def spaces(self) -> dict[str, SpaceRef]:
         """Coordinate space of every source."""
-        return self._observed.spaces
+        return self._scoring.observed.spaces
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -104,7 +104,7 @@ class Run:
             fusion.advance(batch.stamp_ns)
         took = time.perf_counter() - begun
         self._busy += [took, took, time.process_time() - cpu]
-        self._observed.add(batch)
+        self._scoring.observed.add(batch)
 
     def update(self, fusion: Fusion) -> tuple[HypothesisUpdate, Score]:
         """Make the update that is due, and score it."""
@@ -114,7 +114,7 @@ class Run:
         self._times.append(self._busy + np.array([0.0, took, cpu]))
         self._busy = np.zeros(3)
         self._count += 1
-        return self.last, self._tally.add(self.last, self._observed)
+        return self.last, self._scoring.score(self.last)
 
 
 def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:
