@@ -27,6 +27,7 @@ from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Previe
 from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
+from ..following import Display
 from ..metrics import Truth, score_update
 from ..scene_model import SceneModel
 from ..scoring import Observed, spaces_of
@@ -44,7 +45,7 @@ _NUMBERS_SCHEMA = {
 }
 
 
-class FoxgloveScene:
+class FoxgloveScene(Display):
     """Logs the messages of a scene to the sinks of a context.
 
     Parameters
@@ -68,9 +69,9 @@ class FoxgloveScene:
         self._observed = Observed()
         self._truth = Truth()
 
-    def add(self, log_ns: int, message: Message) -> None:
-        """Log what one message shows; `log_ns` is the time of receipt."""
-        events = self._model.on_message(message, log_ns / 1e9, log_ns)
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
+        """Log what one message shows, at the time of its receipt."""
+        log_ns, events = wall_ns, self._model.on_message(message, arrived, wall_ns)
         match message:
             case ObservationBatch():
                 self._observed.add(message)

@@ -13,6 +13,7 @@ from comotion_schemas.message_log import MessageLog
 from comotion_schemas.naming import Names
 from comotion_schemas.text import counted
 
+from ..following import play
 from ..foxglove.scene import FoxgloveScene
 
 
@@ -57,8 +58,7 @@ def export(source: Path, target: Path, names: Names | None = None) -> Exported:
         try:
             with foxglove.open_mcap(output, context=context):
                 scene = FoxgloveScene(context, names)
-                for log_ns, message in log.decoded():
-                    scene.add(log_ns, message)
+                play(scene, log.decoded())
             if not scene.logged.get("/numbers"):
                 raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
         except BaseException:
