@@ -4,6 +4,7 @@ import bisect
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,19 +43,25 @@ class SpaceRef:
     dim: int
 
 
-def spaces_of(update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[SpaceRef]:
+UNKNOWN = "unknown"
+"""Name of the space of a source without batches and hypotheses."""
+
+
+def spaces_of(
+    update: HypothesisUpdate, published: Mapping[str, SpaceRef] = MappingProxyType({})
+) -> list[SpaceRef]:
     """Determine the coordinate space of every source of an update.
 
     Parameters
     ----------
     update
         An update.
-    known
+    published
         Source -> space, from its batches. For other sources the space is that of the hypotheses of
         its tracks, with the unit m in 3-D and px in 2-D.
     """
     return [
-        known.get(source.name) or _space_of_tracks(update, number)
+        published.get(source.name) or _space_of_tracks(update, number)
         for number, source in enumerate(update.sources)
     ]
 
@@ -64,7 +71,7 @@ def _space_of_tracks(update: HypothesisUpdate, source: int) -> SpaceRef:
     spaces = {h.id: h.space for h in update.hypotheses}
     names = (spaces[h] for h in update.track_hypothesis[rows].tolist() if h in spaces)
     flat = bool(np.isnan(update.track_position[rows, 2]).any())
-    return SpaceRef(next(names, "unknown"), "px" if flat else "m", 2 if flat else 3)
+    return SpaceRef(next(names, UNKNOWN), "px" if flat else "m", 2 if flat else 3)
 
 
 class Observed:

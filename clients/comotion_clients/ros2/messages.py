@@ -19,6 +19,7 @@ from comotion_schemas.rigid import rotation, spin, three, transform
 
 from ..carried import poses_in_space
 from ..feature_names import HypothesisNames
+from ..scoring import UNKNOWN, spaces_of
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF
 
@@ -212,16 +213,12 @@ class Converter:
 
 def _tracks_by_space(update: HypothesisUpdate) -> dict[str, NDArray[np.intp]]:
     """Rows of the tracks of each space in metres; undetermined ones are in the space of their source."""
-    dims = {h.id: (h.space, len(h.centroid)) for h in update.hypotheses}
-    rows_by_space: dict[str, list[NDArray[np.intp]]] = {}
-    for number in range(len(update.sources)):
-        rows = np.flatnonzero(update.track_source == number)
-        labels = np.unique(update.track_hypothesis[rows]).tolist()
-        spaces = [dims[label][0] for label in labels if label in dims]
-        # The update has no units: spaces with two coordinates are in pixels by default.
-        if spaces and not np.isnan(update.track_position[rows, 2]).any():
-            rows_by_space.setdefault(spaces[0], []).append(rows)
-    return {space: np.concatenate(rows) for space, rows in sorted(rows_by_space.items())}
+    spaces = spaces_of(update)
+    return {
+        space.name: np.flatnonzero([spaces[source] == space for source in update.track_source.tolist()])
+        for space in sorted(set(spaces), key=lambda space: space.name)
+        if space.unit == "m" and space.name != UNKNOWN
+    }
 
 
 def _detection(update: HypothesisUpdate, body: Body) -> Fields:

@@ -16,7 +16,7 @@ from comotion_schemas.naming import Names, named
 
 from ..regions import regions
 from . import drawing
-from .drawing import CameraView, Moment, Shape, Trails
+from .drawing import Moment, Shape, SpaceView, Trails
 from .hypotheses import apart
 from .paths import Paths
 
@@ -55,9 +55,9 @@ class Cameras:
         self._held: deque[tuple[float, Preview]] = deque(maxlen=MAX_DELAYED)
 
     @property
-    def views(self) -> dict[str, CameraView]:
+    def views(self) -> dict[str, SpaceView]:
         """Source -> view of every camera that has shown an image."""
-        return {name: CameraView(self._paths(name), name) for name in self._names}
+        return {name: SpaceView(self._paths(name), name, "image") for name in self._names}
 
     def add(self, preview: Preview, arrived: float) -> None:
         """Add an image."""

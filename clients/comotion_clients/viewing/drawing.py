@@ -146,7 +146,10 @@ class Eye:
 
 @dataclass(frozen=True)
 class SpaceView:
-    """View of a coordinate space: the shapes under `path`; without an `eye` the viewer chooses one."""
+    """View of a coordinate space or a camera: the shapes under `path`.
+
+    Without an `eye` the viewer chooses one.
+    """
 
     path: str
     name: str
@@ -155,19 +158,11 @@ class SpaceView:
 
 
 @dataclass(frozen=True)
-class CameraView:
-    """View of a camera: the shapes under `path`."""
-
-    path: str
-    name: str
-
-
-@dataclass(frozen=True)
 class Layout:
     """The views; `scored`: with curves of the scores."""
 
     spaces: tuple[SpaceView, ...] = ()
-    cameras: tuple[CameraView, ...] = ()
+    cameras: tuple[SpaceView, ...] = ()
     scored: bool = False
 
 
