@@ -1,4 +1,4 @@
-"""Live evaluation: running scene -> NMI of its updates against the published truth."""
+"""Scores the updates of a running scene against the truth that its sources publish."""
 
 import math
 import time

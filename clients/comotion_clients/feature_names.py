@@ -1,4 +1,4 @@
-"""Names that sources give to features -> names of the hypotheses that hold them. Pure."""
+"""Names hypotheses by the features that they hold, which sources have named. Pure."""
 
 from collections.abc import Iterator, Mapping
 
@@ -59,9 +59,9 @@ class HypothesisNames(Names):
             if hypothesis not in kept and free:
                 kept[hypothesis] = free[-1]
         self._of_hypotheses = kept
-        known = {**kept, **self._given}
-        links = [(h.id, link) for h in update.hypotheses for link in h.linked or () if link in known]
-        self._linked = {hypothesis: known[link] for hypothesis, link in links}
+        name_of = {**kept, **self._given}
+        links = [(h.id, link) for h in update.hypotheses for link in h.linked or () if link in name_of]
+        self._linked = {hypothesis: name_of[link] for hypothesis, link in links}
 
     @property
     def _all(self) -> Mapping[int, str]:

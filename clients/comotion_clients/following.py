@@ -1,4 +1,4 @@
-"""The viewer process: subscriptions of a scene, or a recording -> a display, as Rerun's or Foxglove's.
+"""The viewer process: shows a scene or a recording in a display, as Rerun's or Foxglove's.
 
 It reads from bounded rings and inboxes that drop the oldest messages, so that a slow display does not
 delay other components.

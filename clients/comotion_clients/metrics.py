@@ -1,4 +1,4 @@
-"""Metrics: partition or update, and truth -> NMI, misclassification rate, label switches. Pure."""
+"""NMI, misclassification rate and label switches of a partition or an update, against the truth. Pure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -82,10 +82,10 @@ def isolate(labels: Labels, marker: int = UNDETERMINED) -> NDArray[np.int64]:
     int64 [N] in 0..K-1, where K includes the singletons.
     """
     alone = np.asarray(labels) == marker
-    known, inverse = np.unique(np.asarray(labels)[~alone], return_inverse=True)
+    listed, inverse = np.unique(np.asarray(labels)[~alone], return_inverse=True)
     clusters = np.empty(len(alone), np.int64)
     clusters[~alone] = inverse
-    clusters[alone] = len(known) + np.arange(np.count_nonzero(alone))
+    clusters[alone] = len(listed) + np.arange(np.count_nonzero(alone))
     return clusters
 
 

@@ -1,4 +1,4 @@
-"""Scene model: messages of one scene -> its state now, for `comotion watch`, `view` and `status`. Pure.
+"""What the messages of one scene say of its state now, for `comotion watch`, `view` and `status`. Pure.
 
 Times are as in :mod:`.scene_records`.
 """
@@ -62,8 +62,8 @@ class SceneModel(SceneRecords):
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
         routers = sorted(self.routers.values(), key=lambda row: (row.name, row.zid))
-        told = [] if service is None else [in_line(problem.text) for problem in service.problems]
-        problems = find_problems(rows, routers) + told
+        reported = [] if service is None else [in_line(problem.text) for problem in service.problems]
+        problems = find_problems(rows, routers) + reported
         update = self.update
         return SceneStatus(
             scene=self.scene,
@@ -89,7 +89,9 @@ class SceneModel(SceneRecords):
             message="" if status is None else in_line(status.message),
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
-            problems=[ProblemRow(one.kind, one.source, in_line(one.text)) for one in problems],
+            problems=[
+                ProblemRow(problem.kind, problem.source, in_line(problem.text)) for problem in problems
+            ],
         )
 
     def _service_state(self, now: float) -> ServiceState:

@@ -1,4 +1,4 @@
-"""Scoring of a run: updates, batches and truth -> scores and their summary. Pure."""
+"""Scores the updates of a run by its batches and truth, and summarises the scores. Pure."""
 
 import bisect
 import math
@@ -57,7 +57,7 @@ def spaces_of(
     update
         An update.
     published
-        Source -> space, from its batches. For other sources the space is that of the hypotheses of
+        Space of each source, from its batches. For other sources the space is that of the hypotheses of
         its tracks, with the unit m in 3-D and px in 2-D.
     """
     return [

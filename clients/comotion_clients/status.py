@@ -1,4 +1,4 @@
-"""One look at a running scene: subscriptions and queries -> :class:`SceneStatus` -> tables for a terminal."""
+"""One look at a running scene, by subscriptions and queries, and its tables for a terminal."""
 
 import json
 import time

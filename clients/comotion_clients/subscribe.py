@@ -1,4 +1,4 @@
-"""Subscription with a session of its own: scene name -> validated messages.
+"""Subscribes to validated messages of a scene, in a session of its own.
 
 Example::
 

@@ -1,4 +1,4 @@
-"""Subscription in an open session: Zenoh samples -> validated messages in a bounded inbox."""
+"""Subscribes in an open session: validated messages in a bounded inbox."""
 
 import time
 from collections import Counter, deque

@@ -1,4 +1,4 @@
-"""An update -> URDF: the hypotheses of a space as links, and what connects them as joints. Pure.
+"""Describes an update in URDF: the hypotheses of a space as links, and what connects them as joints. Pure.
 
 Every link has the axes of the space at the stamp of the update, and its origin where its joint is. Position 0
 of every joint is that of the update. What has no joint floats; what rests is fixed to the root, which is the
@@ -73,9 +73,9 @@ def _tree(
     bodies: dict[int, Hypothesis], joints: Sequence[Joint]
 ) -> list[tuple[int | None, Hypothesis, Joint | None]]:
     """(parent, body, joint) of every body, parents first; the surest joints where there is a choice."""
-    known = [j for j in joints if j.kind in _KINDS and j.parent in bodies and j.child in bodies]
+    usable = [j for j in joints if j.kind in _KINDS and j.parent in bodies and j.child in bodies]
     above: dict[int, Joint] = {}
-    for joint in sorted(known, key=lambda j: (-j.confidence, j.parent, j.child)):
+    for joint in sorted(usable, key=lambda j: (-j.confidence, j.parent, j.child)):
         if joint.child not in above and not _is_above(joint.child, joint.parent, above):
             above[joint.child] = joint
     ordered: list[tuple[int | None, Hypothesis, Joint | None]] = []

@@ -1,4 +1,4 @@
-"""Watch: running scene -> live table in a terminal, plain lines or JSON."""
+"""Shows a running scene as a live table in a terminal, plain lines or JSON."""
 
 import json
 import os

@@ -121,8 +121,8 @@ def _is_known(error: ValueError) -> bool:
     from comotion_schemas.errors import KnownError
 
     validated = type(error).__module__.startswith("pydantic")
-    known = KnownError, UnicodeError, json.JSONDecodeError, tomllib.TOMLDecodeError
-    return validated or isinstance(error, known)
+    expected = KnownError, UnicodeError, json.JSONDecodeError, tomllib.TOMLDecodeError
+    return validated or isinstance(error, expected)
 
 
 def _fail(message: object, error: Exception) -> int:

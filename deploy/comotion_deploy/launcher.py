@@ -1,4 +1,4 @@
-"""Launcher: process specifications -> running processes, which start, restart and stop together."""
+"""Runs the processes of a system, which start, restart and stop together."""
 
 import math
 import threading

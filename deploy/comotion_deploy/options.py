@@ -82,7 +82,7 @@ class Command:
     def taken(self, kind: type[Options], **others: Any) -> Options:
         """Return the options of a process, a dataclass: those of our fields that it has too, and `others`."""
         own = {member.name for member in fields(self)}
-        same = {one.name: getattr(self, one.name) for one in fields(kind) if one.name in own}
+        same = {member.name: getattr(self, member.name) for member in fields(kind) if member.name in own}
         return kind(**(same | others))
 
     def reject_flags(self, names: tuple[str, ...], why: str) -> None:
@@ -168,7 +168,7 @@ def _default(kind: type[Command], member: "Field[Any]") -> dict[str, Any]:
 
 def _value(kind: Any) -> str | None:
     """The word for a value of a type, or of the items of a list; None for choices and flags."""
-    inner = [one for one in get_args(kind) if one is not NoneType]
+    inner = [argument for argument in get_args(kind) if argument is not NoneType]
     return _value(inner[0]) if inner else _VALUES.get(kind)
 
 

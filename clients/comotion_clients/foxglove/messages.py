@@ -1,4 +1,4 @@
-"""comotion messages -> the typed messages of Foxglove's SDK. Pure."""
+"""Converts messages to the typed messages of Foxglove's SDK. Pure."""
 
 from collections.abc import Sequence
 from typing import Any

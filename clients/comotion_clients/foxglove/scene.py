@@ -1,4 +1,4 @@
-"""Messages of one scene -> topics of Foxglove's SDK, for its server as for its file.
+"""Logs one scene on topics of Foxglove's SDK, for its server as for its file.
 
 | topic | schema |
 |---|---|

@@ -1,4 +1,4 @@
-"""A running scene or a recording -> Foxglove, by the WebSocket server of its SDK."""
+"""Shows a running scene or a recording in Foxglove, by the WebSocket server of its SDK."""
 
 from typing import Self
 

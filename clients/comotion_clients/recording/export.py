@@ -1,4 +1,4 @@
-"""Foxglove export: recording -> MCAP file in Foxglove's own messages. Needs the extra `foxglove`.
+"""Converts a recording to an MCAP file of Foxglove's own messages. Needs the extra `foxglove`.
 
 Its topics are those of :mod:`comotion_clients.foxglove.scene`. Log times are those of the recording.
 """

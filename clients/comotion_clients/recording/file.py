@@ -1,4 +1,4 @@
-"""Writes one MCAP file of a scene: payloads -> one channel per key, complete chunks, an index."""
+"""Writes one MCAP file of a scene: a channel for each key, complete chunks, an index."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Repair: damaged recording -> complete file with all readable messages.
+"""Repairs a damaged recording: copies all readable messages to a complete file.
 
 Records are read one by one by the MCAP library. After a damaged record the next chunk is searched: a chunk
 contains its length twice and a checksum, so other bytes are not mistaken for a chunk.

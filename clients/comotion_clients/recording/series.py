@@ -1,4 +1,4 @@
-"""A series of files: payloads -> one complete MCAP file after the other. The clock is injected."""
+"""Writes payloads to one complete MCAP file after the other. The clock is injected."""
 
 import contextlib
 import shutil

@@ -1,4 +1,4 @@
-"""ROS 2 messages -> a bag: one MCAP file that ``ros2 bag`` and Foxglove read. Needs the extra ``record``."""
+"""Writes ROS 2 messages to a bag: an MCAP file for ``ros2 bag`` and Foxglove. Needs the extra ``record``."""
 
 from functools import cache
 from pathlib import Path

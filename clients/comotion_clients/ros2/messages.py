@@ -1,4 +1,4 @@
-"""Updates -> ROS 2 messages. Pure.
+"""Converts updates to ROS 2 messages. Pure.
 
 Only spaces in metres are converted: ROS has no unit for pixels. The frame id of a space is its name; the
 frame of a hypothesis is ``comotion/<scene>/<id>``.
@@ -114,17 +114,17 @@ class Converter:
         placed = bodies(update.hypotheses, set(tracks))
         named = self._topic
         for space, rows in tracks.items():
-            here = [body for body in placed if body.hypothesis.space == space]
+            of_space = [body for body in placed if body.hypothesis.space == space]
             yield named("features"), CLOUD, self._cloud(update, space, rows)
             yield (
                 named("detections"),
                 DETECTIONS,
                 {
                     "header": _header(update, space),
-                    "detections": [_detection(update, body) for body in here],
+                    "detections": [_detection(update, body) for body in of_space],
                 },
             )
-            yield named("markers"), MARKERS, self._markers(update, here)
+            yield named("markers"), MARKERS, self._markers(update, of_space)
         for body in placed:
             yield named("odometry"), ODOMETRY, self._odometry(update, body)
         if placed:
@@ -202,12 +202,12 @@ class Converter:
         return {"markers": markers}
 
     def _joints(self, update: HypothesisUpdate) -> Fields:
-        known = [joint for joint in update.joints if joint.position is not None]
+        placed = [joint for joint in update.joints if joint.position is not None]
         return {
             "header": _header(update, ""),
-            "name": [f"comotion/{self._scene}/{joint.parent}-{joint.child}" for joint in known],
-            "position": [joint.position for joint in known],
-            "velocity": [joint.rate or 0.0 for joint in known],
+            "name": [f"comotion/{self._scene}/{joint.parent}-{joint.child}" for joint in placed],
+            "position": [joint.position for joint in placed],
+            "velocity": [joint.rate or 0.0 for joint in placed],
         }
 
 

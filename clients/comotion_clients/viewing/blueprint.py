@@ -1,4 +1,4 @@
-"""Layout of the viewer: spaces and cameras -> Rerun blueprint with views, curves, a page and a log."""
+"""Arranges the viewer: a Rerun blueprint of views of spaces and cameras, curves, a page and a log."""
 
 from typing import Any
 

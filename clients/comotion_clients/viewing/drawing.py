@@ -104,9 +104,9 @@ def image(path: str, jpeg: bytes) -> Shape:
 
 def regions(path: str, classes: NDArray[np.uint16], colours: Mapping[int, RGB]) -> Shape:
     """Classes [H, W] over the image of the same view, 0 for none, with the colour of each."""
-    known = [rr.AnnotationInfo(id=number, color=colour) for number, colour in colours.items()]
+    shades = [rr.AnnotationInfo(id=number, color=colour) for number, colour in colours.items()]
     overlay = rr.SegmentationImage(classes, opacity=_OPACITY, draw_order=-5.0)
-    return Shape(path, (overlay, rr.AnnotationContext(known)))
+    return Shape(path, (overlay, rr.AnnotationContext(shades)))
 
 
 def value(path: str, number: float, name: str, colour: RGB) -> Shape:

@@ -1,4 +1,4 @@
-"""Scene picture: messages of one scene -> shapes. Pure: the caller passes the time.
+"""Draws the messages of one scene. Pure: the caller passes the time.
 
 `now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall clock in nanoseconds. All
 shapes are at acquisition times; curves of rates and lags are at the stamp of the newest update.
@@ -96,9 +96,9 @@ class ScenePicture:
     @property
     def layout(self) -> Layout:
         """Spaces and cameras with a view; a pixel space whose features are in images needs none."""
-        cameras, known = self._cameras.views, self._scoring.observed.spaces.items()
-        in_images = {ref.name for name, ref in known if name in cameras and ref.unit == "px"}
-        in_images -= {ref.name for name, ref in known if name not in cameras}
+        cameras, published = self._cameras.views, self._scoring.observed.spaces.items()
+        in_images = {ref.name for name, ref in published if name in cameras and ref.unit == "px"}
+        in_images -= {ref.name for name, ref in published if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
         return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
 

@@ -1,4 +1,4 @@
-"""The Rerun sink: shapes -> window, web page or file. Needs the extra `view`."""
+"""Shows what is drawn in a window, on a web page or in a file, by Rerun. Needs the extra `view`."""
 
 import contextlib
 import math

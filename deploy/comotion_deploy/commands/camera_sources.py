@@ -78,8 +78,8 @@ class Camera(Command):
             first = error.errors(include_url=False)[0]
             name = ".".join(str(part) for part in first["loc"][:1])
             if first["type"] == "extra_forbidden":
-                known = ", ".join(sorted(TrackerConfig.model_fields))
-                raise UserError(f"unknown tracker parameter {name!r}; one of {known}") from None
+                names = ", ".join(sorted(TrackerConfig.model_fields))
+                raise UserError(f"unknown tracker parameter {name!r}; one of {names}") from None
             raise UserError(f"tracker parameter {name}: {one_line(first['msg'])}") from None
 
     def clear_frames(self, folder: Path | None) -> None:

@@ -99,13 +99,13 @@ class Agent:
 
         It says that it is ready when it is known to the fleet.
         """
-        known = False
+        registered = False
         with ExitStack() as ready:
             try:
                 while not stop.is_set():
                     began = time.monotonic()
-                    if self._pass() and not known:
-                        known = True
+                    if self._pass() and not registered:
+                        registered = True
                         ready.enter_context(announce_ready(ready_file))
                     stop.wait(max(0.0, began + _PASS_S - time.monotonic()))
             finally:
@@ -158,10 +158,10 @@ class Agent:
             if place not in wanted:
                 self._stop(place, running, "removed")
         for place, why in self._given_up(fleet).items():
-            mine = self._running[place]
-            mine.announced = False
+            running = self._running[place]
+            running.announced = False
             if entries.say_leaving(self._etcd, place, held[place], held.get(place.other), lease):
-                self._stop(place, mine, why)
+                self._stop(place, running, why)
         for place, agent in claims(fleet).items():
             free = agent == self._name and place not in self._running
             if free and entries.claim(self._etcd, place, self._name, lease):
@@ -174,8 +174,8 @@ class Agent:
         for place, running in self._running.items():
             if place in held and running.scene != fleet.scenes[place.scene] and may_change(fleet, place):
                 reasons.setdefault(place, "changed")
-        mine = {p for p, running in self._running.items() if not running.leaving}
-        return {p: why for p, why in reasons.items() if p in mine and held[p].agent == self._name}
+        staying = {p for p, running in self._running.items() if not running.leaving}
+        return {p: why for p, why in reasons.items() if p in staying and held[p].agent == self._name}
 
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""

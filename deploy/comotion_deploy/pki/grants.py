@@ -92,7 +92,7 @@ def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
         values.setdefault(key, []).append(value)
     if sorted(set(values) - {"source", "joints"}) != ["name", "rate", "role", "scene"]:
         raise KnownError("it does not say role, name, scene and rate")
-    role = next((known for known in ROLES if [known] == values["role"]), None)
+    role = next((role for role in ROLES if [role] == values["role"]), None)
     if role is None or any(len(values[key]) != 1 for key in ("name", "scene", "rate")):
         raise KnownError("role, name, scene or rate is unknown or given twice")
     return Grant(
