@@ -11,6 +11,7 @@ from typing_extensions import TypeVar
 
 from comotion_schemas import (
     DEFAULT_SCENE,
+    QOS,
     DecodeError,
     HypothesisUpdate,
     Keys,
@@ -21,7 +22,6 @@ from comotion_schemas import (
     decode_on,
 )
 from comotion_schemas.epochs import Epochs
-from comotion_schemas.keys import Kind
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.transport import Receiver
 
@@ -67,13 +67,7 @@ class ActiveSession:
 
 M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview, default=HypothesisUpdate)
 
-_KINDS: dict[type, Kind] = {
-    HypothesisUpdate: "hypotheses",
-    ObservationBatch: "obs",
-    TruthBatch: "truth",
-    Status: "status",
-    Preview: "preview",
-}
+_KINDS = {qos.message: kind for kind, qos in QOS.items()}
 # Truth arrives as a burst, since publishers cache it for late joiners; none of it may be dropped.
 _CAPACITIES: dict[type, int] = {
     HypothesisUpdate: 64,
@@ -140,7 +134,7 @@ class Subscription(Generic[M]):
         capacity: int | None = None,
         timeout: float | None = None,
     ) -> None:
-        kind, keys = _KINDS[message], Keys(scene)
+        kind, keys = _KINDS[message.__name__], Keys(scene)
         self.counters = Counters()
         self.timeout = timeout
         self._message: type[M] = message
