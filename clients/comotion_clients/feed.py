@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import zenoh
 
@@ -29,7 +29,7 @@ class Listener(Protocol):
         """Process that a component entered or left the scene."""
 
 
-class SceneFeed:
+class SceneFeed(ExitStack):
     """Subscriptions to messages and liveliness tokens of one scene; a context manager.
 
     Parameters
@@ -59,9 +59,10 @@ class SceneFeed:
         *,
         everybody: bool = False,
     ) -> None:
-        self._exit, self._session, self._keys = ExitStack(), session, Keys(scene)
+        super().__init__()
+        self._session, self._keys = session, Keys(scene)
         self.of: dict[type[Any], Subscription[Any]] = {
-            kind: self._exit.enter_context(Subscription(session, kind, scene, capacity=capacity))
+            kind: self.enter_context(Subscription(session, kind, scene, capacity=capacity))
             for kind, capacity in capacities.items()
         }
         # Subscriptions by key.
@@ -73,7 +74,7 @@ class SceneFeed:
         if key not in self._tokens and len(self._tokens) < _FOLLOWED:
             ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_TOKENS_KEPT)
             subscriber: Any = self._session.liveliness().declare_subscriber(key, ring, history=True)
-            self._exit.callback(subscriber.undeclare)
+            self.callback(subscriber.undeclare)
             self._tokens[key] = subscriber
 
     def pour(self, listener: Listener) -> list[tuple[Message, Any]]:
@@ -99,9 +100,3 @@ class SceneFeed:
                 role, name = str(sample.key_expr).split("/")[-2:]
                 if is_name(name):
                     yield role, name, sample.kind == zenoh.SampleKind.PUT
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._exit.close()

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import zenoh
@@ -81,7 +82,7 @@ def missing(state: SceneStatus, expected: Sequence[str]) -> SceneStatus:
     if not absent:
         return state
     overall = "degraded" if state.overall == "ok" else state.overall
-    return SceneStatus(**{**vars(state), "overall": overall, "problems": [*state.problems, *absent]})
+    return replace(state, overall=overall, problems=[*state.problems, *absent])
 
 
 class _StatusFeed(SceneFeed):
