@@ -141,13 +141,13 @@ class Score:
 
 def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
     """Map the tracks of an update: (name, session) -> feature id -> hypothesis id."""
-    tables: list[dict[int, int]] = [{} for _ in update.sources]
-    rows = zip(
-        update.track_source.tolist(), update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True
-    )
-    for source, feature, hypothesis in rows:
-        tables[source][feature] = hypothesis
-    return {(s.name, s.session): table for s, table in zip(update.sources, tables, strict=True)}
+    of_source = [update.track_source == number for number in range(len(update.sources))]
+    return {
+        (source.name, source.session): dict(
+            zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
+        )
+        for source, rows in zip(update.sources, of_source, strict=True)
+    }
 
 
 def bodies_of(update: HypothesisUpdate) -> dict[int, int]:

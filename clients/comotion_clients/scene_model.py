@@ -4,6 +4,7 @@ Times are as in :mod:`.scene_records`.
 """
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -103,7 +104,9 @@ class SceneModel(SceneRecords):
         return "ok" if service is None else service.state
 
     def _source_rows(self, now: float) -> list[SourceRow]:
-        tracks, service = self._tracks_per_source(), self.service
+        update, service = self.update, self.service
+        listed = [] if update is None else [update.sources[k].name for k in update.track_source.tolist()]
+        tracks = Counter(listed)
         reported = {} if service is None else service.ages
         clocks = {} if service is None else service.clock_offsets
         rows = []
@@ -122,20 +125,12 @@ class SceneModel(SceneRecords):
                     lag=source.lag,
                     lost=stream.lost,
                     losing=stream.losing(now),
-                    tracks=tracks.get(name, 0),
+                    tracks=tracks[name],
                     space=source.space,
                     clock=clocks.get(name),
                 )
             )
         return rows
-
-    def _tracks_per_source(self) -> dict[str, int]:
-        tracks: dict[str, int] = {}
-        if self.update is not None:
-            counts = np.bincount(self.update.track_source, minlength=len(self.update.sources)).tolist()
-            for source, count in zip(self.update.sources, counts, strict=True):
-                tracks[source.name] = tracks.get(source.name, 0) + count
-        return tracks
 
     def _hypothesis_row(self, update: HypothesisUpdate, h: Hypothesis) -> HypothesisRow:
         twist, pose, box = h.twist, h.pose, h.box
