@@ -3,10 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeAlias, Unpack
-
-import zenoh
 
 from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 from comotion_schemas.component import Where, viewer
@@ -17,8 +14,8 @@ from comotion_schemas.text import counted
 
 from .feed import BATCHES_KEPT, SceneFeed
 from .joints import known_values
-from .metrics import Score, Truth
-from .scoring import Scoring, SpaceRef, Summary
+from .metrics import Score
+from .scoring import Scoring, SpaceRef
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -26,46 +23,50 @@ REPORT_S = 1.0
 FIRST_UPDATE_TIMEOUT_S = 10.0
 """Least time that a run of limited duration waits for a router, and for its first update."""
 
+_READ: dict[type[Any], int | None] = {
+    TruthBatch: None,
+    ObservationBatch: BATCHES_KEPT,
+    HypothesisUpdate: None,
+}
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
-@dataclass(frozen=True)
-class LiveRun:
-    """Result of a live evaluation: scores, truth, spaces of the sources, lost and invalid updates.
+class LiveRun(Scoring):
+    """Scores of a running scene.
 
-    `joints` are those of the last update.
+    Attributes
+    ----------
+    first_at
+        When the first update has arrived, s of the monotonic clock.
+    joints
+        Those of the last update.
+    lost, invalid
+        Number of lost updates; of invalid ones by reason.
     """
 
-    summary: Summary
-    scores: list[Score]
-    truth: Truth
-    spaces: dict[str, SpaceRef]
-    lost: int
-    invalid: dict[str, int]
-    joints: list[Joint]
-
-
-class _Feed(SceneFeed):
-    """Scores the updates of one scene."""
-
-    def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
-        super().__init__(
-            session, scene, {TruthBatch: None, ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None}
-        )
-        self.scoring = Scoring()
+    def __init__(self, on_update: OnUpdate) -> None:
+        super().__init__()
         self.first_at: float | None = None
         self.joints: list[Joint] = []
+        self.lost, self.invalid = 0, dict[str, int]()
         self._on_update = on_update
 
-    def poll(self, now: float) -> None:
+    @property
+    def spaces(self) -> dict[str, SpaceRef]:
+        """Coordinate space of every source."""
+        return self.observed.spaces
+
+    def poll(self, feed: SceneFeed, now: float) -> None:
         """Process received messages and score the updates that are due at `now`."""
-        for message, arrived, _ in self.messages():
-            self.scoring.add(message, arrived)
+        for message, arrived, _ in feed.messages():
+            self.add(message, arrived)
             if self.first_at is None and isinstance(message, HypothesisUpdate):
                 self.first_at = arrived
-        for update in self.scoring.due(now):
+        for update in self.due(now):
             self.joints = update.joints
-            self._on_update(update, self.scoring.score(update))
+            self._on_update(update, self.score(update))
+        counters = feed.of[HypothesisUpdate].counters
+        self.lost, self.invalid = counters.lost, dict(counters.invalid)
 
 
 def evaluate(
@@ -99,47 +100,32 @@ def evaluate(
         If no update was received, or none could be scored because no source publishes truth.
     """
     timeout = None if duration is None else FIRST_UPDATE_TIMEOUT_S
-    progress = reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
+    run, progress = LiveRun(on_update), reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
     with (
         viewer("evaluate", connect_timeout=timeout, **where) as component,
-        _Feed(component.session, component.scene, on_update) as feed,
+        SceneFeed(component.session, component.scene, _READ) as feed,
         progress as report,
     ):
         if where.get("ready_file") is not None:
             component.ready()
         begun = time.monotonic()
-        while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
-            feed.poll(time.monotonic())
-            report(lambda: progress_line(feed.scoring))
-        feed.poll(math.inf)
-    return _result(feed, component.scene)
+        while not component.stop.wait(POLL_S) and not _is_over(run, duration, begun):
+            run.poll(feed, time.monotonic())
+            report(lambda: progress_line(run))
+        run.poll(feed, math.inf)
+    if not run.scores:
+        raise KnownError(f"no update was received in scene {component.scene!r}: is the service running?")
+    if not any(score.scored for score in run.scores):
+        raise KnownError(f"no update of scene {component.scene!r} could be scored: no source publishes truth")
+    return run
 
 
-def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:
+def _is_over(run: LiveRun, duration: float | None, begun: float) -> bool:
     if duration is None:
         return False
-    if feed.first_at is None:
+    if run.first_at is None:
         return time.monotonic() - begun >= max(duration, FIRST_UPDATE_TIMEOUT_S)
-    return time.monotonic() - feed.first_at >= duration
-
-
-def _result(feed: _Feed, scene: str) -> LiveRun:
-    scoring = feed.scoring
-    summary = scoring.summary()
-    if not summary.updates:
-        raise KnownError(f"no update was received in scene {scene!r}: is the service running?")
-    if not summary.scored:
-        raise KnownError(f"no update of scene {scene!r} could be scored: no source publishes truth")
-    updates = feed.of[HypothesisUpdate].counters
-    return LiveRun(
-        summary=summary,
-        scores=scoring.scores,
-        truth=scoring.truth,
-        spaces=dict(scoring.observed.spaces),
-        lost=updates.lost,
-        invalid=dict(updates.invalid),
-        joints=feed.joints,
-    )
+    return time.monotonic() - run.first_at >= duration
 
 
 def progress_line(scoring: Scoring) -> str:
@@ -158,7 +144,7 @@ def progress_line(scoring: Scoring) -> str:
 
 def summary_lines(run: LiveRun) -> list[str]:
     """Format the result as text."""
-    s = run.summary
+    s = run.summary()
     lines = [
         f"mean NMI {number(s.mean_nmi, 3)}, final {number(s.final_nmi, 3)}, over {s.scored} updates",
         f"error {number(100 * s.mean_misclassification, 1)} %, "
@@ -174,7 +160,7 @@ def summary_lines(run: LiveRun) -> list[str]:
 
 def as_json(run: LiveRun) -> dict[str, Any]:
     """Convert the result to plain values for JSON, with NMI over time; unknown values are None."""
-    values: dict[str, Any] = plain(run.summary) | {
+    values: dict[str, Any] = plain(run.summary()) | {
         "lost": run.lost,
         "invalid": run.invalid,
         "joints": [known_values(joint) for joint in run.joints],
