@@ -14,7 +14,6 @@ from comotion_schemas import (
     DEFAULT_SCENE,
     DecodeError,
     HypothesisUpdate,
-    Keys,
     Status,
     decode_as,
 )
@@ -91,8 +90,6 @@ class _StatusFeed(SceneFeed):
     def __init__(self, session: zenoh.Session, scene: str) -> None:
         super().__init__(session, scene, {Status: None, HypothesisUpdate: None}, everybody=True)
         self.model = SceneModel(scene)
-        self._session = session
-        self._keys = Keys(scene)
 
     def run(self, duration_s: float) -> None:
         """Listen and ask for some time."""

@@ -4,7 +4,7 @@ Only spaces in metres are converted: ROS has no unit for pixels. The frame id of
 frame of a hypothesis is ``comotion/<scene>/<id>``.
 """
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -46,12 +46,7 @@ class Body:
     angular: Sequence[float] = (0.0, 0.0, 0.0)
 
 
-def bodies(hypotheses: Sequence[Hypothesis], spaces: Container[str]) -> list[Body]:
-    """Frames of the hypotheses with current features in some spaces."""
-    return [body(h) for h in hypotheses if h.space in spaces and not h.absent]
-
-
-def body(hypothesis: Hypothesis) -> Body:
+def frame_of(hypothesis: Hypothesis) -> Body:
     """Frame of a hypothesis; in 2-D, in the plane z = 0."""
     centroid, box, twist = three(hypothesis.centroid), hypothesis.box, hypothesis.twist
     origin = centroid if box is None else three(box.center)
@@ -111,7 +106,7 @@ class Converter:
             return
         self._last_ns, update = update.stamp_ns, poses_in_space(update)
         tracks = _tracks_by_space(update)
-        placed = bodies(update.hypotheses, set(tracks))
+        placed = [frame_of(h) for h in update.hypotheses if h.space in tracks and not h.absent]
         named = self._topic
         for space, rows in tracks.items():
             of_space = [body for body in placed if body.hypothesis.space == space]
