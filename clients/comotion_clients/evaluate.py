@@ -15,7 +15,7 @@ from comotion_schemas.text import counted
 from .feed import BATCHES_KEPT, SceneFeed
 from .joints import known_values
 from .metrics import Score
-from .scoring import Scoring, SpaceRef
+from .scoring import Scoring
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -50,11 +50,6 @@ class LiveRun(Scoring):
         self.joints: list[Joint] = []
         self.lost, self.invalid = 0, dict[str, int]()
         self._on_update = on_update
-
-    @property
-    def spaces(self) -> dict[str, SpaceRef]:
-        """Coordinate space of every source."""
-        return self.observed.spaces
 
     def poll(self, feed: SceneFeed, now: float) -> None:
         """Process received messages and score the updates that are due at `now`."""
@@ -144,7 +139,7 @@ def progress_line(scoring: Scoring) -> str:
 
 def summary_lines(run: LiveRun) -> list[str]:
     """Format the result as text."""
-    s = run.summary()
+    s = run.summary
     lines = [
         f"mean NMI {number(s.mean_nmi, 3)}, final {number(s.final_nmi, 3)}, over {s.scored} updates",
         f"error {number(100 * s.mean_misclassification, 1)} %, "
@@ -160,7 +155,7 @@ def summary_lines(run: LiveRun) -> list[str]:
 
 def as_json(run: LiveRun) -> dict[str, Any]:
     """Convert the result to plain values for JSON, with NMI over time; unknown values are None."""
-    values: dict[str, Any] = plain(run.summary()) | {
+    values: dict[str, Any] = plain(run.summary) | {
         "lost": run.lost,
         "invalid": run.invalid,
         "joints": [known_values(joint) for joint in run.joints],

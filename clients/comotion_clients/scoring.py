@@ -206,8 +206,14 @@ class Scoring:
         self._last = update
         return score
 
+    @property
+    def spaces(self) -> dict[str, SpaceRef]:
+        """Coordinate space of every source."""
+        return self.observed.spaces
+
+    @property
     def summary(self) -> Summary:
-        """Summarise the scores so far."""
+        """Summary of the scores so far."""
         scored = [score for score in self.scores if score.scored]
         tracked = self._tracking.figures() if scored else None
         return Summary(

@@ -157,7 +157,7 @@ def test_a_run_adds_up():
     for at_ms, labels in ((0, [5, 5, 5, 5]), (100, [5, 5, 6, 6]), (200, [5, 5, 6, 6])):
         scoring.add(observation("a", at_ms, [1, 2, 3, 4]))
         scoring.score(builders.update(labels, seq=at_ms, stamp_ns=at_ms * MS, track_id=[1, 2, 3, 4]))
-    summary = scoring.summary()
+    summary = scoring.summary
     assert [score.nmi for score in scoring.scores] == [0.0, 1.0, 1.0]
     assert summary.mean_nmi == pytest.approx(2 / 3)
     assert summary.final_nmi == 1.0
