@@ -28,9 +28,9 @@ from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
 from ..following import Display
-from ..metrics import Truth, score_update
+from ..metrics import score_update
 from ..scene_model import SceneModel
-from ..scoring import Observed, spaces_of
+from ..scoring import Scoring, spaces_of
 from . import messages
 
 _COUNTS = ("hypotheses", "moving", "tracks", "undetermined")
@@ -66,17 +66,14 @@ class FoxgloveScene(Display):
         self._context = context
         self._model = SceneModel("", names)
         self._channels: dict[str, Any] = {}
-        self._observed = Observed()
-        self._truth = Truth()
+        self._scoring = Scoring()
 
     def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
         """Log what one message shows, at the time of its receipt."""
         log_ns, events = wall_ns, self._model.on_message(message, arrived, wall_ns)
         match message:
-            case ObservationBatch():
-                self._observed.add(message)
-            case TruthBatch():
-                self._truth.add(message)
+            case ObservationBatch() | TruthBatch():
+                self._scoring.add(message)
             case HypothesisUpdate():
                 self._update(log_ns, message)
             case Preview():
@@ -88,11 +85,11 @@ class FoxgloveScene(Display):
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
         update = poses_in_space(update)
-        score = score_update(update, self._truth, self._observed.at(update.stamp_ns))
+        score = score_update(update, self._scoring.truth, self._scoring.observed.at(update.stamp_ns))
         scored = score.scored > 0 and not math.isnan(score.nmi)
         scores = (score.nmi, score.misclassification) if scored else (None, None)
         self._log("/numbers", log_ns, messages.numbers(update, *scores))
-        space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
+        space_of = [ref.name for ref in spaces_of(update, self._scoring.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)
         scales = {h.space: self._scale(h.space) for h in update.hypotheses}
@@ -109,7 +106,7 @@ class FoxgloveScene(Display):
         self._log(f"/joints/{space}", log_ns, messages.joints(update, space, scale, palette, names))
 
     def _scale(self, space: str) -> float:
-        units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
+        units = {ref.unit for ref in self._scoring.spaces.values() if ref.name == space}
         return messages.PIXEL_M if units == {"px"} else 1.0
 
     def _log(self, topic: str, log_ns: int, message: Any) -> None:
