@@ -96,14 +96,15 @@ class FoxgloveScene(Display):
         self._log("/tf", log_ns, messages.transforms(update, scales))
 
     def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
-        scale, palette, names = self._scale(space), self._model.palette, self._model.names
+        drawing = messages.SpaceDrawing(
+            update, space, self._scale(space), self._model.palette, self._model.names
+        )
         members = np.array([name == space for name in space_of], bool)
         rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
-        cloud = messages.point_cloud(update, space, rows, scale, palette)
-        self._log(f"/features/{space}", log_ns, cloud)
-        self._log(f"/hypotheses/{space}", log_ns, messages.poses(update, space, scale))
-        self._log(f"/labels/{space}", log_ns, messages.labels(update, space, scale, palette, names))
-        self._log(f"/joints/{space}", log_ns, messages.joints(update, space, scale, palette, names))
+        self._log(f"/features/{space}", log_ns, drawing.points(rows))
+        self._log(f"/hypotheses/{space}", log_ns, drawing.poses())
+        self._log(f"/labels/{space}", log_ns, drawing.labels())
+        self._log(f"/joints/{space}", log_ns, drawing.joints())
 
     def _scale(self, space: str) -> float:
         units = {ref.unit for ref in self._scoring.spaces.values() if ref.name == space}
