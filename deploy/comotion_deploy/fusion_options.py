@@ -37,8 +37,7 @@ class Assignments(Command):
         if method is not None:
             values["method"] = method
         for text in self.set_ or ():
-            name, value = _assignment(text)
-            put(values, name, value)
+            put(values, *assignment(text))
         return read_config(values)
 
 
@@ -60,10 +59,17 @@ def _read_null(value: Any) -> Any:
     return None if value == "null" else value
 
 
-def _assignment(text: str) -> tuple[str, Any]:
+def assignment(text: str, flag: str = "--set") -> tuple[str, Any]:
+    """Parse ``NAME=VALUE`` of an option; the value is JSON, or else a text.
+
+    Raises
+    ------
+    UserError
+        If it is not of this form.
+    """
     name, separator, value = text.partition("=")
     if not separator or not name:
-        raise UserError(f"--set {text}: expected NAME=VALUE")
+        raise UserError(f"{flag} {text}: expected NAME=VALUE")
     try:
         return spelling(name.strip()), json.loads(value)
     except ValueError:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ..errors import UserError, one_line
+from ..fusion_options import assignment
 from ..options import Command, Process, argument, setting
 from .played_sources import Stamps
 
@@ -67,11 +68,7 @@ class Camera(Command):
             "respawn_every": self.respawn_every,
             "moving": moving,
         }
-        for text in self.tracker or ():
-            name, separator, value = text.partition("=")
-            if not separator:
-                raise UserError(f"--tracker {text}: expected NAME=VALUE")
-            values[name.strip().replace("-", "_")] = None if value.strip() == "null" else value
+        values |= dict(assignment(text, "--tracker") for text in self.tracker or ())
         try:
             return TrackerConfig(**values)
         except ValidationError as error:
