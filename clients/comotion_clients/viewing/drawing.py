@@ -115,14 +115,14 @@ def value(path: str, number: float, name: str, colour: RGB) -> Shape:
     return Shape(path, (rr.Scalars(number),), style)
 
 
-def entry(stamp_ns: int, text: str, colour: RGB = (140, 140, 140)) -> Shape:
+def entry(stamp_ns: int, text: str, colour: RGB = (140, 140, 140), level: str = "INFO") -> Shape:
     """A line of the log, with its time: the column of times is too narrow to read."""
-    return Shape("log", (rr.TextLog(plain(f"{clock(stamp_ns)} {text}"), level="INFO", color=colour),))
+    return Shape("log", (rr.TextLog(plain(f"{clock(stamp_ns)} {text}"), level=level, color=colour),))
 
 
 def warning(stamp_ns: int, text: str) -> Shape:
     """A line of the log about what is wrong."""
-    return Shape("log", (rr.TextLog(plain(f"{clock(stamp_ns)} {text}"), level="WARN", color=_ALARM),))
+    return entry(stamp_ns, text, _ALARM, "WARN")
 
 
 def page(path: str, lines: Sequence[str]) -> Shape:

@@ -1,7 +1,7 @@
 """Draws an update: features by space and source, their trails, and hypotheses. Pure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,10 @@ _CONTEXT, _SURROUNDED = 0.45, 1.6
 class _Space:
     ref: SpaceRef
     view: SpaceView
+    sources: Paths
     axis: float = 0.0
     aimed: int = 0  # number of sources that the eye was chosen for
     followed: bool = False  # whether it looks at what moves
-    sources: Paths = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.sources = Paths(f"{self.view.path}/features")
 
 
 class Features:
@@ -83,7 +80,7 @@ class Features:
         space = self._spaces.get(ref.name)
         if space is None or space.ref != ref:
             view = SpaceView(self._paths(ref.name), ref.name, _axes(ref))
-            space = self._spaces[ref.name] = _Space(ref, view)
+            space = self._spaces[ref.name] = _Space(ref, view, Paths(f"{view.path}/features"))
         return space
 
     def _draw_space(self, update: HypothesisUpdate, space: _Space, sources: list[int]) -> list[Shape]:

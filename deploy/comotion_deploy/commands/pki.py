@@ -168,22 +168,20 @@ def _hosts(given: list[str] | None) -> list[str]:
 def _row(entry: "Issued", now: "datetime") -> dict[str, Any]:
     from comotion_schemas.tls import KEY_FILE, WARN_BEFORE_S
 
-    grant, warning = entry.grant, ""
-    if entry.not_after is not None and (entry.not_after - now).total_seconds() < WARN_BEFORE_S:
+    grant, key, warning = entry.grant, entry.folder / KEY_FILE, ""
+    left_s = None if entry.not_after is None else (entry.not_after - now).total_seconds()
+    if left_s is not None and left_s < WARN_BEFORE_S:
         warning = "expires soon"
-    key = entry.folder / KEY_FILE
     if key.exists() and key.stat().st_mode & 0o077:
         warning = "others may read its key"
     return {
         "name": entry.folder.name,
-        "role": "" if grant is None else grant.role,
-        "scene": "" if grant is None else grant.scene,
-        "sources": [] if grant is None else list(grant.sources),
-        "rate": None if grant is None or grant.role != "source" else grant.rate,
+        "role": grant.role if grant else "",
+        "scene": grant.scene if grant else "",
+        "sources": list(grant.sources) if grant else [],
+        "rate": grant.rate if grant and grant.role == "source" else None,
         "expires": None if entry.not_after is None else entry.not_after.isoformat(),
-        "days": None
-        if entry.not_after is None
-        else round((entry.not_after - now).total_seconds() / 86_400, 1),
+        "days": None if left_s is None else round(left_s / 86_400, 1),
         "problem": entry.problem,
         "warning": "" if entry.problem else warning,
     }
