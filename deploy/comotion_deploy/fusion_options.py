@@ -1,7 +1,6 @@
 """The fusion parameters that a command line and its configuration file give."""
 
 import json
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from .config_file import file_table, spelling
@@ -12,7 +11,6 @@ if TYPE_CHECKING:
     from comotion import FusionConfig
 
 
-@dataclass(kw_only=True)
 class Assignments(Command):
     """The option of a command that takes fusion parameters."""
 
@@ -41,7 +39,6 @@ class Assignments(Command):
         return read_config(values)
 
 
-@dataclass(kw_only=True)
 class Fusion(Assignments):
     """Options of a command that groups features, by the method that it is given."""
 

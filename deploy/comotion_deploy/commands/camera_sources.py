@@ -1,7 +1,6 @@
 """``comotion source klt`` and ``external-camera``, and the options of all that reads a camera."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from comotion_sources.klt import TrackerConfig
 
 
-@dataclass(kw_only=True)
 class Camera(Command):
     """Options of a command that tracks the features of a camera or of its recording."""
 
@@ -102,7 +100,6 @@ class Camera(Command):
             frame.unlink()
 
 
-@dataclass(kw_only=True)
 class Carried(Camera):
     """The option of a command whose camera may move."""
 
@@ -113,7 +110,6 @@ class Carried(Camera):
     )
 
 
-@dataclass(kw_only=True)
 class CameraSource(Camera, Process):
     """Options of a source that tracks the features of a camera."""
 
@@ -181,7 +177,6 @@ class CameraSource(Camera, Process):
         run(self.what, options, **self.where())
 
 
-@dataclass(kw_only=True)
 class Klt(Carried, CameraSource):
     """Track the features of a camera, video or RGB-D recording and publish them."""
 
@@ -218,7 +213,6 @@ Examples:
         self.publish(moving=moving, carrier=carrier)
 
 
-@dataclass(kw_only=True)
 class ExternalCamera(CameraSource):
     """Publish features and fiducial markers of a fixed camera."""
 

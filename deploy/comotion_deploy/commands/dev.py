@@ -1,7 +1,6 @@
 """``comotion dev``: the groups of commands for those who change comotion, and for its experiments."""
 
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import typer
@@ -13,7 +12,6 @@ from ..options import Tool, add, flowing, option
 from .experiments import Figures
 
 
-@dataclass(kw_only=True)
 class WarmUp(Tool):
     """Compile all kernels: some minutes once, some seconds when it has been done.
 

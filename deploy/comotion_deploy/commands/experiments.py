@@ -5,7 +5,6 @@ import os
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,7 +34,6 @@ def progress() -> Iterator[Callable[[str], None]]:
         yield lambda what: report(lambda: what)
 
 
-@dataclass(kw_only=True)
 class Figures(Assignments, Json, Tool):
     """Draw all figures of the thesis with the thesis method and the default method.
 

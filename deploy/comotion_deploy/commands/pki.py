@@ -1,7 +1,6 @@
 """``comotion pki``: certificates of the components of a system, from a private authority in a folder."""
 
 import sys
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,14 +22,12 @@ Example:
 """
 
 
-@dataclass(kw_only=True)
 class Folder(Command):
     """The folder that each of these commands works on."""
 
     folder: Path = argument(..., "DIR", "Folder of the authority.")
 
 
-@dataclass(kw_only=True)
 class Init(Folder):
     """Make a private authority: a certificate that signs those of components."""
 
@@ -50,7 +47,6 @@ Example:
         print(f"keep {self.folder / 'ca.key'} secret: whoever has it can be any component")
 
 
-@dataclass(kw_only=True)
 class Issue(Folder):
     """Issue the certificate of one component to DIR/NAME, with a private key for it alone."""
 
@@ -104,7 +100,6 @@ Then restart the routers (or send them SIGHUP), and run the component with --tls
         print(f"next: restart the routers, then run it with --tls {issued}")
 
 
-@dataclass(kw_only=True)
 class Listing(Json, Folder):
     """List the components of an authority, and when their certificates expire."""
 
@@ -130,7 +125,6 @@ Examples:
             raise typer.Exit(1)
 
 
-@dataclass(kw_only=True)
 class Export(Folder):
     """Copy what the host of one component needs, without the keys of others."""
 

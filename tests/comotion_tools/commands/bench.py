@@ -1,7 +1,6 @@
 """``comotion dev bench``: time, memory and latency of the core on this machine."""
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 from comotion_deploy.commands.experiments import progress
@@ -10,7 +9,6 @@ from comotion_deploy.fusion_options import Assignments
 from comotion_deploy.options import Json, Tool, option
 
 
-@dataclass(kw_only=True)
 class Bench(Assignments, Json, Tool):
     """Time the core on generated scenes of any size: ms per update, CPU, memory."""
 

@@ -11,7 +11,6 @@ from comotion_deploy.options import Json, Tool, option, setting
 Pictures = Mapping[str, Callable[[Path], object]]
 
 
-@dataclass(kw_only=True)
 class Experiment(Json, Tool):
     """What all experiments have in common: a folder for their results, and how these are printed."""
 
@@ -56,7 +55,6 @@ def _known(asked: list[str] | None, names: list[str], what: str) -> list[str]:
     return asked or names
 
 
-@dataclass(kw_only=True)
 class Accuracy(Experiment):
     """Compare the accuracy of the default method and the thesis method on scenes and recordings."""
 
@@ -113,7 +111,6 @@ class OnFamilies:
     jobs: int = option(2, "Processes at once.", min=1, max=256)
 
 
-@dataclass(kw_only=True)
 class Ablation(OnFamilies, Experiment):
     """Leave out each rule of the default method alone, on stress families and recordings."""
 
@@ -148,7 +145,6 @@ Examples:
         self.report("ablation", markdown(results), as_json(results))
 
 
-@dataclass(kw_only=True)
 class Stress(OnFamilies, Experiment):
     """How the methods get over restarts, covers, drift, rest and other trouble, on made-up scenes."""
 
@@ -191,7 +187,6 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         self.report("stress", text, report.as_json(results), *shown, pictures=drawn)
 
 
-@dataclass(kw_only=True)
 class Pixels(Experiment):
     """Score the grouping of image features on labelled recordings."""
 
