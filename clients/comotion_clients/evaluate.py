@@ -12,7 +12,7 @@ from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 
-from .feed import BATCHES_KEPT, SceneFeed
+from .feed import SceneFeed
 from .joints import known_values
 from .metrics import Score
 from .scoring import Scoring
@@ -23,11 +23,7 @@ REPORT_S = 1.0
 FIRST_UPDATE_TIMEOUT_S = 10.0
 """Least time that a run of limited duration waits for a router, and for its first update."""
 
-_READ: dict[type[Any], int | None] = {
-    TruthBatch: None,
-    ObservationBatch: BATCHES_KEPT,
-    HypothesisUpdate: None,
-}
+_READ = (TruthBatch, ObservationBatch, HypothesisUpdate)
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 

@@ -88,7 +88,7 @@ class _StatusFeed(SceneFeed):
     """Fills a model with what arrives and what is answered."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
-        super().__init__(session, scene, {Status: None, HypothesisUpdate: None}, everybody=True)
+        super().__init__(session, scene, (Status, HypothesisUpdate), everybody=True)
         self.model = SceneModel(scene)
 
     def run(self, duration_s: float) -> None:

@@ -70,7 +70,7 @@ def run(
         if output is None:
             session = component.session if ros is None else stack.enter_context(open_session(ros))
             output = stack.enter_context(Network(session, domain, component.scene, converter.kinds()))
-        kinds: dict[type[Any], int | None] = {Status: None, HypothesisUpdate: None}
+        kinds = (Status, HypothesisUpdate)
         feed = stack.enter_context(SceneFeed(component.session, component.scene, kinds))
         component.ready()
         end = float("inf") if duration is None else time.monotonic() + duration
