@@ -1,12 +1,9 @@
-"""Live evaluation: running scene -> NMI of its updates against the published truth."""
+"""Scores the updates of a running scene against the truth that its sources publish."""
 
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeAlias, Unpack
-
-import zenoh
 
 from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
 from comotion_schemas.component import Where, viewer
@@ -15,10 +12,10 @@ from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 
-from .feed import BATCHES_KEPT, SceneFeed
+from .feed import SceneFeed
 from .joints import known_values
-from .metrics import Score, Truth
-from .scoring import LiveScoring, SpaceRef, Summary, Tally
+from .metrics import Score
+from .scoring import Scoring
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -26,47 +23,41 @@ REPORT_S = 1.0
 FIRST_UPDATE_TIMEOUT_S = 10.0
 """Least time that a run of limited duration waits for a router, and for its first update."""
 
+_READ = (TruthBatch, ObservationBatch, HypothesisUpdate)
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
-@dataclass(frozen=True)
-class LiveRun:
-    """Result of a live evaluation: scores, truth, spaces of the sources, lost and invalid updates.
+class LiveRun(Scoring):
+    """Scores of a running scene.
 
-    `joints` are those of the last update.
+    Attributes
+    ----------
+    first_at
+        When the first update has arrived, s of the monotonic clock.
+    joints
+        Those of the last update.
+    lost, invalid
+        Number of lost updates; of invalid ones by reason.
     """
 
-    summary: Summary
-    scores: list[Score]
-    truth: Truth
-    spaces: dict[str, SpaceRef]
-    lost: int
-    invalid: dict[str, int]
-    joints: list[Joint]
-
-
-class _Feed(SceneFeed):
-    """Scores the updates of one scene."""
-
-    def __init__(self, session: zenoh.Session, scene: str, on_update: OnUpdate) -> None:
-        super().__init__(
-            session, scene, {TruthBatch: None, ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None}
-        )
-        self.live = LiveScoring()
-        self.tally = Tally(self.live.truth)
+    def __init__(self, on_update: OnUpdate) -> None:
+        super().__init__()
         self.first_at: float | None = None
         self.joints: list[Joint] = []
+        self.lost, self.invalid = 0, dict[str, int]()
         self._on_update = on_update
 
-    def poll(self, now: float) -> None:
+    def poll(self, feed: SceneFeed, now: float) -> None:
         """Process received messages and score the updates that are due at `now`."""
-        for message, arrived, _ in self.messages():
-            self.live.add(message, arrived)
+        for message, arrived, _ in feed.messages():
+            self.add(message, arrived)
             if self.first_at is None and isinstance(message, HypothesisUpdate):
                 self.first_at = arrived
-        for update in self.live.due(now):
+        for update in self.due(now):
             self.joints = update.joints
-            self._on_update(update, self.tally.add(update, self.live.observed))
+            self._on_update(update, self.score(update))
+        counters = feed.of[HypothesisUpdate].counters
+        self.lost, self.invalid = counters.lost, dict(counters.invalid)
 
 
 def evaluate(
@@ -100,53 +91,39 @@ def evaluate(
         If no update was received, or none could be scored because no source publishes truth.
     """
     timeout = None if duration is None else FIRST_UPDATE_TIMEOUT_S
-    progress = reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
+    run, progress = LiveRun(on_update), reporting(quiet=quiet, terminal_s=REPORT_S, plain_s=REPORT_S)
     with (
         viewer("evaluate", connect_timeout=timeout, **where) as component,
-        _Feed(component.session, component.scene, on_update) as feed,
+        SceneFeed(component.session, component.scene, _READ) as feed,
         progress as report,
     ):
         if where.get("ready_file") is not None:
             component.ready()
         begun = time.monotonic()
-        while not component.stop.wait(POLL_S) and not _is_over(feed, duration, begun):
-            feed.poll(time.monotonic())
-            report(lambda: progress_line(feed.tally))
-        feed.poll(math.inf)
-    return _result(feed, component.scene)
+        while not component.stop.wait(POLL_S) and not _is_over(run, duration, begun):
+            run.poll(feed, time.monotonic())
+            report(lambda: progress_line(run))
+        run.poll(feed, math.inf)
+    if not run.scores:
+        raise KnownError(f"no update was received in scene {component.scene!r}: is the service running?")
+    if not any(score.scored for score in run.scores):
+        raise KnownError(f"no update of scene {component.scene!r} could be scored: no source publishes truth")
+    return run
 
 
-def _is_over(feed: _Feed, duration: float | None, begun: float) -> bool:
+def _is_over(run: LiveRun, duration: float | None, begun: float) -> bool:
     if duration is None:
         return False
-    if feed.first_at is None:
+    if run.first_at is None:
         return time.monotonic() - begun >= max(duration, FIRST_UPDATE_TIMEOUT_S)
-    return time.monotonic() - feed.first_at >= duration
+    return time.monotonic() - run.first_at >= duration
 
 
-def _result(feed: _Feed, scene: str) -> LiveRun:
-    summary = feed.tally.summary()
-    if not summary.updates:
-        raise KnownError(f"no update was received in scene {scene!r}: is the service running?")
-    if not summary.scored:
-        raise KnownError(f"no update of scene {scene!r} could be scored: no source publishes truth")
-    updates = feed.of[HypothesisUpdate].counters
-    return LiveRun(
-        summary=summary,
-        scores=feed.tally.scores,
-        truth=feed.tally.truth,
-        spaces=dict(feed.live.observed.spaces),
-        lost=updates.lost,
-        invalid=dict(updates.invalid),
-        joints=feed.joints,
-    )
-
-
-def progress_line(tally: Tally) -> str:
+def progress_line(scoring: Scoring) -> str:
     """Format the scores so far as one line."""
-    if not tally.scores:
+    if not scoring.scores:
         return "waiting for updates"
-    score, updates, mean = tally.scores[-1], len(tally.scores), tally.mean_nmi
+    score, updates, mean = scoring.scores[-1], len(scoring.scores), scoring.mean_nmi
     if math.isnan(mean):
         return f"{updates} updates, no truth yet"
     return (

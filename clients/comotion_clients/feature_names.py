@@ -1,6 +1,6 @@
-"""Names that sources give to features -> names of the hypotheses that hold them. Pure."""
+"""Names hypotheses by the features that they hold, which sources have named. Pure."""
 
-from collections.abc import Iterator, Mapping
+from collections import ChainMap
 
 import numpy as np
 
@@ -12,7 +12,7 @@ _MOST_SOURCES = 256
 _YOUNG_NS = 2_000_000_000
 
 
-class HypothesisNames(Names):
+class HypothesisNames(ChainMap[int, str]):
     """Name by id of a hypothesis: what a person gives, or else the name of a feature that it holds.
 
     A hypothesis keeps its name until another one holds that feature, and no two of a space have the same. Of
@@ -22,10 +22,8 @@ class HypothesisNames(Names):
     """
 
     def __init__(self, given: Names | None = None) -> None:
-        self._given = given or {}
+        super().__init__(dict(given or {}), {}, {})
         self._of_features: dict[tuple[str, str], dict[int, str]] = {}
-        self._of_hypotheses: dict[int, str] = {}
-        self._linked: dict[int, str] = {}
 
     def on_status(self, status: Status) -> None:
         """Add the Status of a component."""
@@ -50,7 +48,7 @@ class HypothesisNames(Names):
         holders = {name: hypothesis for hypothesis, names_held in held.items() for name in names_held}
         kept = {
             hypothesis: name
-            for hypothesis, name in self._of_hypotheses.items()
+            for hypothesis, name in self.maps[1].items()
             if hypothesis in living and holders.get(name, hypothesis) == hypothesis
         }
         for hypothesis, names_held in living.items():
@@ -58,23 +56,9 @@ class HypothesisNames(Names):
             free = [name for name in names_held if name not in taken]
             if hypothesis not in kept and free:
                 kept[hypothesis] = free[-1]
-        self._of_hypotheses = kept
-        known = {**kept, **self._given}
-        links = [(h.id, link) for h in update.hypotheses for link in h.linked or () if link in known]
-        self._linked = {hypothesis: known[link] for hypothesis, link in links}
-
-    @property
-    def _all(self) -> Mapping[int, str]:
-        return {**self._linked, **self._of_hypotheses, **self._given}
-
-    def __getitem__(self, number: int) -> str:
-        return self._all[number]
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._all)
-
-    def __len__(self) -> int:
-        return len(self._all)
+        self.maps[1:] = [kept, {}]
+        links = [(h.id, link) for h in update.hypotheses for link in h.linked or () if link in self]
+        self.maps[2] = {hypothesis: self[link] for hypothesis, link in links}
 
 
 def _stands(hypothesis: Hypothesis, now_ns: int) -> bool:

@@ -1,19 +1,19 @@
 """What arrives of one scene: messages of some types, and who comes and goes, in an open session."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import zenoh
 
-from comotion_schemas import Keys, Message, Status
+from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, Status
 from comotion_schemas.types import is_name
 
 from .subscription import Subscription
 
-BATCHES_KEPT = 8192
-"""Batches that wait for a client that reads all of them."""
+_BATCHES_KEPT = 8192
+"""Batches that wait for a client: it reads all of them."""
 _TOKENS_KEPT = 256
 # Components whose token is followed, the first to be heard.
 _FOLLOWED = 1024
@@ -29,7 +29,7 @@ class Listener(Protocol):
         """Process that a component entered or left the scene."""
 
 
-class SceneFeed:
+class SceneFeed(ExitStack):
     """Subscriptions to messages and liveliness tokens of one scene; a context manager.
 
     Parameters
@@ -38,9 +38,10 @@ class SceneFeed:
         An open Zenoh session.
     scene
         Name of the scene.
-    capacities
-        Types of messages in the order in which :meth:`messages` yields those that wait, each with the number
-        of messages kept, None: the default of the type.
+    kinds
+        Types of messages in the order in which :meth:`messages` yields those that wait.
+    updates_kept
+        Updates that wait for a slow client; None: the default of a subscription.
     everybody
         Whether to follow the tokens of all, else those of services and of components whose Status has come:
         while anybody follows all, a router is busy for long where thousands of tokens go at once.
@@ -55,14 +56,17 @@ class SceneFeed:
         self,
         session: zenoh.Session,
         scene: str,
-        capacities: dict[type[Any], int | None],
+        kinds: Sequence[type[Any]],
         *,
+        updates_kept: int | None = None,
         everybody: bool = False,
     ) -> None:
-        self._exit, self._session, self._keys = ExitStack(), session, Keys(scene)
+        super().__init__()
+        self._session, self._keys = session, Keys(scene)
+        kept = {ObservationBatch: _BATCHES_KEPT, HypothesisUpdate: updates_kept}
         self.of: dict[type[Any], Subscription[Any]] = {
-            kind: self._exit.enter_context(Subscription(session, kind, scene, capacity=capacity))
-            for kind, capacity in capacities.items()
+            kind: self.enter_context(Subscription(session, kind, scene, capacity=kept.get(kind)))
+            for kind in kinds
         }
         # Subscriptions by key.
         self._tokens: dict[str, Any] = {}
@@ -73,7 +77,7 @@ class SceneFeed:
         if key not in self._tokens and len(self._tokens) < _FOLLOWED:
             ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_TOKENS_KEPT)
             subscriber: Any = self._session.liveliness().declare_subscriber(key, ring, history=True)
-            self._exit.callback(subscriber.undeclare)
+            self.callback(subscriber.undeclare)
             self._tokens[key] = subscriber
 
     def pour(self, listener: Listener) -> list[tuple[Message, Any]]:
@@ -99,9 +103,3 @@ class SceneFeed:
                 role, name = str(sample.key_expr).split("/")[-2:]
                 if is_name(name):
                     yield role, name, sample.kind == zenoh.SampleKind.PUT
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._exit.close()

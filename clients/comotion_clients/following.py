@@ -1,4 +1,4 @@
-"""The viewer process: subscriptions of a scene, or a recording -> a display, as Rerun's or Foxglove's.
+"""The viewer process: shows a scene or a recording in a display, as Rerun's or Foxglove's.
 
 It reads from bounded rings and inboxes that drop the oldest messages, so that a slow display does not
 delay other components.
@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import zenoh
@@ -16,7 +16,7 @@ import zenoh
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.component import StatusFields, Where, viewer
 
-from .feed import BATCHES_KEPT, Listener, SceneFeed
+from .feed import Listener, SceneFeed
 
 POLL_S = 0.02
 UPDATES_KEPT = 4
@@ -65,20 +65,14 @@ class Viewed:
 
 
 # Truth and batches before the updates that are scored by them.
-_READ: dict[type[Any], int | None] = {
-    TruthBatch: None,
-    ObservationBatch: BATCHES_KEPT,
-    Status: None,
-    Preview: None,
-    HypothesisUpdate: UPDATES_KEPT,
-}
+_READ = (TruthBatch, ObservationBatch, Status, Preview, HypothesisUpdate)
 
 
 class _Feed(SceneFeed):
     """Gives a display what arrives of one scene, and counts."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
-        super().__init__(session, scene, _READ)
+        super().__init__(session, scene, _READ, updates_kept=UPDATES_KEPT)
         self._ages: deque[float] = deque(maxlen=_AGES_KEPT)
         self._shown = 0
 

@@ -1,8 +1,9 @@
-"""A bounded queue between a receiving thread and a reading thread or event loop."""
+"""A bounded queue between receiving threads and a reading thread or event loop."""
 
 import asyncio
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from comotion_schemas.errors import KnownError
@@ -15,13 +16,16 @@ class Closed(Exception):  # noqa: N818 - the end of a stream, not an error
 
 
 class Inbox(Generic[T]):
-    """Keeps the newest `capacity` items; `put` never blocks, `get` waits.
+    """Keeps the newest items; `put` never blocks, `get` waits.
 
     Parameters
     ----------
     capacity
-        Most items kept, at least 1; when it is full, the oldest item is dropped and counted in
-        :attr:`dropped`.
+        Most items kept, at least 1; then the oldest are dropped and counted in :attr:`dropped`.
+    size
+        How much of the capacity an item takes.
+    on_drop
+        Called with each item that is dropped, by one thread at a time.
 
     Raises
     ------
@@ -29,12 +33,18 @@ class Inbox(Generic[T]):
         If the capacity is below 1.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(
+        self,
+        capacity: int,
+        size: Callable[[T], int] = lambda _: 1,
+        on_drop: Callable[[T], object] = lambda _: None,
+    ) -> None:
         if capacity < 1:
             raise KnownError("the capacity of an inbox is at least 1")
         self.dropped = 0
         self._items: deque[T] = deque()
-        self._capacity = capacity
+        self._free = capacity
+        self._size, self._on_drop = size, on_drop
         self._closed = False
         self._changed = threading.Condition()
         self._waiters: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
@@ -42,10 +52,11 @@ class Inbox(Generic[T]):
     def put(self, item: T) -> None:
         """Add an item from any thread."""
         with self._changed:
-            if len(self._items) == self._capacity:
-                self._items.popleft()
-                self.dropped += 1
             self._items.append(item)
+            self._free -= self._size(item)
+            while self._free < 0:
+                self._on_drop(self._take())
+                self.dropped += 1
             self._notify()
 
     def close(self) -> None:
@@ -74,6 +85,11 @@ class Inbox(Generic[T]):
                 raise TimeoutError
             return self._take()
 
+    def drain(self) -> list[T]:
+        """Take all items at once."""
+        with self._changed:
+            return [self._take() for _ in range(len(self._items))]
+
     async def aget(self, timeout: float | None = None) -> T:
         """:meth:`get` for asyncio; cancelling it loses no item."""
         waiter = asyncio.get_running_loop(), asyncio.Event()
@@ -93,7 +109,9 @@ class Inbox(Generic[T]):
     def _take(self) -> T:
         if not self._items:
             raise Closed
-        return self._items.popleft()
+        item = self._items.popleft()
+        self._free += self._size(item)
+        return item
 
     def _notify(self) -> None:
         self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""Joints of an update -> rows of text, plain values, and lines to draw. Pure."""
+"""Joints of an update as rows of text, plain values, and lines to draw. Pure."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

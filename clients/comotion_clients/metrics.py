@@ -1,4 +1,4 @@
-"""Metrics: partition or update, and truth -> NMI, misclassification rate, label switches. Pure."""
+"""NMI, misclassification rate and label switches of a partition or an update, against the truth. Pure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -82,10 +82,10 @@ def isolate(labels: Labels, marker: int = UNDETERMINED) -> NDArray[np.int64]:
     int64 [N] in 0..K-1, where K includes the singletons.
     """
     alone = np.asarray(labels) == marker
-    known, inverse = np.unique(np.asarray(labels)[~alone], return_inverse=True)
+    listed, inverse = np.unique(np.asarray(labels)[~alone], return_inverse=True)
     clusters = np.empty(len(alone), np.int64)
     clusters[~alone] = inverse
-    clusters[alone] = len(known) + np.arange(np.count_nonzero(alone))
+    clusters[alone] = len(listed) + np.arange(np.count_nonzero(alone))
     return clusters
 
 
@@ -141,13 +141,13 @@ class Score:
 
 def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
     """Map the tracks of an update: (name, session) -> feature id -> hypothesis id."""
-    tables: list[dict[int, int]] = [{} for _ in update.sources]
-    rows = zip(
-        update.track_source.tolist(), update.track_id.tolist(), update.track_hypothesis.tolist(), strict=True
-    )
-    for source, feature, hypothesis in rows:
-        tables[source][feature] = hypothesis
-    return {(s.name, s.session): table for s, table in zip(update.sources, tables, strict=True)}
+    of_source = [update.track_source == number for number in range(len(update.sources))]
+    return {
+        (source.name, source.session): dict(
+            zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
+        )
+        for source, rows in zip(update.sources, of_source, strict=True)
+    }
 
 
 def bodies_of(update: HypothesisUpdate) -> dict[int, int]:
@@ -231,31 +231,16 @@ def score_labels(labels: NDArray[np.int64], objects: NDArray[np.int32], stamp_ns
     )
 
 
-@dataclass(frozen=True)
-class Switches:
-    """Number of label switches, and of tracks that two consecutive updates have in common."""
-
-    switched: int = 0
-    common: int = 0
-
-    def __add__(self, other: "Switches") -> "Switches":
-        return Switches(self.switched + other.switched, self.common + other.common)
-
-    @property
-    def per_100(self) -> float:
-        """Switches per 100 common tracks; 0 without common tracks."""
-        return 100.0 * self.switched / self.common if self.common else 0.0
-
-
-def label_switches(previous: HypothesisUpdate, current: HypothesisUpdate) -> Switches:
-    """Count the tracks whose hypothesis id differs between two updates.
+def label_switches(previous: HypothesisUpdate, current: HypothesisUpdate) -> tuple[int, int]:
+    """Count the tracks whose hypothesis id differs between two updates, and those that both have.
 
     A change from or to undetermined counts as well.
     """
-    tables_before, switched, common = tracks_of(previous), 0, 0
-    for key, table in tracks_of(current).items():
-        old = tables_before.get(key, {})
-        shared = [(old[feature], new) for feature, new in table.items() if feature in old]
-        common += len(shared)
-        switched += sum(was != now for was, now in shared)
-    return Switches(switched, common)
+    old_of = tracks_of(previous)
+    pairs = [
+        (old_of[key][feature], new)
+        for key, table in tracks_of(current).items()
+        for feature, new in table.items()
+        if feature in old_of.get(key, {})
+    ]
+    return sum(old != new for old, new in pairs), len(pairs)

@@ -47,8 +47,8 @@ def regions(
     """
     height, width = image.shape[:2]
     inside = (pixels >= 0).all(axis=1) & (pixels < [width, height]).all(axis=1)
-    known = (labels >= 0) & inside
-    names, index = np.unique(labels[known], return_inverse=True)
+    labelled = (labels >= 0) & inside
+    names, index = np.unique(labels[labelled], return_inverse=True)
     if len(names) < 2:
         return np.full((height, width), names[0] if len(names) else NOBODY, np.int64)
     scale = min(_EDGE_PX / max(height, width), 1.0)
@@ -56,7 +56,7 @@ def regions(
     small = cv2.GaussianBlur(small, (0, 0), _BLUR_PX)
     if small.ndim == 2:
         small = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
-    places = np.minimum(pixels[known] * scale, [small.shape[1] - 1, small.shape[0] - 1])
+    places = np.minimum(pixels[labelled] * scale, [small.shape[1] - 1, small.shape[0] - 1])
     seeds = _seeds(small.shape[:2], places, index)
     grown = cv2.watershed(small, seeds)
     # Where regions meet there is a line of -1, and one around the image: it goes to a neighbour.

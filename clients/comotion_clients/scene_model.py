@@ -1,9 +1,10 @@
-"""Scene model: messages of one scene -> its state now, for `comotion watch`, `view` and `status`. Pure.
+"""What the messages of one scene say of its state now, for `comotion watch`, `view` and `status`. Pure.
 
 Times are as in :mod:`.scene_records`.
 """
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -62,8 +63,8 @@ class SceneModel(SceneRecords):
         rows = [row for row in rows if row.present or row.age_s <= SILENT_S]
         rows.sort(key=lambda row: (_ORDER.get(row.role, len(_ORDER)), row.name))
         routers = sorted(self.routers.values(), key=lambda row: (row.name, row.zid))
-        told = [] if service is None else [in_line(problem.text) for problem in service.problems]
-        problems = find_problems(rows, routers) + told
+        reported = [] if service is None else [in_line(problem.text) for problem in service.problems]
+        problems = find_problems(rows, routers) + reported
         update = self.update
         return SceneStatus(
             scene=self.scene,
@@ -89,7 +90,9 @@ class SceneModel(SceneRecords):
             message="" if status is None else in_line(status.message),
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
-            problems=[ProblemRow(one.kind, one.source, in_line(one.text)) for one in problems],
+            problems=[
+                ProblemRow(problem.kind, problem.source, in_line(problem.text)) for problem in problems
+            ],
         )
 
     def _service_state(self, now: float) -> ServiceState:
@@ -101,7 +104,9 @@ class SceneModel(SceneRecords):
         return "ok" if service is None else service.state
 
     def _source_rows(self, now: float) -> list[SourceRow]:
-        tracks, service = self._tracks_per_source(), self.service
+        update, service = self.update, self.service
+        listed = [] if update is None else [update.sources[k].name for k in update.track_source.tolist()]
+        tracks = Counter(listed)
         reported = {} if service is None else service.ages
         clocks = {} if service is None else service.clock_offsets
         rows = []
@@ -120,20 +125,12 @@ class SceneModel(SceneRecords):
                     lag=source.lag,
                     lost=stream.lost,
                     losing=stream.losing(now),
-                    tracks=tracks.get(name, 0),
+                    tracks=tracks[name],
                     space=source.space,
                     clock=clocks.get(name),
                 )
             )
         return rows
-
-    def _tracks_per_source(self) -> dict[str, int]:
-        tracks: dict[str, int] = {}
-        if self.update is not None:
-            counts = np.bincount(self.update.track_source, minlength=len(self.update.sources)).tolist()
-            for source, count in zip(self.update.sources, counts, strict=True):
-                tracks[source.name] = tracks.get(source.name, 0) + count
-        return tracks
 
     def _hypothesis_row(self, update: HypothesisUpdate, h: Hypothesis) -> HypothesisRow:
         twist, pose, box = h.twist, h.pose, h.box

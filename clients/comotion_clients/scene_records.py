@@ -74,8 +74,8 @@ class Stream:
 
     def rate(self, now: float) -> float:
         """Messages per second; 0 while stalled or unknown."""
-        known = len(self.arrivals) > 1 and self.arrivals[-1] - self.arrivals[0] >= RATE_MIN_SPAN_S
-        return 1.0 / self.period() if known and not self.stalled(now) else 0.0
+        measured = len(self.arrivals) > 1 and self.arrivals[-1] - self.arrivals[0] >= RATE_MIN_SPAN_S
+        return 1.0 / self.period() if measured and not self.stalled(now) else 0.0
 
     def losing(self, now: float) -> bool:
         """Whether a message was lost in the last 10 s."""
@@ -173,8 +173,8 @@ class SceneRecords:
         self.update, self.service_gone = update, False
         self.names.on_update(update)
         self.palette.see(update.hypotheses)
-        told = {(e.stamp_ns, e.kind, e.hypothesis): e for e in update.events if e.kind in self._kinds}
-        new = {key: event for key, event in told.items() if key not in self.events}
+        listed = {(e.stamp_ns, e.kind, e.hypothesis): e for e in update.events if e.kind in self._kinds}
+        new = {key: event for key, event in listed.items() if key not in self.events}
         self.events.update(new)
         for key in list(self.events)[:-EVENTS_KEPT]:
             del self.events[key]
@@ -241,9 +241,9 @@ class SceneRecords:
 
     def sources(self) -> dict[str, ComponentRecord]:
         """Sources that have a token or have sent something, and those that the service knows."""
-        known = {} if self.service is None else self.service.ages
+        of_service = {} if self.service is None else self.service.ages
         own = {n: s for n, s in self.components.items() if "source" in s.tokens or s.stream.arrivals}
-        return {name: self.components.get(name) or ComponentRecord() for name in sorted({*own, *known})}
+        return {name: self.components.get(name) or ComponentRecord() for name in sorted({*own, *of_service})}
 
     def record(self, name: str) -> ComponentRecord:
         """What is known of a component; one too many is not remembered."""
@@ -252,8 +252,8 @@ class SceneRecords:
         return self.components.setdefault(name, ComponentRecord())
 
     def _full_name(self, short: str) -> str:
-        known = (name for name, record in self.components.items() if record.role == "service")
-        return next((name for name in known if name[:TOKEN_NAME_CHARACTERS] == short), short)
+        services = (name for name, record in self.components.items() if record.role == "service")
+        return next((name for name in services if name[:TOKEN_NAME_CHARACTERS] == short), short)
 
 
 def in_cell(value: object) -> str:

@@ -1,9 +1,10 @@
-"""Scoring of a run: updates, batches and truth -> scores and their summary. Pure."""
+"""Scores the updates of a run by its batches and truth, and summarises the scores. Pure."""
 
 import bisect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, TruthBatch
 from comotion_schemas.types import Unit
 
-from .metrics import Score, SourceKey, Switches, Truth, label_switches, labelled, score_labels
+from .metrics import Score, SourceKey, Truth, label_switches, labelled, score_labels
 from .tracking import Tracking
 
 SETTLE_S = 0.15
@@ -42,19 +43,25 @@ class SpaceRef:
     dim: int
 
 
-def spaces_of(update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[SpaceRef]:
+UNKNOWN = "unknown"
+"""Name of the space of a source without batches and hypotheses."""
+
+
+def spaces_of(
+    update: HypothesisUpdate, published: Mapping[str, SpaceRef] = MappingProxyType({})
+) -> list[SpaceRef]:
     """Determine the coordinate space of every source of an update.
 
     Parameters
     ----------
     update
         An update.
-    known
-        Source -> space, from its batches. For other sources the space is that of the hypotheses of
+    published
+        Space of each source, from its batches. For other sources the space is that of the hypotheses of
         its tracks, with the unit m in 3-D and px in 2-D.
     """
     return [
-        known.get(source.name) or _space_of_tracks(update, number)
+        published.get(source.name) or _space_of_tracks(update, number)
         for number, source in enumerate(update.sources)
     ]
 
@@ -64,7 +71,7 @@ def _space_of_tracks(update: HypothesisUpdate, source: int) -> SpaceRef:
     spaces = {h.id: h.space for h in update.hypotheses}
     names = (spaces[h] for h in update.track_hypothesis[rows].tolist() if h in spaces)
     flat = bool(np.isnan(update.track_position[rows, 2]).any())
-    return SpaceRef(next(names, "unknown"), "px" if flat else "m", 2 if flat else 3)
+    return SpaceRef(next(names, UNKNOWN), "px" if flat else "m", 2 if flat else 3)
 
 
 class Observed:
@@ -109,36 +116,6 @@ class Observed:
         return tracks
 
 
-class LiveScoring:
-    """What scoring of a running scene needs: truth, what is observed, and updates until both have arrived."""
-
-    def __init__(self) -> None:
-        self.truth, self.observed = Truth(), Observed()
-        self._waiting: list[tuple[float, HypothesisUpdate]] = []
-        self._scored_ns: int | None = None
-
-    def add(self, message: Message, arrived: float) -> None:
-        """Add a message of any kind; `arrived` in s of one clock."""
-        match message:
-            case TruthBatch():
-                self.truth.add(message)
-            case ObservationBatch():
-                self.observed.add(message)
-            case HypothesisUpdate():
-                self._waiting.append((arrived, message))
-
-    def due(self, now: float) -> Iterator[HypothesisUpdate]:
-        """Yield the updates whose batches have arrived; all of them for infinity.
-
-        After all sources have ended, updates repeat their stamp: scoring them would overweight the last one.
-        """
-        while self._waiting and now - self._waiting[0][0] >= SETTLE_S:
-            update = self._waiting.pop(0)[1]
-            if update.stamp_ns != self._scored_ns:
-                self._scored_ns = update.stamp_ns
-                yield update
-
-
 @dataclass(frozen=True)
 class Summary:
     """Summary of the scores of a run.
@@ -173,44 +150,82 @@ class Summary:
     id_switches: float
 
 
-class Tally:
-    """Scores the updates of a run one by one."""
+class Scoring:
+    """Scores a run: its truth, what is observed, and its updates one by one.
 
-    def __init__(self, truth: Truth) -> None:
-        self.truth = truth
+    Attributes
+    ----------
+    truth, observed
+        From the messages so far.
+    scores
+        One per update, in order.
+    """
+
+    def __init__(self, truth: Truth | None = None) -> None:
+        self.truth, self.observed = truth or Truth(), Observed()
         self.scores: list[Score] = []
-        self.switches = Switches()
+        self._waiting: list[tuple[float, HypothesisUpdate]] = []
+        self._newest_ns: int | None = None
+        self._switched, self._common = 0, 0
         self._tracking = Tracking()
         self._listed: list[int] = []
         self._last: HypothesisUpdate | None = None
 
-    def add(self, update: HypothesisUpdate, observed: Observed) -> Score:
+    def add(self, message: Message, arrived: float = 0.0) -> None:
+        """Add a message of any kind; `arrived` in s of one clock. An update then waits until it is due."""
+        match message:
+            case TruthBatch():
+                self.truth.add(message)
+            case ObservationBatch():
+                self.observed.add(message)
+            case HypothesisUpdate():
+                self._waiting.append((arrived, message))
+
+    def due(self, now: float) -> Iterator[HypothesisUpdate]:
+        """Yield the updates whose batches have arrived; all of them for infinity.
+
+        After all sources have ended, updates repeat their stamp: scoring them would overweight the last one.
+        """
+        while self._waiting and now - self._waiting[0][0] >= SETTLE_S:
+            update = self._waiting.pop(0)[1]
+            if update.stamp_ns != self._newest_ns:
+                self._newest_ns = update.stamp_ns
+                yield update
+
+    def score(self, update: HypothesisUpdate) -> Score:
         """Score an update against the truth so far, over the tracks observed at its stamp."""
-        labels, objects = labelled(update, self.truth, observed.at(update.stamp_ns))
+        labels, objects = labelled(update, self.truth, self.observed.at(update.stamp_ns))
         score = score_labels(labels, objects, update.stamp_ns)
         self.scores.append(score)
         if score.scored:
             self._tracking.add(labels, objects)
         self._listed.append(sum(not h.absent for h in update.hypotheses))
         if self._last is not None:
-            self.switches += label_switches(self._last, update)
+            switched, common = label_switches(self._last, update)
+            self._switched, self._common = self._switched + switched, self._common + common
         self._last = update
         return score
 
+    @property
+    def spaces(self) -> dict[str, SpaceRef]:
+        """Coordinate space of every source."""
+        return self.observed.spaces
+
+    @property
     def summary(self) -> Summary:
-        """Summarise the scores so far."""
+        """Summary of the scores so far."""
         scored = [score for score in self.scores if score.scored]
         tracked = self._tracking.figures() if scored else None
         return Summary(
             updates=len(self.scores),
             scored=len(scored),
-            mean_nmi=_mean(scored, lambda s: s.nmi),
+            mean_nmi=self.mean_nmi,
             final_nmi=scored[-1].nmi if scored else math.nan,
-            mean_misclassification=_mean(scored, lambda s: s.misclassification),
+            mean_misclassification=_mean([s.misclassification for s in scored]),
             final_misclassification=scored[-1].misclassification if scored else math.nan,
-            mean_hypotheses=_mean(scored, lambda s: s.hypotheses) if scored else _average(self._listed),
-            mean_objects=_mean(scored, lambda s: s.objects),
-            switches_per_100=self.switches.per_100,
+            mean_hypotheses=_mean([s.hypotheses for s in scored] if scored else self._listed),
+            mean_objects=_mean([s.objects for s in scored]),
+            switches_per_100=100.0 * self._switched / max(self._common, 1),
             hota=math.nan if tracked is None else tracked.hota,
             idf1=math.nan if tracked is None else tracked.idf1,
             id_switches=math.nan if tracked is None else tracked.id_switches,
@@ -219,12 +234,8 @@ class Tally:
     @property
     def mean_nmi(self) -> float:
         """Over the scored updates so far; NaN without any."""
-        return _mean([score for score in self.scores if score.scored], lambda s: s.nmi)
+        return _mean([score.nmi for score in self.scores if score.scored])
 
 
-def _mean(scores: list[Score], value: Callable[[Score], float]) -> float:
-    return _average([value(score) for score in scores])
-
-
-def _average(values: list[Any]) -> float:
+def _mean(values: list[Any]) -> float:
     return math.fsum(values) / len(values) if values else math.nan

@@ -1,8 +1,9 @@
-"""One look at a running scene: subscriptions and queries -> :class:`SceneStatus` -> tables for a terminal."""
+"""One look at a running scene, by subscriptions and queries, and its tables for a terminal."""
 
 import json
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import zenoh
@@ -13,7 +14,6 @@ from comotion_schemas import (
     DEFAULT_SCENE,
     DecodeError,
     HypothesisUpdate,
-    Keys,
     Status,
     decode_as,
 )
@@ -81,17 +81,15 @@ def missing(state: SceneStatus, expected: Sequence[str]) -> SceneStatus:
     if not absent:
         return state
     overall = "degraded" if state.overall == "ok" else state.overall
-    return SceneStatus(**{**vars(state), "overall": overall, "problems": [*state.problems, *absent]})
+    return replace(state, overall=overall, problems=[*state.problems, *absent])
 
 
 class _StatusFeed(SceneFeed):
     """Fills a model with what arrives and what is answered."""
 
     def __init__(self, session: zenoh.Session, scene: str) -> None:
-        super().__init__(session, scene, {Status: None, HypothesisUpdate: None}, everybody=True)
+        super().__init__(session, scene, (Status, HypothesisUpdate), everybody=True)
         self.model = SceneModel(scene)
-        self._session = session
-        self._keys = Keys(scene)
 
     def run(self, duration_s: float) -> None:
         """Listen and ask for some time."""

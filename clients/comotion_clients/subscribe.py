@@ -1,4 +1,4 @@
-"""Subscription with a session of its own: scene name -> validated messages.
+"""Subscribes to validated messages of a scene, in a session of its own.
 
 Example::
 
@@ -14,7 +14,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Generic, TypeAlias, overload
+from typing import Generic, TypeAlias
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys
 from comotion_schemas.tls import TlsFiles
@@ -74,38 +74,15 @@ class Subscribing(Generic[M]):
         await asyncio.to_thread(self._exit.close)
 
 
-@overload
-def subscribe(
-    scene: str = ...,
-    connect: Endpoints | None = ...,
-    *,
-    timeout: float | None = ...,
-    capacity: int | None = ...,
-    tls: TlsFiles | Path | str | None = ...,
-) -> Subscribing[HypothesisUpdate]: ...
-
-
-@overload
-def subscribe(
-    scene: str = ...,
-    connect: Endpoints | None = ...,
-    *,
-    message: type[M],
-    timeout: float | None = ...,
-    capacity: int | None = ...,
-    tls: TlsFiles | Path | str | None = ...,
-) -> Subscribing[M]: ...
-
-
 def subscribe(
     scene: str = DEFAULT_SCENE,
     connect: Endpoints | None = None,
     *,
-    message: type[Any] = HypothesisUpdate,
+    message: type[M] = HypothesisUpdate,  # type: ignore[assignment]
     timeout: float | None = None,
     capacity: int | None = None,
     tls: TlsFiles | Path | str | None = None,
-) -> Subscribing[Any]:
+) -> Subscribing[M]:
     """Subscribe to the hypotheses of a scene, or to another of its messages.
 
     Parameters

@@ -1,15 +1,17 @@
-"""Subscription in an open session: Zenoh samples -> validated messages in a bounded inbox."""
+"""Subscribes in an open session: validated messages in a bounded inbox."""
 
 import time
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, Self, TypeVar, cast
+from typing import Generic, Self, cast
 
 import zenoh
+from typing_extensions import TypeVar
 
 from comotion_schemas import (
     DEFAULT_SCENE,
+    QOS,
     DecodeError,
     HypothesisUpdate,
     Keys,
@@ -20,7 +22,6 @@ from comotion_schemas import (
     decode_on,
 )
 from comotion_schemas.epochs import Epochs
-from comotion_schemas.keys import Kind
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.transport import Receiver
 
@@ -64,15 +65,9 @@ class ActiveSession:
         return True
 
 
-M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview)
+M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview, default=HypothesisUpdate)
 
-_KINDS: dict[type, Kind] = {
-    HypothesisUpdate: "hypotheses",
-    ObservationBatch: "obs",
-    TruthBatch: "truth",
-    Status: "status",
-    Preview: "preview",
-}
+_KINDS = {qos.message: kind for kind, qos in QOS.items()}
 # Truth arrives as a burst, since publishers cache it for late joiners; none of it may be dropped.
 _CAPACITIES: dict[type, int] = {
     HypothesisUpdate: 64,
@@ -139,7 +134,7 @@ class Subscription(Generic[M]):
         capacity: int | None = None,
         timeout: float | None = None,
     ) -> None:
-        kind, keys = _KINDS[message], Keys(scene)
+        kind, keys = _KINDS[message.__name__], Keys(scene)
         self.counters = Counters()
         self.timeout = timeout
         self._message: type[M] = message
@@ -173,12 +168,7 @@ class Subscription(Generic[M]):
 
     def drain(self) -> list[tuple[float, M]]:
         """Return all received messages at once: (time of arrival by ``time.monotonic()``, message)."""
-        received: list[tuple[float, M]] = []
-        while True:
-            try:
-                received.append(self._inbox.get(0.0))
-            except (TimeoutError, Closed):
-                return received
+        return self._inbox.drain()
 
     def __iter__(self) -> Iterator[M]:
         return self

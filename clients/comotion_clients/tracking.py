@@ -1,4 +1,4 @@
-"""Hypotheses as tracked objects -> HOTA, IDF1 and switches of identity, as trackers are compared. Pure.
+"""HOTA, IDF1 and switches of identity of hypotheses as tracked objects, as trackers are compared. Pure.
 
 An object is matched with a hypothesis by the features that both have, divided by those that one of them
 has: what the overlap of boxes or masks is for images. The figures are those of TrackEval, as

@@ -1,4 +1,4 @@
-"""Poses of updates -> paths in the TUM format, as evo and other tools for camera paths read them.
+"""Paths of cameras and bodies in the TUM format, as evo and other tools for camera paths read them.
 
 A line is ``time x y z qx qy qz qw``, time in s. ``evo_ape tum truth.tum camera-<space>.tum -a`` compares.
 """

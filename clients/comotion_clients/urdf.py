@@ -1,4 +1,4 @@
-"""An update -> URDF: the hypotheses of a space as links, and what connects them as joints. Pure.
+"""Describes an update in URDF: the hypotheses of a space as links, and what connects them as joints. Pure.
 
 Every link has the axes of the space at the stamp of the update, and its origin where its joint is. Position 0
 of every joint is that of the update. What has no joint floats; what rests is fixed to the root, which is the
@@ -8,6 +8,7 @@ space. A link has the extent of its hypothesis, and a mass of 1 kg: masses canno
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from graphlib import TopologicalSorter
 
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint
 from comotion_schemas.errors import KnownError
@@ -73,22 +74,16 @@ def _tree(
     bodies: dict[int, Hypothesis], joints: Sequence[Joint]
 ) -> list[tuple[int | None, Hypothesis, Joint | None]]:
     """(parent, body, joint) of every body, parents first; the surest joints where there is a choice."""
-    known = [j for j in joints if j.kind in _KINDS and j.parent in bodies and j.child in bodies]
+    usable = [j for j in joints if j.kind in _KINDS and j.parent in bodies and j.child in bodies]
     above: dict[int, Joint] = {}
-    for joint in sorted(known, key=lambda j: (-j.confidence, j.parent, j.child)):
+    for joint in sorted(usable, key=lambda j: (-j.confidence, j.parent, j.child)):
         if joint.child not in above and not _is_above(joint.child, joint.parent, above):
             above[joint.child] = joint
-    ordered: list[tuple[int | None, Hypothesis, Joint | None]] = []
-    waiting = sorted(bodies)
-    placed: set[int] = set()
-    while waiting:
-        ready = [number for number in waiting if number not in above or above[number].parent in placed]
-        for number in ready:
-            link = above.get(number)
-            ordered.append((None if link is None else link.parent, bodies[number], link))
-        placed.update(ready)
-        waiting = [number for number in waiting if number not in placed]
-    return ordered
+    parents = {number: {above[number].parent} if number in above else set() for number in sorted(bodies)}
+    return [
+        (above[number].parent if number in above else None, bodies[number], above.get(number))
+        for number in TopologicalSorter(parents).static_order()
+    ]
 
 
 def _is_above(hypothesis: int, other: int, above: dict[int, Joint]) -> bool:

@@ -1,4 +1,4 @@
-"""Watch: running scene -> live table in a terminal, plain lines or JSON."""
+"""Shows a running scene as a live table in a terminal, plain lines or JSON."""
 
 import json
 import os
@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Unpack
+from typing import Unpack
 
 from rich.console import Console
 from rich.live import Live
@@ -17,7 +17,7 @@ from comotion_schemas.naming import Names, event_words
 from comotion_schemas.terminal import keyboard
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
-from .feed import BATCHES_KEPT, SceneFeed
+from .feed import SceneFeed
 from .scene_model import SceneModel
 from .watch_view import SORTS, WHOLE, Sort, as_json, plain_line, render
 
@@ -46,7 +46,7 @@ class WatchOptions:
     all_events: bool = False
 
 
-_READ: dict[type[Any], int | None] = {ObservationBatch: BATCHES_KEPT, HypothesisUpdate: None, Status: None}
+_READ = (ObservationBatch, HypothesisUpdate, Status)
 
 
 def watch(options: WatchOptions | None = None, **where: Unpack[Where]) -> None:

@@ -1,4 +1,4 @@
-"""The tables of a terminal: columns and rows -> cells. Texts are no markup."""
+"""The tables of a terminal: their columns, and what a cell shows of a row. Texts are no markup."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Scene snapshot -> screen that fits the terminal, plain line, or JSON."""
+"""Shows a snapshot as a screen that fits the terminal, a plain line, or JSON."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, get_args
@@ -112,12 +112,12 @@ def _head(snapshot: Snapshot) -> list[Text]:
 
 def _joints(joints: Sequence[JointRow], hypotheses: Sequence[HypothesisRow]) -> list[Text]:
     """A line about the joints that are known; none without."""
-    known = [row for row in joints if row.kind in _KNOWN_KINDS]
-    if not known:
+    shown = [row for row in joints if row.kind in _KNOWN_KINDS]
+    if not shown:
         return []
     colours = {row.id: row.colour for row in hypotheses}
     line = Text("joints   ", style="bold dim")
-    for row in known:
+    for row in shown:
         line.append("●", style=as_hex(colours.get(row.child, GREY)))
         position = "" if row.position == "-" else f", at {row.position.partition(' ±')[0]}{row.unit}"
         line.append(f" {row.words}{position}   ")

@@ -68,115 +68,117 @@ RESUME = {"COMOTION_RESUME": "1"}
 """A service that is restarted goes on with the scene that it has left."""
 
 
-class Child:
-    """Runs a :class:`ProcessSpec`; start it from the main thread, since it ends with that thread.
+class Child(threading.Thread):
+    """A thread that runs a :class:`ProcessSpec`, again where it says so; the process ends with the thread.
 
-    Its ready file is in `folder`, and what it prints goes to `write`.
+    Parameters
+    ----------
+    spec
+        The process.
+    folder
+        Where its ready file is.
+    write
+        Takes what it prints.
+    log
+        Takes lines that say when it has started and ended.
     """
 
-    def __init__(self, spec: ProcessSpec, folder: Path, write: WriteLine) -> None:
+    def __init__(self, spec: ProcessSpec, folder: Path, write: WriteLine, log: Callable[[str], None]) -> None:
+        super().__init__(name=spec.name, daemon=True)
         self.spec = spec
-        self.was_ready = False
         self.last_line = ""
-        self.due_s: float | None = None
+        self.cannot_start = False
+        self._write, self._log = write, log
         self._ready_file = folder / f"{spec.name}.ready"
-        self._write = write
+        self._was_ready = not spec.says_ready
+        self._stopping, self._lock = threading.Event(), threading.Lock()
         self._popen: subprocess.Popen[str] | None = None
-        self._reader: threading.Thread | None = None
-        self._delay_s = FIRST_DELAY_S
-        self._started_s = 0.0
 
     @property
-    def pid(self) -> int | None:
-        """Process id; None while it does not run."""
-        return None if self._popen is None else self._popen.pid
+    def was_ready(self) -> bool:
+        """Whether it has said that it is ready, now or before a restart."""
+        self._was_ready |= self._ready_file.exists()
+        return self._was_ready
 
-    def start(self) -> None:
-        """Start the process."""
-        spec, ready = self.spec, {READY_VARIABLE: str(self._ready_file)}
-        self._ready_file.unlink(missing_ok=True)
-        self._popen = subprocess.Popen(
-            [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *spec.command],
-            stdin=None if spec.foreground else subprocess.DEVNULL,
-            stdout=None if spec.foreground else subprocess.PIPE,
-            stderr=None if spec.foreground else subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            env={**RESUME, **os.environ, "PYTHONUNBUFFERED": "1", **ready, **spec.env},
-            # In a separate session, Ctrl-C reaches only the launcher, which stops all processes in order.
-            start_new_session=not spec.foreground,
-        )
-        self._started_s = time.monotonic()
-        self.due_s = None
-        if not spec.foreground:
-            self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
-            self._reader.start()
-
-    @property
-    def is_due(self) -> bool:
-        """Whether it is time to start it again."""
-        return self.due_s is not None and time.monotonic() >= self.due_s
-
-    def poll(self) -> int | None:
-        """Return the exit status if the process has just ended, else None; schedules a restart."""
-        if self._popen is None:
-            return None
-        self.was_ready |= not self.spec.says_ready or self._ready_file.exists()
-        status = self._popen.poll()
-        if status is None:
-            return None
-        self._reap()
-        self._schedule(status)
-        return status
+    def run(self) -> None:
+        """Run the process, and again as its specification says, until it is to stop."""
+        delay_s = FIRST_DELAY_S
+        while (popen := self._open()) is not None:
+            began_s = time.monotonic()
+            self._log(f"started {self.name}, pid {popen.pid}")
+            status = self._follow(popen)
+            if self._stopping.is_set():
+                return
+            self.cannot_start = status == 2 and not self.was_ready
+            reason = f"killed by {signal.Signals(-status).name}" if status < 0 else f"status {status}"
+            if self.spec.restart == "never" or (self.spec.restart == "on-failure" and status == 0):
+                self._log(f"{self.name} has ended ({reason})")
+                return
+            if time.monotonic() - began_s >= STABLE_S:
+                delay_s = FIRST_DELAY_S
+            self._log(f"{self.name} has ended ({reason}); starting it again in {delay_s:.1f} s")
+            self._stopping.wait(delay_s)
+            delay_s = min(2 * delay_s, LONGEST_DELAY_S)
 
     def terminate(self) -> None:
         """Send SIGTERM; the process is not restarted."""
-        self.due_s = None
+        with self._lock:
+            self._stopping.set()
         self._signal(signal.SIGTERM)
 
     def wait(self, since_s: float) -> bool:
         """Wait until it ends; if that exceeds `stop_s` since `since_s`, kill it and return False."""
-        if self._popen is None:
+        if self.ident is None:
             return True
-        in_time = True
-        try:
-            self._popen.wait(max(0.0, since_s + self.spec.stop_s - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            in_time = False
-            self._signal(signal.SIGKILL)
-            self._popen.wait()
-        self._reap()
+        self.join(max(0.0, since_s + self.spec.stop_s - time.monotonic()))
+        in_time = not self.is_alive()
+        self._signal(signal.SIGKILL)
+        self.join()
         return in_time
 
-    def _reap(self) -> None:
-        """Kill remaining processes of its group and release resources."""
-        self._signal(signal.SIGKILL)
-        if self._reader is not None:
-            self._reader.join()
-        if self._popen is not None and self._popen.stdout is not None:
-            self._popen.stdout.close()
-        self._popen, self._reader = None, None
+    def _open(self) -> subprocess.Popen[str] | None:
+        """Start the process, unless it is to stop."""
+        spec, ready = self.spec, {READY_VARIABLE: str(self._ready_file)}
+        self._ready_file.unlink(missing_ok=True)
+        with self._lock:
+            if self._stopping.is_set():
+                return None
+            self._popen = subprocess.Popen(
+                [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *spec.command],
+                stdin=None if spec.foreground else subprocess.DEVNULL,
+                stdout=None if spec.foreground else subprocess.PIPE,
+                stderr=None if spec.foreground else subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                env={**RESUME, **os.environ, "PYTHONUNBUFFERED": "1", **ready, **spec.env},
+                # In a separate session, Ctrl-C reaches only the launcher, which stops all in order.
+                start_new_session=not spec.foreground,
+            )
+        return self._popen
+
+    def _follow(self, popen: subprocess.Popen[str]) -> int:
+        """Write the lines of the process until it ends; returns its exit status."""
+        with popen:
+            # What it has started itself may hold its output open.
+            reader = threading.Thread(target=self._read, args=(popen,), daemon=True)
+            reader.start()
+            status = popen.wait()
+            self._signal(signal.SIGKILL)
+            self._popen = None
+            reader.join()
+        return status
+
+    def _read(self, popen: subprocess.Popen[str]) -> None:
+        for line in popen.stdout or ():
+            self.last_line = line.rstrip("\n")
+            self._write(self.name, self.last_line)
 
     def _signal(self, number: signal.Signals) -> None:
-        if self._popen is None:
+        """Send a signal to the process and to all that it has started."""
+        if (popen := self._popen) is None:
             return
         with suppress(ProcessLookupError):
             if self.spec.foreground:
-                self._popen.send_signal(number)
+                popen.send_signal(number)
             else:
-                os.killpg(self._popen.pid, number)
-
-    def _schedule(self, status: int) -> None:
-        now = time.monotonic()
-        if self.spec.restart == "never" or (self.spec.restart == "on-failure" and status == 0):
-            return
-        if now - self._started_s >= STABLE_S:
-            self._delay_s = FIRST_DELAY_S
-        self.due_s = now + self._delay_s
-        self._delay_s = min(2 * self._delay_s, LONGEST_DELAY_S)
-
-    def _read(self, popen: subprocess.Popen[str]) -> None:
-        assert popen.stdout is not None  # noqa: S101 - it was opened with a pipe
-        for line in popen.stdout:
-            self.last_line = line.rstrip("\n")
-            self._write(self.spec.name, self.last_line)
+                os.killpg(popen.pid, number)

@@ -121,12 +121,14 @@ def _is_known(error: ValueError) -> bool:
     from comotion_schemas.errors import KnownError
 
     validated = type(error).__module__.startswith("pydantic")
-    known = KnownError, UnicodeError, json.JSONDecodeError, tomllib.TOMLDecodeError
-    return validated or isinstance(error, known)
+    expected = KnownError, UnicodeError, json.JSONDecodeError, tomllib.TOMLDecodeError
+    return validated or isinstance(error, expected)
 
 
 def _fail(message: object, error: Exception) -> int:
-    if isinstance(error, OSError) and error.filename is not None:
+    if isinstance(error, FileExistsError) and error.filename is not None:
+        message = f"{error.filename} exists, and is not replaced: remove it, or give another name"
+    elif isinstance(error, OSError) and error.filename is not None:
         message = f"{error.filename}: {error.strerror}"  # without the number of the error
     logging.getLogger(__name__).debug("where it happened", exc_info=error)
     if text := one_line(message).replace(": Value error, ", ": "):  # empty if the help was printed

@@ -48,26 +48,23 @@ def load_toml(path: Path) -> dict[str, Any]:
 def _command_defaults(ctx: typer.Context, path: Path, content: dict[str, Any]) -> dict[str, Any]:
     """Return the values that a file has for the command of a context; a misspelt key is an error."""
     _check_top_level(ctx, path, content)
-    known = _parameters(ctx)
-    variables = {parameter.name: parameter.envvar for parameter in ctx.command.params}
+    options = {spelling(flag.lstrip("-")): option for option in ctx.command.params for flag in option.opts}
+    # What the environment sets by another name is something else: a router connects to other routers.
     common = {
-        known[name]: value
-        for key, value in content.items()
-        # What the environment sets by another name is something else: a router connects to other routers.
-        if (name := spelling(key)) in COMMON & set(known)
-        and variables[known[name]] in (None, f"COMOTION_{name.upper()}")
+        name: value
+        for name, value in _spelt(content).items()
+        if name in COMMON & options.keys() and options[name].envvar in (None, f"COMOTION_{name.upper()}")
     }
-    return common | _command_table(ctx, path, content, known)
-
-
-def _parameters(ctx: typer.Context) -> dict[str, str]:
-    """Map the name of an option in a file to the parameter of the command."""
-    known = {}
-    for parameter in ctx.command.params:
-        for given in parameter.opts:
-            if parameter.name:
-                known[spelling(given.lstrip("-"))] = parameter.name
-    return known
+    table: Any = content
+    chunks = [chunk for chunk in ctx.command_path.split()[1:] if chunk != "dev"]
+    for chunk in chunks:
+        table = table.get(chunk, {})
+        if not isinstance(table, dict):
+            raise UserError(f"{path}: {chunk!r} must be a table")
+    for key in table:
+        if spelling(key) not in options:
+            raise UserError(f"{path}: [{'.'.join(chunks)}] has no option {key!r}")
+    return {str(options[name].name): value for name, value in (common | _spelt(table)).items()}
 
 
 def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) -> None:
@@ -80,19 +77,8 @@ def _check_top_level(ctx: typer.Context, path: Path, content: dict[str, Any]) ->
             raise UserError(f"{path}: unknown {what} {key!r}; one of {', '.join(sorted(allowed))}")
 
 
-def _command_table(
-    ctx: typer.Context, path: Path, content: dict[str, Any], known: dict[str, str]
-) -> dict[str, Any]:
-    table: Any = content
-    chunks = [chunk for chunk in ctx.command_path.split()[1:] if chunk != "dev"]
-    for chunk in chunks:
-        table = table.get(chunk, {})
-        if not isinstance(table, dict):
-            raise UserError(f"{path}: {chunk!r} must be a table")
-    for key in table:
-        if spelling(key) not in known:
-            raise UserError(f"{path}: [{'.'.join(chunks)}] has no option {key!r}")
-    return {known[spelling(key)]: value for key, value in table.items()}
+def _spelt(table: dict[str, Any]) -> dict[str, Any]:
+    return {spelling(key): value for key, value in table.items()}
 
 
 def spelling(key: str) -> str:

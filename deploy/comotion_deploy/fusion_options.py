@@ -1,7 +1,6 @@
 """The fusion parameters that a command line and its configuration file give."""
 
 import json
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from .config_file import file_table, spelling
@@ -12,7 +11,6 @@ if TYPE_CHECKING:
     from comotion import FusionConfig
 
 
-@dataclass(kw_only=True)
 class Assignments(Command):
     """The option of a command that takes fusion parameters."""
 
@@ -27,7 +25,7 @@ class Assignments(Command):
 
         Raises
         ------
-        UserError
+        UserError, ValueError
             For an unknown parameter or a value out of bounds.
         """
         from comotion.config import put, read_config
@@ -37,15 +35,10 @@ class Assignments(Command):
         if method is not None:
             values["method"] = method
         for text in self.set_ or ():
-            name, value = _assignment(text)
-            put(values, name, value)
-        try:
-            return read_config(values)
-        except ValueError as error:
-            raise UserError(str(error)) from None
+            put(values, *assignment(text))
+        return read_config(values)
 
 
-@dataclass(kw_only=True)
 class Fusion(Assignments):
     """Options of a command that groups features, by the method that it is given."""
 
@@ -63,10 +56,17 @@ def _read_null(value: Any) -> Any:
     return None if value == "null" else value
 
 
-def _assignment(text: str) -> tuple[str, Any]:
+def assignment(text: str, flag: str = "--set") -> tuple[str, Any]:
+    """Parse ``NAME=VALUE`` of an option; the value is JSON, or else a text.
+
+    Raises
+    ------
+    UserError
+        If it is not of this form.
+    """
     name, separator, value = text.partition("=")
     if not separator or not name:
-        raise UserError(f"--set {text}: expected NAME=VALUE")
+        raise UserError(f"{flag} {text}: expected NAME=VALUE")
     try:
         return spelling(name.strip()), json.loads(value)
     except ValueError:

@@ -1,9 +1,10 @@
-"""Launcher: process specifications -> running processes, which start, restart and stop together."""
+"""Runs the processes of a system, which start, restart and stop together."""
 
-import signal
+import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -42,91 +43,61 @@ def launch(specs: Sequence[ProcessSpec], *, log: Path | None = None, duration_s:
 
 
 class Launcher:
-    """The processes of one system, watched from one thread."""
+    """The processes of one system."""
 
     def __init__(
         self, specs: Sequence[ProcessSpec], folder: Path, write: WriteLine, stop: threading.Event
     ) -> None:
-        self._write = write
+        self._log = partial(write, OWN_NAME)
         self._stop = stop
-        self.children = [Child(spec, folder, write) for spec in specs]
-
-        # The router last to stop, and first to start.
-        self._stages = [[c for c in self.children if c.spec.is_router is last] for last in (False, True)]
+        self._children = [Child(spec, folder, write, self._log) for spec in specs]
 
     def run(self, duration_s: float | None = None) -> None:
-        """Start all processes, restart failed ones until the end, and stop all."""
+        """Start all processes, the router first, run them until the end, and stop all, the router last."""
+        routers, others = (
+            [c for c in self._children if c.spec.is_router is first] for first in (True, False)
+        )
         try:
-            self._start_all()
-            self._watch(None if duration_s is None else time.monotonic() + duration_s)
-        finally:
-            self._stop_all()
-
-    def _start_all(self) -> None:
-        # Start the router first, so that the others need not wait for it.
-        for members in reversed(self._stages):
-            for child in members:
-                self._start(child)
-            self._wait_ready(members)
-        if not self._stop.is_set():
-            self._log("all processes are ready; Ctrl-C stops them")
-
-    def _wait_ready(self, children: list[Child]) -> None:
-        deadline = time.monotonic() + READY_S
-        while not self._stop.is_set() and not all(child.was_ready for child in children):
-            self._check_children()
-            if time.monotonic() > deadline:
-                late = ", ".join(child.spec.name for child in children if not child.was_ready)
-                self._log(f"not ready after {READY_S:.0f} s: {late}")
-                return
-            self._stop.wait(_POLL_S)
-
-    def _watch(self, end_s: float | None) -> None:
-        while not self._stop.is_set() and (end_s is None or time.monotonic() < end_s):
-            self._check_children()
-            if all(child.pid is None and child.due_s is None for child in self.children):
+            self._begin(routers)
+            self._begin(others)
+            if not self._stop.is_set():
+                self._log("all processes are ready; Ctrl-C stops them")
+            if self._wait(lambda: not any(child.is_alive() for child in self._children), duration_s):
                 self._log("all processes have ended")
-                return
+        finally:
+            self._end(others)
+            self._end(routers)
+
+    def _begin(self, children: Sequence[Child]) -> None:
+        """Start processes, and wait until each is ready, or has ended as intended."""
+
+        def late() -> list[str]:
+            return [child.name for child in children if child.is_alive() and not child.was_ready]
+
+        for child in children:
+            child.start()
+        if not self._wait(lambda: not late(), READY_S) and not self._stop.is_set():
+            self._log(f"not ready after {READY_S:.0f} s: {', '.join(late())}")
+
+    def _wait(self, over: Callable[[], bool], timeout_s: float | None) -> bool:
+        """Wait until something is over; False if the end of the launcher, or of the time, is first."""
+        end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        while not self._stop.is_set() and time.monotonic() < end_s:
+            if (wrong := next((child for child in self._children if child.cannot_start), None)) is not None:
+                raise UserError(f"{wrong.name} cannot start: {wrong.last_line.removeprefix('error: ')}")
+            if over():
+                return True
+            if any(
+                child.spec.foreground and child.ident and not child.is_alive() for child in self._children
+            ):
+                self._stop.set()
             self._stop.wait(_POLL_S)
+        return False
 
-    def _check_children(self) -> None:
-        """Handle ended processes and start those whose restart is due."""
-        for child in self.children:
-            status = child.poll()
-            if status is not None:
-                self._on_end(child, status)
-            if child.is_due and not self._stop.is_set():
-                self._start(child)
-
-    def _start(self, child: Child) -> None:
-        child.start()
-        self._log(f"started {child.spec.name}, pid {child.pid}")
-
-    def _on_end(self, child: Child, status: int) -> None:
-        name = child.spec.name
-        if status == 2 and not child.was_ready:
-            raise UserError(f"{name} cannot start: {child.last_line.removeprefix('error: ')}")
-        if child.due_s is not None:
-            delay = child.due_s - time.monotonic()
-            self._log(f"{name} has ended ({_reason(status)}); starting it again in {delay:.1f} s")
-            return
-        child.was_ready = True  # it ended as intended
-        self._log(f"{name} has ended ({_reason(status)})")
-        if child.spec.foreground:
-            self._stop.set()
-
-    def _stop_all(self) -> None:
-        for members in self._stages:
-            for child in members:
-                child.terminate()
-            since = time.monotonic()
-            for child in members:
-                if not child.wait(since):
-                    self._log(f"{child.spec.name} did not stop in time and was killed")
-
-    def _log(self, text: str) -> None:
-        self._write(OWN_NAME, text)
-
-
-def _reason(status: int) -> str:
-    return f"killed by {signal.Signals(-status).name}" if status < 0 else f"status {status}"
+    def _end(self, children: Sequence[Child]) -> None:
+        for child in children:
+            child.terminate()
+        since_s = time.monotonic()
+        for child in children:
+            if not child.wait(since_s):
+                self._log(f"{child.name} did not stop in time and was killed")

@@ -1,4 +1,4 @@
-"""Endpoints and certificates of a command -> session settings; refuses to listen openly by accident."""
+"""Session settings of a command's endpoints and certificates; refuses to listen openly by accident."""
 
 import ipaddress
 import sys

@@ -1,4 +1,4 @@
-"""Options of commands: a dataclass a command, whose fields are options and whose ``run`` does the work.
+"""Options of commands: a class a command, whose fields are options and whose ``run`` does the work.
 
 A flag takes precedence over ``COMOTION_*`` in the environment, the environment over the file given by
 ``--config`` (:mod:`.config_file`), and the file over the default. Options that several commands share are in
@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, dataclass_transform, get_args
 
 import typer
 
@@ -65,12 +65,19 @@ def argument(default: Any, metavar: str, text: str) -> Any:
     return field(default=MISSING if default is ... else default, metadata=metadata)
 
 
+@dataclass_transform(kw_only_default=True)
 @dataclass(kw_only=True)
 class Command:
-    """A command: its docstring is the help, its fields are options, and :meth:`run` does the work."""
+    """A command: its docstring is the help, its fields are options, and :meth:`run` does the work.
+
+    What extends it is a dataclass too.
+    """
 
     ctx: typer.Context
     epilog: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(kw_only=True)(cls)
 
     def prepare(self) -> None:
         """Do what the shared options ask for, before :meth:`run`."""
@@ -82,7 +89,7 @@ class Command:
     def taken(self, kind: type[Options], **others: Any) -> Options:
         """Return the options of a process, a dataclass: those of our fields that it has too, and `others`."""
         own = {member.name for member in fields(self)}
-        same = {one.name: getattr(self, one.name) for one in fields(kind) if one.name in own}
+        same = {member.name: getattr(self, member.name) for member in fields(kind) if member.name in own}
         return kind(**(same | others))
 
     def reject_flags(self, names: tuple[str, ...], why: str) -> None:
@@ -168,7 +175,7 @@ def _default(kind: type[Command], member: "Field[Any]") -> dict[str, Any]:
 
 def _value(kind: Any) -> str | None:
     """The word for a value of a type, or of the items of a list; None for choices and flags."""
-    inner = [one for one in get_args(kind) if one is not NoneType]
+    inner = [argument for argument in get_args(kind) if argument is not NoneType]
     return _value(inner[0]) if inner else _VALUES.get(kind)
 
 
@@ -176,7 +183,6 @@ def _words(name: str) -> str:
     return name.rstrip("_").replace("_", "-")
 
 
-@dataclass(kw_only=True)
 class Logged(Command):
     """The option of every command that logs."""
 
@@ -195,7 +201,6 @@ class Logged(Command):
         logging.basicConfig(level=self.log_level.upper(), handlers=[handler])
 
 
-@dataclass(kw_only=True)
 class Tool(Logged):
     """Options of a command that needs no scene."""
 
@@ -204,7 +209,6 @@ class Tool(Logged):
     )
 
 
-@dataclass(kw_only=True)
 class Json(Command):
     """The option of a command that prints a result."""
 
@@ -239,7 +243,6 @@ class Json(Command):
                 console.print(part)
 
 
-@dataclass(kw_only=True)
 class Ready(Command):
     """The option of a command that says when it is ready."""
 
@@ -248,7 +251,6 @@ class Ready(Command):
     )
 
 
-@dataclass(kw_only=True)
 class Session(Logged):
     """Options of a command that connects to a router."""
 
@@ -264,14 +266,12 @@ class Session(Logged):
         return session_settings(self.connect, tls=self.tls)
 
 
-@dataclass(kw_only=True)
 class Client(Session, Tool):
     """Options of a command that looks at a scene."""
 
     scene: str = setting("default", "Scene: one service and its sources.")
 
 
-@dataclass(kw_only=True)
 class Present(Ready, Client):
     """Options of a command that is seen in the scene while it runs."""
 
@@ -280,7 +280,6 @@ class Present(Ready, Client):
         return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
 
 
-@dataclass(kw_only=True)
 class Process(Present):
     """Options of a process that is part of a scene."""
 

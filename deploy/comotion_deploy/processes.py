@@ -1,4 +1,4 @@
-"""Process specifications of ``comotion up``: ``[process.NAME]`` tables -> processes."""
+"""The processes of ``comotion up``, as tables ``[process.NAME]`` describe them."""
 
 import shlex
 import shutil

@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from itertools import chain
 from typing import TypeAlias
 
@@ -15,7 +14,7 @@ from comotion.config import ThesisConfig
 from comotion.event_time.faults import warn_of
 from comotion.library.compiling import compile_ahead
 from comotion_clients.metrics import Score, Truth
-from comotion_clients.scoring import Observed, SpaceRef, Summary, Tally
+from comotion_clients.scoring import Scoring
 from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 
@@ -26,46 +25,28 @@ _LONGEST_GAP_NS = 600_000_000_000
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
 
 
-@dataclass
-class Run:
-    """One recording, or one seed of a scene, through the core.
+class Run(Scoring):
+    """One recording, or one seed of a scene, through the core, with its scores.
 
     Attributes
     ----------
     start_ns
         Event time of the first observation.
-    truth
-        The true objects.
+    period
+        Seconds between updates.
     last
         The last update.
     """
 
-    truth: Truth
-    start_ns: int
-    period: float
-    last: HypothesisUpdate = field(init=False)
+    last: HypothesisUpdate
 
-    def __post_init__(self) -> None:
-        self._tally, self._observed = Tally(self.truth), Observed()
+    def __init__(self, truth: Truth, start_ns: int, period: float) -> None:
+        super().__init__(truth)
+        self.start_ns, self.period = start_ns, period
         # Of each update: s that the ingest of its batches took, it and the update, and of processors.
         self._times: list[NDArray[np.float64]] = []
         self._busy = np.zeros(3)
         self._count = 1
-
-    @property
-    def summary(self) -> Summary:
-        """Summary of the scores."""
-        return self._tally.summary()
-
-    @property
-    def scores(self) -> list[Score]:
-        """One per update, in order."""
-        return self._tally.scores
-
-    @property
-    def spaces(self) -> dict[str, SpaceRef]:
-        """Coordinate space of every source."""
-        return self._observed.spaces
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -104,7 +85,7 @@ class Run:
             fusion.advance(batch.stamp_ns)
         took = time.perf_counter() - begun
         self._busy += [took, took, time.process_time() - cpu]
-        self._observed.add(batch)
+        self.observed.add(batch)
 
     def update(self, fusion: Fusion) -> tuple[HypothesisUpdate, Score]:
         """Make the update that is due, and score it."""
@@ -114,7 +95,7 @@ class Run:
         self._times.append(self._busy + np.array([0.0, took, cpu]))
         self._busy = np.zeros(3)
         self._count += 1
-        return self.last, self._tally.add(self.last, self._observed)
+        return self.last, self.score(self.last)
 
 
 def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:

@@ -37,9 +37,7 @@ def make(folder: Path) -> list[Path]:
     messages = played(SCENE, SECONDS)
     context = foxglove.Context()
     with foxglove.open_mcap(files[0], context=context):
-        scene = FoxgloveScene(context)
-        for log_ns, message in messages:
-            scene.add(log_ns, message)
+        play(FoxgloveScene(context), messages)
     with RerunSink(file=files[1]) as sink:
         play(Drawn(sink, ScenePicture(SCENE)), messages)
     return files

@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 from rich.console import Console
 from rich.live import Live
+from rich.text import Text
 
 Report: TypeAlias = Callable[[Callable[[], str]], None]
 """Takes a function that builds the line; calls it only when a line is due."""
@@ -30,7 +31,7 @@ def reporting(*, quiet: bool = False, terminal_s: float = 0.25, plain_s: float =
         yield lambda line: None  # noqa: ARG005
     elif sys.stderr.isatty():
         with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
-            yield _Periodic(terminal_s, live.update)
+            yield _Periodic(terminal_s, lambda line: live.update(Text(line)))
     else:
         yield _Periodic(plain_s, lambda line: print(line, file=sys.stderr, flush=True))  # noqa: T201
 

@@ -1,19 +1,20 @@
 """Recordings: exact payloads in whole chunks, whatever the disk does; repair and export."""
 
 import errno
+import io
 import json
 import os
 import struct
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
 
 from comotion import Fusion, FusionConfig
-from comotion_clients.recording import disk
 from comotion_clients.recording.file import StorageError
 from comotion_clients.recording.process import PendingPayloads
 from comotion_clients.recording.repair import repair
@@ -93,7 +94,7 @@ def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_pat
 def test_an_existing_file_is_not_touched(tmp_path):
     path = tmp_path / "take.mcap"
     path.write_text("precious")
-    with pytest.raises(OSError, match=r"take\.mcap exists, and is not replaced"):
+    with pytest.raises(OSError, match=r"exists: .*take\.mcap"):
         record(path)
     assert path.read_text() == "precious"
 
@@ -118,27 +119,32 @@ def test_every_file_of_a_rotation_is_whole(tmp_path, options):
     assert others == sorted(item for item in as_read(SCENE) if "/truth/" not in item[0])
 
 
-def fill_up(monkeypatch, space, error):
-    """Let the disk take so many bytes and then no more."""
-    write, left = os.write, [space]
+class FullDisk(type(Path())):
+    """A path on a disk that takes some bytes and then no more."""
 
-    def limited(descriptor, data):
-        taken = min(left[0], len(data))
+    left, error = 0, errno.ENOSPC
+
+    def open(self, mode):
+        return io.BufferedWriter(FileOnFullDisk(self, mode))
+
+
+class FileOnFullDisk(io.FileIO):
+    def write(self, data):
+        disk = type(self.name)
+        taken = min(disk.left, len(data))
         if not taken and len(data):
-            raise OSError(error, os.strerror(error))
-        left[0] -= taken
-        return write(descriptor, data[:taken])
-
-    monkeypatch.setattr(disk.os, "write", limited)
+            raise OSError(disk.error, os.strerror(disk.error))
+        disk.left -= taken
+        return super().write(data[:taken])
 
 
 @pytest.mark.parametrize("error", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 def test_a_write_that_fails_leaves_whole_chunks_for_a_repair(tmp_path, monkeypatch, error):
     path = tmp_path / "take.mcap"
-    with monkeypatch.context() as patch:
-        fill_up(patch, 40_000, error)
-        with pytest.raises(StorageError, match="no index: comotion record --repair") as raised:
-            record(path)
+    monkeypatch.setattr(FullDisk, "left", 40_000)
+    monkeypatch.setattr(FullDisk, "error", error)
+    with pytest.raises(StorageError, match="no index: comotion record --repair") as raised:
+        record(FullDisk(path))
     assert os.strerror(error) in str(raised.value)
     repaired = repair(path, tmp_path / "whole.mcap")
     assert (repaired.damaged, repaired.skipped) == (0, 0)
@@ -189,12 +195,12 @@ def test_what_waits_is_bounded_and_the_rest_is_counted():
     pending = PendingPayloads(limit=100)
     for number in range(5):
         pending.put(Arrival("obs", KEYS.stream("obs", "a"), number, bytes(40)))
-    assert [a.log_ns for a in pending.take(0.0)] == [0, 1]
-    assert pending.dropped == {KEYS.stream("obs", "a"): 3}
+    assert [a.log_ns for a in pending.drain()] == [3, 4]
+    assert pending.dropped_of == {KEYS.stream("obs", "a"): 3}
     small = Arrival("obs", KEYS.stream("obs", "a"), 9, bytes(90))
     pending.put(small)
-    assert pending.take(0.0) == [small]
-    assert pending.take(0.0) == []
+    assert pending.drain() == [small]
+    assert pending.drain() == []
 
 
 def test_the_export_is_what_foxglove_reads(tmp_path):

@@ -133,7 +133,7 @@ WRONG = [
     ("dev reproduce --only 9.9", "no figure '9.9'; one of 3.3, 3.4"),
     ("dev reproduce --seeds x", "seeds 'x'"),
     ("dev reproduce --set method=thesis", "compare the default method"),
-    ("dev reproduce --out take.npz", "not a folder"),
+    ("dev reproduce --out take.npz", "is a file"),
     ("dev reproduce stress --family fall --out out", "no family 'fall'"),
     ("dev reproduce stress --method magic --out out", "magic"),
 ]

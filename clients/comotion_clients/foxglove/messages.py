@@ -1,6 +1,7 @@
-"""comotion messages -> the typed messages of Foxglove's SDK. Pure."""
+"""Converts messages to the typed messages of Foxglove's SDK. Pure."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -45,53 +46,146 @@ _NO_TURN = Rotation.identity()
 _ORIGIN = fg.Pose(position=fg.Vector3(), orientation=fg.Quaternion(w=1.0))
 
 
-def point_cloud(
-    update: HypothesisUpdate, space: str, rows: NDArray[np.intp], scale: float, palette: Palette
-) -> fg.PointCloud:
-    """Build the point cloud of one space, coloured by hypothesis.
+@dataclass(frozen=True)
+class SpaceDrawing:
+    """What an update shows of one space.
 
-    Parameters
+    Attributes
     ----------
-    update
-        The update.
-    space
-        Name of the space.
-    rows
-        intp [M], tracks of the space.
+    update, space
+        The update, and the name of the space.
     scale
         Metres per unit of the space.
-    palette
-        Has seen the update.
+    palette, names
+        Colours, which have seen the update, and names of hypotheses.
     """
-    points = np.zeros(len(rows), _POINT)
-    positions = np.nan_to_num(update.track_position[rows] * np.float32(scale))
-    points["x"], points["y"], points["z"] = positions.T
-    hypotheses = update.track_hypothesis[rows]
-    points["red"], points["green"], points["blue"] = palette.colours(hypotheses).T
-    points["alpha"] = 255
-    points["hypothesis"], points["confidence"] = hypotheses, update.track_confidence[rows]
-    return fg.PointCloud(
-        timestamp=_time(update.stamp_ns),
-        frame_id=space,
-        pose=_ORIGIN,
-        point_stride=_POINT.itemsize,
-        fields=_FIELDS,
-        data=points.tobytes(),
-    )
+
+    update: HypothesisUpdate
+    space: str
+    scale: float
+    palette: Palette
+    names: Names
+
+    def points(self, rows: NDArray[np.intp]) -> fg.PointCloud:
+        """The point cloud of tracks intp [M], coloured by hypothesis."""
+        update, points = self.update, np.zeros(len(rows), _POINT)
+        positions = np.nan_to_num(update.track_position[rows] * np.float32(self.scale))
+        points["x"], points["y"], points["z"] = positions.T
+        hypotheses = update.track_hypothesis[rows]
+        points["red"], points["green"], points["blue"] = self.palette.colours(hypotheses).T
+        points["alpha"] = 255
+        points["hypothesis"], points["confidence"] = hypotheses, update.track_confidence[rows]
+        return fg.PointCloud(
+            timestamp=_time(update.stamp_ns),
+            frame_id=self.space,
+            pose=_ORIGIN,
+            point_stride=_POINT.itemsize,
+            fields=_FIELDS,
+            data=points.tobytes(),
+        )
+
+    def poses(self) -> fg.PosesInFrame:
+        """Centroid and rotation since birth of the hypotheses."""
+        return fg.PosesInFrame(
+            timestamp=_time(self.update.stamp_ns),
+            frame_id=self.space,
+            poses=[self._pose(h.centroid, _turn(h)) for h in current(self.update) if h.space == self.space],
+        )
+
+    def labels(self) -> fg.SceneUpdate:
+        """Name, state, size, velocity and box of every hypothesis, shown for three periods."""
+        entities = [
+            self._entity(
+                f"hypothesis-{h.id}",
+                arrows=self._arrows(h),
+                cubes=self._cubes(h),
+                texts=[self._text(_describe(h, self.names), h.centroid, h.id)],
+            )
+            for h in self.update.hypotheses
+            if h.space == self.space
+        ]
+        return fg.SceneUpdate(entities=entities)
+
+    def joints(self) -> fg.SceneUpdate | None:
+        """Axis, and arc or rail, of every joint, and the joint in words, for three periods."""
+        bodies = {h.id: h for h in self.update.hypotheses if h.space == self.space}
+        entities = [
+            self._entity(
+                f"joint-{joint.parent}-{joint.child}",
+                lines=[self._line(joint, bodies[joint.child])],
+                texts=[self._text(joint_words(joint, self.names), joint.point, joint.child)],
+            )
+            for joint in self.update.joints
+            if joint.child in bodies and joint.point is not None
+        ]
+        return fg.SceneUpdate(entities=entities) if entities else None
+
+    def _entity(self, name: str, **drawn: Any) -> fg.SceneEntity:
+        lifetime = fg.Duration(*divmod(_PERIODS_SHOWN * self.update.period_ns, 1_000_000_000))
+        stamp = _time(self.update.stamp_ns)
+        return fg.SceneEntity(timestamp=stamp, frame_id=self.space, id=name, lifetime=lifetime, **drawn)
+
+    def _pose(self, position: Sequence[float], turn: Rotation = _NO_TURN) -> fg.Pose:
+        return fg.Pose(position=_vector(position, self.scale), orientation=_quaternion(turn))
+
+    def _colour(self, hypothesis: int, alpha: float = 1.0) -> fg.Color:
+        red, green, blue = self.palette.colour(hypothesis)
+        return fg.Color(r=red / 255, g=green / 255, b=blue / 255, a=alpha)
+
+    def _text(self, text: str, position: Sequence[float], hypothesis: int) -> fg.TextPrimitive:
+        return fg.TextPrimitive(
+            pose=self._pose(position),
+            billboard=True,
+            font_size=14.0,
+            scale_invariant=True,
+            color=self._colour(hypothesis),
+            text=text,
+        )
+
+    def _line(self, joint: Joint, body: Hypothesis) -> fg.LinePrimitive:
+        ends = joint_lines(joint, body, _AXIS_M / self.scale)
+        ends = ends.reshape(-1, ends.shape[2])
+        return fg.LinePrimitive(
+            type=fg.LinePrimitiveLineType.LineList,
+            pose=_ORIGIN,
+            thickness=2.0,
+            scale_invariant=True,
+            points=[fg.Point3(**_triple(point, self.scale)) for point in ends.tolist()],
+            color=self._colour(joint.child),
+        )
+
+    def _cubes(self, hypothesis: Hypothesis) -> list[fg.CubePrimitive]:
+        """The box of a body; that of what is at rest would surround the scene."""
+        box = hypothesis.box
+        if box is None or hypothesis.state == "static" or hypothesis.absent:
+            return []
+        pose, size = self._pose(box.center, rotation(box.rotation)), _vector(box.half, 2 * self.scale)
+        return [fg.CubePrimitive(pose=pose, size=size, color=self._colour(hypothesis.id, _BOX_ALPHA))]
+
+    def _arrows(self, hypothesis: Hypothesis) -> list[fg.ArrowPrimitive]:
+        """Arrow along the velocity; its length is the distance moved in 0.5 s."""
+        if hypothesis.twist is None or hypothesis.absent:
+            return []
+        velocity = self.scale * three(hypothesis.twist.linear)
+        length = float(np.linalg.norm(velocity)) / 2
+        if length < 1e-3:
+            return []
+        along, _ = Rotation.align_vectors(velocity, (1.0, 0.0, 0.0))  # arrows point along x
+        return [
+            fg.ArrowPrimitive(
+                pose=self._pose(hypothesis.centroid, along),
+                shaft_length=0.8 * length,
+                shaft_diameter=0.05 * length,
+                head_length=0.2 * length,
+                head_diameter=0.12 * length,
+                color=self._colour(hypothesis.id),
+            )
+        ]
 
 
 def current(update: HypothesisUpdate) -> list[Hypothesis]:
     """Hypotheses with current tracks."""
     return [h for h in update.hypotheses if not h.absent]
-
-
-def poses(update: HypothesisUpdate, space: str, scale: float) -> fg.PosesInFrame:
-    """Centroid and rotation since birth of the hypotheses of one space; `scale` in metres per unit."""
-    return fg.PosesInFrame(
-        timestamp=_time(update.stamp_ns),
-        frame_id=space,
-        poses=[_pose(h.centroid, scale, _turn(h)) for h in current(update) if h.space == space],
-    )
 
 
 def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> fg.FrameTransforms | None:
@@ -108,48 +202,6 @@ def transforms(update: HypothesisUpdate, scales: dict[str, float]) -> fg.FrameTr
         if h.pose is not None
     ]
     return fg.FrameTransforms(transforms=moved) if moved else None
-
-
-def labels(
-    update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names
-) -> fg.SceneUpdate:
-    """Name, state, size, velocity and box of every hypothesis, shown for three periods."""
-    entities = []
-    for h in update.hypotheses:
-        if h.space == space:
-            colour = _colour(palette, h.id)
-            entities.append(
-                _entity(
-                    update,
-                    space,
-                    f"hypothesis-{h.id}",
-                    arrows=_arrows(h, scale, colour),
-                    cubes=_cubes(h, scale, _colour(palette, h.id, _BOX_ALPHA)),
-                    texts=[_text(_describe(h, names), h.centroid, scale, colour)],
-                )
-            )
-    return fg.SceneUpdate(entities=entities)
-
-
-def joints(
-    update: HypothesisUpdate, space: str, scale: float, palette: Palette, names: Names
-) -> fg.SceneUpdate | None:
-    """Axis, and arc or rail, of every joint of one space, and the joint in words, for three periods."""
-    bodies = {h.id: h for h in update.hypotheses if h.space == space}
-    entities = []
-    for joint in update.joints:
-        if joint.child in bodies and joint.point is not None:
-            colour = _colour(palette, joint.child)
-            entities.append(
-                _entity(
-                    update,
-                    space,
-                    f"joint-{joint.parent}-{joint.child}",
-                    lines=[_line(joint, bodies[joint.child], scale, colour)],
-                    texts=[_text(joint_words(joint, names), joint.point, scale, colour)],
-                )
-            )
-    return fg.SceneUpdate(entities=entities) if entities else None
 
 
 def image(preview: Preview) -> fg.CompressedImage:
@@ -204,12 +256,6 @@ def _time(stamp_ns: int) -> fg.Timestamp:
     return fg.Timestamp(sec=min(sec, _MOST_SECONDS), nsec=nsec)
 
 
-def _entity(update: HypothesisUpdate, space: str, name: str, **drawn: Any) -> fg.SceneEntity:
-    lifetime = fg.Duration(*divmod(_PERIODS_SHOWN * update.period_ns, 1_000_000_000))
-    stamp = _time(update.stamp_ns)
-    return fg.SceneEntity(timestamp=stamp, frame_id=space, id=name, lifetime=lifetime, **drawn)
-
-
 def _triple(values: Sequence[float], scale: float = 1.0) -> dict[str, float]:
     return dict(zip("xyz", (scale * three(values)).tolist(), strict=True))
 
@@ -222,74 +268,12 @@ def _quaternion(turn: Rotation) -> fg.Quaternion:
     return fg.Quaternion(**dict(zip("xyzw", turn.as_quat().tolist(), strict=True)))
 
 
-def _pose(position: Sequence[float], scale: float, turn: Rotation = _NO_TURN) -> fg.Pose:
-    return fg.Pose(position=_vector(position, scale), orientation=_quaternion(turn))
-
-
 def _turn(hypothesis: Hypothesis) -> Rotation:
     """Rotation since birth; none if it is unknown."""
     return _NO_TURN if hypothesis.pose is None else rotation(hypothesis.pose.rotation)
-
-
-def _colour(palette: Palette, hypothesis: int, alpha: float = 1.0) -> fg.Color:
-    red, green, blue = palette.colour(hypothesis)
-    return fg.Color(r=red / 255, g=green / 255, b=blue / 255, a=alpha)
 
 
 def _describe(hypothesis: Hypothesis, names: Names) -> str:
     state = "absent" if hypothesis.absent else hypothesis.state
     doubt = "" if hypothesis.absent or hypothesis.confirmed else ", unconfirmed"
     return f"{named(hypothesis.id, names)}: {state}{doubt}, {hypothesis.size}"
-
-
-def _text(text: str, position: Sequence[float], scale: float, colour: fg.Color) -> fg.TextPrimitive:
-    return fg.TextPrimitive(
-        pose=_pose(position, scale),
-        billboard=True,
-        font_size=14.0,
-        scale_invariant=True,
-        color=colour,
-        text=text,
-    )
-
-
-def _line(joint: Joint, body: Hypothesis, scale: float, colour: fg.Color) -> fg.LinePrimitive:
-    ends = joint_lines(joint, body, _AXIS_M / scale)
-    return fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineList,
-        pose=_ORIGIN,
-        thickness=2.0,
-        scale_invariant=True,
-        points=[fg.Point3(**_triple(point, scale)) for point in ends.reshape(-1, ends.shape[2]).tolist()],
-        color=colour,
-    )
-
-
-def _cubes(hypothesis: Hypothesis, scale: float, colour: fg.Color) -> list[fg.CubePrimitive]:
-    """The box of a body; that of what is at rest would surround the scene."""
-    box = hypothesis.box
-    if box is None or hypothesis.state == "static" or hypothesis.absent:
-        return []
-    pose = _pose(box.center, scale, rotation(box.rotation))
-    return [fg.CubePrimitive(pose=pose, size=_vector(box.half, 2 * scale), color=colour)]
-
-
-def _arrows(hypothesis: Hypothesis, scale: float, colour: fg.Color) -> list[fg.ArrowPrimitive]:
-    """Arrow along the velocity; its length is the distance moved in 0.5 s."""
-    if hypothesis.twist is None or hypothesis.absent:
-        return []
-    velocity = scale * three(hypothesis.twist.linear)
-    length = float(np.linalg.norm(velocity)) / 2
-    if length < 1e-3:
-        return []
-    along, _ = Rotation.align_vectors(velocity, (1.0, 0.0, 0.0))  # arrows point along x
-    return [
-        fg.ArrowPrimitive(
-            pose=_pose(hypothesis.centroid, scale, along),
-            shaft_length=0.8 * length,
-            shaft_diameter=0.05 * length,
-            head_length=0.2 * length,
-            head_diameter=0.12 * length,
-            color=colour,
-        )
-    ]

@@ -1,4 +1,4 @@
-"""Messages of one scene -> topics of Foxglove's SDK, for its server as for its file.
+"""Logs one scene on topics of Foxglove's SDK, for its server as for its file.
 
 | topic | schema |
 |---|---|
@@ -27,9 +27,10 @@ from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Previe
 from comotion_schemas.naming import Names
 
 from ..carried import poses_in_space
-from ..metrics import Truth, score_update
+from ..following import Display
+from ..metrics import score_update
 from ..scene_model import SceneModel
-from ..scoring import Observed, spaces_of
+from ..scoring import Scoring, spaces_of
 from . import messages
 
 _COUNTS = ("hypotheses", "moving", "tracks", "undetermined")
@@ -44,7 +45,7 @@ _NUMBERS_SCHEMA = {
 }
 
 
-class FoxgloveScene:
+class FoxgloveScene(Display):
     """Logs the messages of a scene to the sinks of a context.
 
     Parameters
@@ -65,17 +66,14 @@ class FoxgloveScene:
         self._context = context
         self._model = SceneModel("", names)
         self._channels: dict[str, Any] = {}
-        self._observed = Observed()
-        self._truth = Truth()
+        self._scoring = Scoring()
 
-    def add(self, log_ns: int, message: Message) -> None:
-        """Log what one message shows; `log_ns` is the time of receipt."""
-        events = self._model.on_message(message, log_ns / 1e9, log_ns)
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
+        """Log what one message shows, at the time of its receipt."""
+        log_ns, events = wall_ns, self._model.on_message(message, arrived, wall_ns)
         match message:
-            case ObservationBatch():
-                self._observed.add(message)
-            case TruthBatch():
-                self._truth.add(message)
+            case ObservationBatch() | TruthBatch():
+                self._scoring.add(message)
             case HypothesisUpdate():
                 self._update(log_ns, message)
             case Preview():
@@ -87,28 +85,29 @@ class FoxgloveScene:
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
         update = poses_in_space(update)
-        score = score_update(update, self._truth, self._observed.at(update.stamp_ns))
+        score = score_update(update, self._scoring.truth, self._scoring.observed.at(update.stamp_ns))
         scored = score.scored > 0 and not math.isnan(score.nmi)
         scores = (score.nmi, score.misclassification) if scored else (None, None)
         self._log("/numbers", log_ns, messages.numbers(update, *scores))
-        space_of = [ref.name for ref in spaces_of(update, self._observed.spaces)]
+        space_of = [ref.name for ref in spaces_of(update, self._scoring.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)
         scales = {h.space: self._scale(h.space) for h in update.hypotheses}
         self._log("/tf", log_ns, messages.transforms(update, scales))
 
     def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
-        scale, palette, names = self._scale(space), self._model.palette, self._model.names
+        drawing = messages.SpaceDrawing(
+            update, space, self._scale(space), self._model.palette, self._model.names
+        )
         members = np.array([name == space for name in space_of], bool)
         rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
-        cloud = messages.point_cloud(update, space, rows, scale, palette)
-        self._log(f"/features/{space}", log_ns, cloud)
-        self._log(f"/hypotheses/{space}", log_ns, messages.poses(update, space, scale))
-        self._log(f"/labels/{space}", log_ns, messages.labels(update, space, scale, palette, names))
-        self._log(f"/joints/{space}", log_ns, messages.joints(update, space, scale, palette, names))
+        self._log(f"/features/{space}", log_ns, drawing.points(rows))
+        self._log(f"/hypotheses/{space}", log_ns, drawing.poses())
+        self._log(f"/labels/{space}", log_ns, drawing.labels())
+        self._log(f"/joints/{space}", log_ns, drawing.joints())
 
     def _scale(self, space: str) -> float:
-        units = {ref.unit for ref in self._observed.spaces.values() if ref.name == space}
+        units = {ref.unit for ref in self._scoring.spaces.values() if ref.name == space}
         return messages.PIXEL_M if units == {"px"} else 1.0
 
     def _log(self, topic: str, log_ns: int, message: Any) -> None:

@@ -1,13 +1,11 @@
-"""A running scene or a recording -> Foxglove, by the WebSocket server of its SDK."""
+"""Shows a running scene or a recording in Foxglove, by the WebSocket server of its SDK."""
 
 from typing import Self
 
 import foxglove
 
-from comotion_schemas import Message
 from comotion_schemas.naming import Names
 
-from ..following import Display
 from .scene import FoxgloveScene
 
 LOOPBACK = "127.0.0.1"
@@ -15,7 +13,7 @@ _BACKLOG = 256
 """Messages that wait for a slow client; then the oldest are dropped."""
 
 
-class FoxgloveDisplay(Display):
+class FoxgloveDisplay(FoxgloveScene):
     """Serves a scene to Foxglove; a context manager, for a running scene or a recording.
 
     Parameters
@@ -33,7 +31,7 @@ class FoxgloveDisplay(Display):
 
     def __init__(self, port: int, names: Names | None = None) -> None:
         context = foxglove.Context()
-        self._scene = FoxgloveScene(context, names)
+        super().__init__(context, names)
         try:
             self._server = foxglove.start_server(
                 name="comotion", host=LOOPBACK, port=port, context=context, message_backlog_size=_BACKLOG
@@ -51,7 +49,3 @@ class FoxgloveDisplay(Display):
     def url(self) -> str:
         """Where Foxglove finds the scene."""
         return f"ws://{LOOPBACK}:{self._server.port}"
-
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:  # noqa: ARG002
-        """Log a message at the time of its receipt."""
-        self._scene.add(wall_ns, message)

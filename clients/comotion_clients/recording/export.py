@@ -1,9 +1,8 @@
-"""Foxglove export: recording -> MCAP file in Foxglove's own messages. Needs the extra `foxglove`.
+"""Converts a recording to an MCAP file of Foxglove's own messages. Needs the extra `foxglove`.
 
 Its topics are those of :mod:`comotion_clients.foxglove.scene`. Log times are those of the recording.
 """
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,8 +13,8 @@ from comotion_schemas.message_log import MessageLog
 from comotion_schemas.naming import Names
 from comotion_schemas.text import counted
 
+from ..following import play
 from ..foxglove.scene import FoxgloveScene
-from .disk import create
 
 
 @dataclass
@@ -55,12 +54,11 @@ def export(source: Path, target: Path, names: Names | None = None) -> Exported:
         If a file cannot be read or written, or `target` exists.
     """
     context = foxglove.Context()
-    with MessageLog(source) as log, os.fdopen(create(target), "wb") as output:
+    with MessageLog(source) as log, target.open("xb") as output:
         try:
             with foxglove.open_mcap(output, context=context):
                 scene = FoxgloveScene(context, names)
-                for log_ns, message in log.decoded():
-                    scene.add(log_ns, message)
+                play(scene, log.decoded())
             if not scene.logged.get("/numbers"):
                 raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
         except BaseException:

@@ -1,11 +1,14 @@
-"""Writes one MCAP file of a scene: payloads -> one channel per key, complete chunks, an index."""
+"""Writes one MCAP file of a scene: a channel for each key, complete chunks, an index."""
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import metadata
+from io import BufferedWriter
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Self, cast
+from typing import Any, BinaryIO, NamedTuple, Self
 
 from mcap.writer import Writer
 
@@ -22,8 +25,6 @@ from comotion_schemas.recording import (
     sequence,
 )
 
-from .disk import ChunkStream
-
 
 class Definition(NamedTuple):
     """A schema of MCAP: its name, how it is written (``jsonschema``, ``ros2msg``), and its text."""
@@ -39,7 +40,7 @@ class TopicWriter:
     Parameters
     ----------
     output
-        A binary file, or what has its methods `write`, `tell` and `flush`.
+        A binary file.
     profile, library
         Of the header of the file.
     options
@@ -47,9 +48,9 @@ class TopicWriter:
     """
 
     def __init__(
-        self, output: object, *, profile: str = "", library: str = "comotion", **options: Any
+        self, output: BinaryIO, *, profile: str = "", library: str = "comotion", **options: Any
     ) -> None:
-        self._writer = Writer(cast("IO[bytes]", output), **options)
+        self._writer = Writer(output, **options)
         self._writer.start(profile=profile, library=library)
         self._schemas: dict[Definition, int] = {}
         self._channels: dict[str, int] = {}
@@ -131,6 +132,11 @@ class RecordingFile:
     number
         Number of the file in a series, from 1.
 
+    Attributes
+    ----------
+    size, messages
+        Bytes and messages that are on the disk; they end with a complete chunk whatever fails later.
+
     Raises
     ------
     OSError
@@ -143,17 +149,12 @@ class RecordingFile:
     def __init__(self, path: Path, *, scene: str, number: int = 1) -> None:
         self.path = path
         self.messages = 0
-        self._stream = ChunkStream(path)
+        self.size = 0
+        self._waiting = 0
+        self._output: BufferedWriter = path.open("xb")
         library = f"comotion {metadata.version('comotion')}"
-        self._writer = TopicWriter(self._stream, profile=PROFILE, library=library)
-        self._uncommitted = 0
-        self._open = True
+        self._writer = TopicWriter(self._output, profile=PROFILE, library=library)
         self.describe(METADATA, {"scene": scene, "file": str(number)})
-
-    @property
-    def size(self) -> int:
-        """Bytes in the file."""
-        return self._stream.committed
 
     def add(self, key: str, log_ns: int, payload: bytes, message: Message | None) -> None:
         """Append one payload.
@@ -180,28 +181,27 @@ class RecordingFile:
         if kind is None:
             raise KnownError(f"{key!r} is not a key of messages")
         published_ns, number = publish_time(message, log_ns), sequence(message)
-        self._writer.add(key, _definition(kind), MESSAGE_ENCODING, payload, log_ns, published_ns, number)
-        self._uncommitted += 1
-        if self._stream.pending:  # the message completed a chunk
-            self._commit()
+        with self._on_disk():
+            self._writer.add(key, _definition(kind), MESSAGE_ENCODING, payload, log_ns, published_ns, number)
+            self._waiting += 1
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
         """Append a metadata record."""
-        self._writer.describe(name, dict(values))
-        self._commit()
+        with self._on_disk():
+            self._writer.describe(name, dict(values))
 
     def flush(self) -> None:
         """Complete the current chunk and write it: all messages so far are then in the file."""
-        self._writer.flush()
-        self._commit()
+        with self._on_disk():
+            self._writer.flush()
 
     def close(self) -> None:
         """Write the index and close the file."""
-        if not self._open:
-            return
-        self._writer.finish()
-        self._commit()
-        self._release()
+        if not self._output.closed:
+            self.flush()
+            with self._on_disk():
+                self._writer.finish()
+            self._output.close()
 
     def __enter__(self) -> Self:
         return self
@@ -209,23 +209,28 @@ class RecordingFile:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _commit(self) -> None:
+    @contextmanager
+    def _on_disk(self) -> Iterator[None]:
+        """Where a chunk has been completed, see to it that it is on the disk; else cut the file before it."""
         try:
-            self._stream.commit()
+            yield
+            if self._output.tell() == self.size:
+                return
+            self._output.flush()
+            # Some file systems report a full disk only here.
+            os.fdatasync(self._output.fileno())
         except OSError as error:
-            # There is no index: the writer's would list the chunk that could not be written.
-            self._release()
+            with suppress(OSError):
+                os.truncate(self.path, self.size)
+            # What waits in the buffer is discarded. Without an index: it would list the lost chunk.
+            self._output.raw.close()
             raise StorageError(
                 f"{self.path}: {error.strerror or error}; the {self.messages} messages written before "
-                f"are intact, {self._uncommitted} newer ones are lost; it has no index: comotion record "
+                f"are intact, {self._waiting} newer ones are lost; it has no index: comotion record "
                 f"--repair {self.path}"
             ) from error
-        self.messages += self._uncommitted
-        self._uncommitted = 0
-
-    def _release(self) -> None:
-        self._open = False
-        self._stream.close()
+        self.size = self._output.tell()
+        self.messages, self._waiting = self.messages + self._waiting, 0
 
 
 @cache

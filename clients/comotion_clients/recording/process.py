@@ -1,9 +1,8 @@
 """The recorder process: records a scene to files until it is stopped or the disk is full."""
 
 import logging
-import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 from comotion_schemas.transport import Receiver
 
+from ..inbox import Inbox
 from .file import StorageError
 from .series import Arrival, Series, SeriesOptions
 
@@ -30,55 +30,30 @@ _RING_SAMPLES: dict[Kind, int] = {"truth": 65536, "preview": 64}
 _DEFAULT_RING_SAMPLES = 8192
 
 
-class PendingPayloads:
-    """Queue of payloads between the receiving threads and the writing thread.
+class PendingPayloads(Inbox[Arrival]):
+    """Payloads between the receiving threads and the writing thread, up to `limit` bytes.
 
-    Parameters
-    ----------
-    limit
-        Most bytes kept; further payloads are dropped and counted by key in :attr:`dropped`.
+    Those that are dropped because the disk is too slow are counted by key in :attr:`dropped_of`.
     """
 
     def __init__(self, limit: int = MAX_PENDING_BYTES) -> None:
-        self.dropped: Counter[str] = Counter()
-        self._limit = limit
-        self._bytes = 0
-        self._items: deque[Arrival] = deque()
-        self._changed = threading.Condition()
-
-    def put(self, arrival: Arrival) -> None:
-        """Add a payload from any thread."""
-        with self._changed:
-            if self._bytes + len(arrival.payload) > self._limit:
-                self.dropped[arrival.key] += 1
-                return
-            self._bytes += len(arrival.payload)
-            self._items.append(arrival)
-            self._changed.notify()
-
-    def take(self, timeout: float) -> list[Arrival]:
-        """Return all pending payloads; waits up to `timeout` seconds for the first."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._items, timeout)
-            items = list(self._items)
-            self._items.clear()
-            self._bytes = 0
-            return items
+        self.dropped_of: Counter[str] = Counter()
+        super().__init__(limit, lambda a: len(a.payload), lambda a: self.dropped_of.update([a.key]))
 
 
 @contextmanager
 def receiving(session: zenoh.Session, keys: Keys, pending: PendingPayloads) -> Iterator[None]:
     """Put all kinds of messages of a scene into a queue, until the context ends."""
+
+    def put(kind: Kind, key: str, payload: bytes) -> None:
+        pending.put(Arrival(kind, key, time.time_ns(), payload))
+
     with ExitStack() as stack:
         for kind in QOS:
             size = _RING_SAMPLES.get(kind, _DEFAULT_RING_SAMPLES)
-            put = partial(_put, pending, kind)
-            stack.callback(Receiver(session, keys.messages(kind), kind, size, put).close)
+            receiver = Receiver(session, keys.messages(kind), kind, size, partial(put, kind))
+            stack.callback(receiver.close)
         yield
-
-
-def _put(pending: PendingPayloads, kind: Kind, key: str, payload: bytes) -> None:
-    pending.put(Arrival(kind, key, time.time_ns(), payload))
 
 
 FLUSH_S = 1.0
@@ -136,7 +111,8 @@ class _Recorder:
 
     def step(self, timeout: float) -> None:
         """Write the pending payloads, waiting up to `timeout` s for the first."""
-        for arrival in self.pending.take(timeout):
+        self.pending.wait(timeout)
+        for arrival in self.pending.drain():
             self.series.add(arrival)
         if time.monotonic() >= self._flush_at:
             self.series.flush()
@@ -145,7 +121,7 @@ class _Recorder:
 
     def losses(self) -> dict[str, int]:
         """Total numbers of lost and dropped messages."""
-        return {"lost": self.series.counts.lost.total(), "dropped": self.pending.dropped.total()}
+        return {"lost": self.series.counts.lost.total(), "dropped": self.pending.dropped}
 
     def _log_losses(self) -> None:
         lost = self.losses()["lost"]
@@ -189,7 +165,7 @@ class _Recorder:
             messages={**counts.messages},
             bytes=sum(path.stat().st_size for path in self.series.paths),
             lost=dict(counts.lost),
-            dropped=dict(self.pending.dropped),
+            dropped=dict(self.pending.dropped_of),
             invalid=dict(counts.invalid),
         )
 

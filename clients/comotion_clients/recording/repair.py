@@ -1,11 +1,10 @@
-"""Repair: damaged recording -> complete file with all readable messages.
+"""Repairs a damaged recording: copies all readable messages to a complete file.
 
 Records are read one by one by the MCAP library. After a damaged record the next chunk is searched: a chunk
 contains its length twice and a checksum, so other bytes are not mistaken for a chunk.
 """
 
 import mmap
-import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import PROFILE
 from comotion_schemas.text import counted
 
-from .disk import create
 from .file import Definition, TopicWriter
 
 _COMPRESSED = b"\x04\0\0\0zstd"
@@ -94,7 +92,7 @@ def repair(source: Path, target: Path) -> RepairResult:
     with (
         source.open("rb") as file,
         mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
-        os.fdopen(create(target), "wb") as output,
+        target.open("xb") as output,
     ):
         try:
             _copy(data, TopicWriter(output, profile=PROFILE), result)

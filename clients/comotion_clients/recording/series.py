@@ -1,4 +1,4 @@
-"""A series of files: payloads -> one complete MCAP file after the other. The clock is injected."""
+"""Writes payloads to one complete MCAP file after the other. The clock is injected."""
 
 import contextlib
 import shutil
@@ -124,8 +124,6 @@ class Series:
 
     def abandon(self) -> None:
         """Complete the last file as far as possible; never raises OSError."""
-        with contextlib.suppress(OSError):
-            self._file.flush()
         with contextlib.suppress(OSError):
             self._file.close()
 

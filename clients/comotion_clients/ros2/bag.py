@@ -1,14 +1,14 @@
-"""ROS 2 messages -> a bag: one MCAP file that ``ros2 bag`` and Foxglove read. Needs the extra ``record``."""
+"""Writes ROS 2 messages to a bag: an MCAP file for ``ros2 bag`` and Foxglove. Needs the extra ``record``."""
 
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
-from typing import BinaryIO, Self
 
 from ..recording.file import Definition, TopicWriter
 from .types import definition
 
 
-class Bag:
+class Bag(ExitStack):
     """Writes messages to a new MCAP file; a context manager.
 
     Raises
@@ -18,15 +18,9 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file: BinaryIO = path.open("xb")
-        self._writer = TopicWriter(self._file, profile="ros2")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._writer.finish()
-        self._file.close()
+        super().__init__()
+        self._writer = TopicWriter(self.enter_context(path.open("xb")), profile="ros2")
+        self.callback(self._writer.finish)
 
     def write(self, topic: str, kind: str, raw: bytes, stamp_ns: int) -> None:
         """Append a message in CDR."""

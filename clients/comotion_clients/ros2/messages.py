@@ -1,10 +1,10 @@
-"""Updates -> ROS 2 messages. Pure.
+"""Converts updates to ROS 2 messages. Pure.
 
 Only spaces in metres are converted: ROS has no unit for pixels. The frame id of a space is its name; the
 frame of a hypothesis is ``comotion/<scene>/<id>``.
 """
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -19,6 +19,7 @@ from comotion_schemas.rigid import rotation, spin, three, transform
 
 from ..carried import poses_in_space
 from ..feature_names import HypothesisNames
+from ..scoring import UNKNOWN, spaces_of
 from .names import topic_chunk
 from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF
 
@@ -45,12 +46,7 @@ class Body:
     angular: Sequence[float] = (0.0, 0.0, 0.0)
 
 
-def bodies(hypotheses: Sequence[Hypothesis], spaces: Container[str]) -> list[Body]:
-    """Frames of the hypotheses with current features in some spaces."""
-    return [body(h) for h in hypotheses if h.space in spaces and not h.absent]
-
-
-def body(hypothesis: Hypothesis) -> Body:
+def frame_of(hypothesis: Hypothesis) -> Body:
     """Frame of a hypothesis; in 2-D, in the plane z = 0."""
     centroid, box, twist = three(hypothesis.centroid), hypothesis.box, hypothesis.twist
     origin = centroid if box is None else three(box.center)
@@ -110,20 +106,20 @@ class Converter:
             return
         self._last_ns, update = update.stamp_ns, poses_in_space(update)
         tracks = _tracks_by_space(update)
-        placed = bodies(update.hypotheses, set(tracks))
+        placed = [frame_of(h) for h in update.hypotheses if h.space in tracks and not h.absent]
         named = self._topic
         for space, rows in tracks.items():
-            here = [body for body in placed if body.hypothesis.space == space]
+            of_space = [body for body in placed if body.hypothesis.space == space]
             yield named("features"), CLOUD, self._cloud(update, space, rows)
             yield (
                 named("detections"),
                 DETECTIONS,
                 {
                     "header": _header(update, space),
-                    "detections": [_detection(update, body) for body in here],
+                    "detections": [_detection(update, body) for body in of_space],
                 },
             )
-            yield named("markers"), MARKERS, self._markers(update, here)
+            yield named("markers"), MARKERS, self._markers(update, of_space)
         for body in placed:
             yield named("odometry"), ODOMETRY, self._odometry(update, body)
         if placed:
@@ -201,27 +197,23 @@ class Converter:
         return {"markers": markers}
 
     def _joints(self, update: HypothesisUpdate) -> Fields:
-        known = [joint for joint in update.joints if joint.position is not None]
+        placed = [joint for joint in update.joints if joint.position is not None]
         return {
             "header": _header(update, ""),
-            "name": [f"comotion/{self._scene}/{joint.parent}-{joint.child}" for joint in known],
-            "position": [joint.position for joint in known],
-            "velocity": [joint.rate or 0.0 for joint in known],
+            "name": [f"comotion/{self._scene}/{joint.parent}-{joint.child}" for joint in placed],
+            "position": [joint.position for joint in placed],
+            "velocity": [joint.rate or 0.0 for joint in placed],
         }
 
 
 def _tracks_by_space(update: HypothesisUpdate) -> dict[str, NDArray[np.intp]]:
     """Rows of the tracks of each space in metres; undetermined ones are in the space of their source."""
-    dims = {h.id: (h.space, len(h.centroid)) for h in update.hypotheses}
-    rows_by_space: dict[str, list[NDArray[np.intp]]] = {}
-    for number in range(len(update.sources)):
-        rows = np.flatnonzero(update.track_source == number)
-        labels = np.unique(update.track_hypothesis[rows]).tolist()
-        spaces = [dims[label][0] for label in labels if label in dims]
-        # The update has no units: spaces with two coordinates are in pixels by default.
-        if spaces and not np.isnan(update.track_position[rows, 2]).any():
-            rows_by_space.setdefault(spaces[0], []).append(rows)
-    return {space: np.concatenate(rows) for space, rows in sorted(rows_by_space.items())}
+    spaces = spaces_of(update)
+    return {
+        space.name: np.flatnonzero([spaces[source] == space for source in update.track_source.tolist()])
+        for space in sorted(set(spaces), key=lambda space: space.name)
+        if space.unit == "m" and space.name != UNKNOWN
+    }
 
 
 def _detection(update: HypothesisUpdate, body: Body) -> Fields:

@@ -5,7 +5,7 @@ import time
 from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Self, Unpack
+from typing import Any, Unpack
 
 import zenoh
 
@@ -70,7 +70,7 @@ def run(
         if output is None:
             session = component.session if ros is None else stack.enter_context(open_session(ros))
             output = stack.enter_context(Network(session, domain, component.scene, converter.kinds()))
-        kinds: dict[type[Any], int | None] = {Status: None, HypothesisUpdate: None}
+        kinds = (Status, HypothesisUpdate)
         feed = stack.enter_context(SceneFeed(component.session, component.scene, kinds))
         component.ready()
         end = float("inf") if duration is None else time.monotonic() + duration
@@ -91,7 +91,7 @@ def _pass_on(feed: SceneFeed, converter: Converter, output: Any, sent: Counter[s
                 sent[topic] += 1
 
 
-class Network:
+class Network(ExitStack):
     """Publishers of a node in a network of rmw_zenoh; a context manager.
 
     Parameters
@@ -105,41 +105,25 @@ class Network:
     """
 
     def __init__(self, session: zenoh.Session, domain: int, scene: str, kinds: dict[str, str]) -> None:
-        self._session, self._domain, self._kinds = session, domain, kinds
-        self._node = Node(domain, str(session.info.zid()), f"comotion_{topic_chunk(scene)}")
+        super().__init__()
+        node = Node(domain, str(session.info.zid()), f"comotion_{topic_chunk(scene)}")
         self._publishers: dict[str, Any] = {}
         self._sequence = Counter[str]()
         self._gids = {topic: secrets.token_bytes(16) for topic in kinds}
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            # A token that is not referenced disappears.
-            self._tokens = [self._token(stack, self._node.token())]
-            for number, (topic, kind) in enumerate(self._kinds.items(), 1):
-                hash_ = type_hash(kind)
-                publisher = self._session.declare_publisher(
-                    topic_key(self._domain, topic, kind, hash_),
-                    congestion_control=zenoh.CongestionControl.DROP,
-                )
-                stack.callback(publisher.undeclare)
-                self._publishers[topic] = publisher
-                self._tokens.append(
-                    self._token(stack, self._node.publisher_token(number, topic, kind, hash_))
-                )
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._stack.close()
+        tokens = [node.token()]
+        for number, (topic, kind) in enumerate(kinds.items(), 1):
+            hash_ = type_hash(kind)
+            self._publishers[topic] = session.declare_publisher(
+                topic_key(domain, topic, kind, hash_), congestion_control=zenoh.CongestionControl.DROP
+            )
+            self.callback(self._publishers[topic].undeclare)
+            tokens.append(node.publisher_token(number, topic, kind, hash_))
+        for token in tokens:
+            # The callback keeps a reference: a token without one disappears.
+            self.callback(session.liveliness().declare_token(token).undeclare)
 
     def write(self, topic: str, kind: str, raw: bytes, stamp_ns: int) -> None:  # noqa: ARG002
         """Publish a message; the time of sending is now."""
         self._sequence[topic] += 1
         number = attachment(self._sequence[topic], time.time_ns(), self._gids[topic])
         self._publishers[topic].put(raw, attachment=number)
-
-    def _token(self, stack: ExitStack, key: str) -> Any:
-        token = self._session.liveliness().declare_token(key)
-        stack.callback(token.undeclare)
-        return token

@@ -1,1 +1,1 @@
-"""``comotion view``: messages -> shapes (pure), and shapes -> Rerun (extra `view`)."""
+"""``comotion view``: draws messages (pure), and shows what is drawn in Rerun (extra `view`)."""

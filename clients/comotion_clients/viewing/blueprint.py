@@ -1,11 +1,11 @@
-"""Layout of the viewer: spaces and cameras -> Rerun blueprint with views, curves, a page and a log."""
+"""Arranges the viewer: a Rerun blueprint of views of spaces and cameras, curves, a page and a log."""
 
 from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-from .drawing import TRAIL_S, CameraView, Layout, SpaceView
+from .drawing import TRAIL_S, Layout, SpaceView
 from .health import LEGEND_COLUMNS, LEGEND_HEIGHT, LEGEND_LIFT, LEGEND_ROWS, LEGEND_WIDTH
 from .paths import plain
 
@@ -57,7 +57,7 @@ def blueprint(layout: Layout) -> Any:
 def _scene(layout: Layout) -> Any:
     """Arrange the spaces on the left and the cameras on the right."""
     spaces = [_space(space) for space in layout.spaces]
-    cameras = [_camera(camera) for camera in layout.cameras]
+    cameras = [_space(camera, camera.path) for camera in layout.cameras]
     if not spaces and not cameras:
         return rrb.TextDocumentView(origin="summary", name="Scene")
     if not spaces or not cameras:
@@ -73,7 +73,7 @@ def _last(seconds: float) -> Any:
     )
 
 
-def _space(space: SpaceView) -> Any:
+def _space(space: SpaceView, origin: str = "spaces") -> Any:
     options: dict[str, Any] = {
         "contents": f"/{space.path}/**",
         "name": plain(space.name),
@@ -83,13 +83,7 @@ def _space(space: SpaceView) -> Any:
     if space.axes in _AXES:
         eye = space.eye and rrb.EyeControls3D(position=space.eye.position, look_target=space.eye.target)
         return rrb.Spatial3DView(origin=space.path, line_grid=_LINES, eye_controls=eye, **options)
-    return rrb.Spatial2DView(origin="spaces", **options)
-
-
-def _camera(camera: CameraView) -> Any:
-    return rrb.Spatial2DView(
-        origin=camera.path, name=plain(camera.name), background=_GROUND, overrides=_trails(camera.path)
-    )
+    return rrb.Spatial2DView(origin=origin, **options)
 
 
 def _trails(path: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Camera views: previews and updates -> images with features in the colours of their hypotheses. Pure.
+"""Draws camera images with features in the colours of their hypotheses. Pure.
 
 An image is delayed until the service has fused its instant, so that every feature has the hypothesis of
 that instant. Without a service it is shown after 1.5 s with grey features. On request with dense regions.
@@ -16,7 +16,7 @@ from comotion_schemas.naming import Names, named
 
 from ..regions import regions
 from . import drawing
-from .drawing import CameraView, Moment, Shape, Trails
+from .drawing import Moment, Shape, SpaceView, Trails
 from .hypotheses import apart
 from .paths import Paths
 
@@ -55,9 +55,9 @@ class Cameras:
         self._held: deque[tuple[float, Preview]] = deque(maxlen=MAX_DELAYED)
 
     @property
-    def views(self) -> dict[str, CameraView]:
+    def views(self) -> dict[str, SpaceView]:
         """Source -> view of every camera that has shown an image."""
-        return {name: CameraView(self._paths(name), name) for name in self._names}
+        return {name: SpaceView(self._paths(name), name, "image") for name in self._names}
 
     def add(self, preview: Preview, arrived: float) -> None:
         """Add an image."""
@@ -102,8 +102,8 @@ class Cameras:
         image = cv2.imdecode(np.frombuffer(preview.image, np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             return []
-        known = np.where(hypotheses == UNDETERMINED, -1, hypotheses.astype(np.int64))
-        seen = regions(np.asarray(image, np.uint8), preview.pixels, known)
+        labels = np.where(hypotheses == UNDETERMINED, -1, hypotheses.astype(np.int64))
+        seen = regions(np.asarray(image, np.uint8), preview.pixels, labels)
         # Ids beyond 16 bits share a class; 0 is none.
         classes = np.where(seen >= 0, seen % _CLASSES + 1, 0).astype(np.uint16)
         shown = np.unique(seen[seen >= 0]).tolist()
@@ -128,10 +128,10 @@ def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np
     numbers = np.full(len(preview.ids), UNDETERMINED, np.uint32)
     if update is None:
         return numbers
-    mine = [
+    sources = [
         k for k, s in enumerate(update.sources) if (s.name, s.session) == (preview.source, preview.session)
     ]
-    rows = np.flatnonzero(np.isin(update.track_source, mine))
+    rows = np.flatnonzero(np.isin(update.track_source, sources))
     _, seen, fused = np.intersect1d(preview.ids, update.track_id[rows], return_indices=True)
     numbers[seen] = update.track_hypothesis[rows[fused]]
     return numbers

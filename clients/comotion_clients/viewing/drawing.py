@@ -104,9 +104,9 @@ def image(path: str, jpeg: bytes) -> Shape:
 
 def regions(path: str, classes: NDArray[np.uint16], colours: Mapping[int, RGB]) -> Shape:
     """Classes [H, W] over the image of the same view, 0 for none, with the colour of each."""
-    known = [rr.AnnotationInfo(id=number, color=colour) for number, colour in colours.items()]
+    shades = [rr.AnnotationInfo(id=number, color=colour) for number, colour in colours.items()]
     overlay = rr.SegmentationImage(classes, opacity=_OPACITY, draw_order=-5.0)
-    return Shape(path, (overlay, rr.AnnotationContext(known)))
+    return Shape(path, (overlay, rr.AnnotationContext(shades)))
 
 
 def value(path: str, number: float, name: str, colour: RGB) -> Shape:
@@ -115,14 +115,14 @@ def value(path: str, number: float, name: str, colour: RGB) -> Shape:
     return Shape(path, (rr.Scalars(number),), style)
 
 
-def entry(stamp_ns: int, text: str, colour: RGB = (140, 140, 140)) -> Shape:
+def entry(stamp_ns: int, text: str, colour: RGB = (140, 140, 140), level: str = "INFO") -> Shape:
     """A line of the log, with its time: the column of times is too narrow to read."""
-    return Shape("log", (rr.TextLog(plain(f"{clock(stamp_ns)} {text}"), level="INFO", color=colour),))
+    return Shape("log", (rr.TextLog(plain(f"{clock(stamp_ns)} {text}"), level=level, color=colour),))
 
 
 def warning(stamp_ns: int, text: str) -> Shape:
     """A line of the log about what is wrong."""
-    return Shape("log", (rr.TextLog(plain(f"{clock(stamp_ns)} {text}"), level="WARN", color=_ALARM),))
+    return entry(stamp_ns, text, _ALARM, "WARN")
 
 
 def page(path: str, lines: Sequence[str]) -> Shape:
@@ -146,7 +146,10 @@ class Eye:
 
 @dataclass(frozen=True)
 class SpaceView:
-    """View of a coordinate space: the shapes under `path`; without an `eye` the viewer chooses one."""
+    """View of a coordinate space or a camera: the shapes under `path`.
+
+    Without an `eye` the viewer chooses one.
+    """
 
     path: str
     name: str
@@ -155,19 +158,11 @@ class SpaceView:
 
 
 @dataclass(frozen=True)
-class CameraView:
-    """View of a camera: the shapes under `path`."""
-
-    path: str
-    name: str
-
-
-@dataclass(frozen=True)
 class Layout:
     """The views; `scored`: with curves of the scores."""
 
     spaces: tuple[SpaceView, ...] = ()
-    cameras: tuple[CameraView, ...] = ()
+    cameras: tuple[SpaceView, ...] = ()
     scored: bool = False
 
 

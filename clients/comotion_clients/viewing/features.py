@@ -1,7 +1,7 @@
-"""Update -> shapes: features by space and source, trails, and hypotheses. Pure."""
+"""Draws an update: features by space and source, their trails, and hypotheses. Pure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,10 @@ _CONTEXT, _SURROUNDED = 0.45, 1.6
 class _Space:
     ref: SpaceRef
     view: SpaceView
+    sources: Paths
     axis: float = 0.0
     aimed: int = 0  # number of sources that the eye was chosen for
     followed: bool = False  # whether it looks at what moves
-    sources: Paths = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.sources = Paths(f"{self.view.path}/features")
 
 
 class Features:
@@ -62,12 +59,12 @@ class Features:
         """Space name -> view of every space with features so far."""
         return {name: space.view for name, space in self._spaces.items()}
 
-    def draw(self, update: HypothesisUpdate, known: Mapping[str, SpaceRef]) -> list[Shape]:
+    def draw(self, update: HypothesisUpdate, published: Mapping[str, SpaceRef]) -> list[Shape]:
         """Draw an update, and clear shapes of the update before that it does not replace.
 
-        `known`: source -> space, from its batches.
+        `published`: space of each source, from its batches.
         """
-        update, refs = poses_in_space(update), spaces_of(update, known)
+        update, refs = poses_in_space(update), spaces_of(update, published)
         shapes: list[Shape] = []
         for ref in dict.fromkeys(refs):
             space = self._space(ref)
@@ -83,15 +80,15 @@ class Features:
         space = self._spaces.get(ref.name)
         if space is None or space.ref != ref:
             view = SpaceView(self._paths(ref.name), ref.name, _axes(ref))
-            space = self._spaces[ref.name] = _Space(ref, view)
+            space = self._spaces[ref.name] = _Space(ref, view, Paths(f"{view.path}/features"))
         return space
 
     def _draw_space(self, update: HypothesisUpdate, space: _Space, sources: list[int]) -> list[Shape]:
         dim = space.ref.dim
-        here = np.isin(update.track_source, sources)
-        everything = update.track_position[here, :dim]
+        rows_of_space = np.isin(update.track_source, sources)
+        everything = update.track_position[rows_of_space, :dim]
         moving = [h.id for h in update.hypotheses if h.state == "moving" and h.space == space.ref.name]
-        _aim(space, everything, len(sources), np.isin(update.track_hypothesis[here], moving))
+        _aim(space, everything, len(sources), np.isin(update.track_hypothesis[rows_of_space], moving))
         shapes: list[Shape] = []
         trailing = []
         for number in sources:
@@ -117,11 +114,11 @@ def _aim(space: _Space, positions: Positions, sources: int, moving: NDArray[np.b
 
     It is placed again if the length changes, a source has come, or something moves for the first time.
     """
-    before, space.axis = space.axis, axis_length(positions, space.axis)
+    previous, space.axis = space.axis, axis_length(positions, space.axis)
     if space.view.axes not in _SEEN_FROM or not space.axis:
         return
     begins = not space.followed and bool(moving.any())
-    if sources > space.aimed or space.axis != before or begins:
+    if sources > space.aimed or space.axis != previous or begins:
         space.aimed, space.followed = sources, space.followed or begins
         direction = np.array(_SEEN_FROM[space.view.axes])
         space.view = replace(space.view, eye=look_at(positions, direction, moving))

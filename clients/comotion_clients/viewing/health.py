@@ -1,4 +1,4 @@
-"""Health views: scene snapshots -> curves of rates, lags and sizes, a summary page, and a log. Pure."""
+"""Draws how a scene is: curves of rates, lags and sizes, a summary page, and a log. Pure."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""Hypotheses -> shapes: label, body frame, box, arrows of the twist, and joints. Pure."""
+"""Draws hypotheses: label, body frame, box, arrows of the twist, and joints. Pure."""
 
 from collections.abc import Sequence
 
@@ -24,22 +24,22 @@ _ROW_SHARE, _ROW_SEEN = 0.8, 0.055
 _AXIS_SHARE = 0.07  # length of an axis as a share of the extent of the features
 
 
-def axis_length(positions: Positions, before: float) -> float:
+def axis_length(positions: Positions, current: float) -> float:
     """Choose the length of the axes: a share of the extent of the features.
 
     Parameters
     ----------
     positions
         float32 [N, dim].
-    before
-        Length of the update before; it is kept unless it is wrong by a factor of 2.
+    current
+        Length so far; it is kept unless it is wrong by a factor of 2.
     """
     if len(positions) < 2:
-        return before
+        return current
     low, high = np.percentile(positions, (5, 95), axis=0)
     length = float(_AXIS_SHARE * np.linalg.norm(high - low))
-    if length <= 0 or (before > 0 and 0.5 < length / before < 2):
-        return before
+    if length <= 0 or (current > 0 and 0.5 < length / current < 2):
+        return current
     return length
 
 
@@ -119,10 +119,10 @@ def apart(places: Positions, up: Sequence[float], row: float, eye: Eye | None = 
     for k in range(1, len(lifted)):
         # Each lift clears at least one of the labels before it.
         for _ in range(k):
-            *others, here, raised = _seen(np.vstack([lifted[: k + 1], lifted[k] + upward]), eye)
-            away, rise = np.array(others) - here, float(np.linalg.norm(raised - here))
-            above = away @ (raised - here) / rise
-            across = np.linalg.norm(away - np.outer(above, (raised - here) / rise), axis=1)
+            *others, place, raised = _seen(np.vstack([lifted[: k + 1], lifted[k] + upward]), eye)
+            away, rise = np.array(others) - place, float(np.linalg.norm(raised - place))
+            above = away @ (raised - place) / rise
+            across = np.linalg.norm(away - np.outer(above, (raised - place) / rise), axis=1)
             covered = (np.abs(above) < 0.99 * row) & (across < 4 * row)
             if not covered.any():
                 break

@@ -1,4 +1,4 @@
-"""Names and times -> paths and texts that the viewer can show."""
+"""Paths and texts that the viewer can show, of names and times."""
 
 import re
 

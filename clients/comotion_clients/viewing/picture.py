@@ -1,4 +1,4 @@
-"""Scene picture: messages of one scene -> shapes. Pure: the caller passes the time.
+"""Draws the messages of one scene. Pure: the caller passes the time.
 
 `now` and `arrived` are seconds of one monotonic clock, `wall_ns` is the wall clock in nanoseconds. All
 shapes are at acquisition times; curves of rates and lags are at the stamp of the newest update.
@@ -13,7 +13,7 @@ from comotion_schemas.naming import Names, event_words
 from ..following import Display
 from ..metrics import Score, TrackIds, score_update
 from ..scene_model import SceneModel
-from ..scoring import LiveScoring
+from ..scoring import Scoring
 from .cameras import Cameras
 from .drawing import Layout, Moment, Shape, entry, value
 from .features import Features
@@ -32,19 +32,19 @@ class ScoreCurves:
         self._spaces: list[str] = []
         self._paths = Paths("scores")
 
-    def draw(self, update: HypothesisUpdate, live: LiveScoring) -> list[Moment]:
+    def draw(self, update: HypothesisUpdate, scoring: Scoring) -> list[Moment]:
         """Return the scores of an update as shapes; none without truth. Updates must come in order."""
         # Called without truth as well: it discards old batches.
-        tracks = live.observed.at(update.stamp_ns)
-        if not len(live.truth):
+        tracks = scoring.observed.at(update.stamp_ns)
+        if not len(scoring.truth):
             return []
         groups: dict[str, TrackIds] = {}
         for source, ids in tracks.items():
-            name = live.observed.spaces[source[0]].name
+            name = scoring.observed.spaces[source[0]].name
             groups[name] = {**groups.get(name, {}), source: ids}
         shapes = []
         for name, group in sorted(groups.items()):
-            shapes += self._space(name, score_update(update, live.truth, group))
+            shapes += self._space(name, score_update(update, scoring.truth, group))
         self.scored |= bool(shapes)
         return [Moment(update.stamp_ns, shapes)] if shapes else []
 
@@ -85,7 +85,7 @@ class ScenePicture:
         self._drawn_at: dict[str, float] = {}
         self.view_age: float | None = None
         self._agreement = ScoreCurves()
-        self._live = LiveScoring()
+        self._scoring = Scoring()
         self._features = Features(self.model.palette, self.model.names)
         self._cameras = Cameras(self.model.palette, self.model.names, dense=dense)
         self._health = Health()
@@ -96,9 +96,9 @@ class ScenePicture:
     @property
     def layout(self) -> Layout:
         """Spaces and cameras with a view; a pixel space whose features are in images needs none."""
-        cameras, known = self._cameras.views, self._live.observed.spaces.items()
-        in_images = {ref.name for name, ref in known if name in cameras and ref.unit == "px"}
-        in_images -= {ref.name for name, ref in known if name not in cameras}
+        cameras, published = self._cameras.views, self._scoring.spaces.items()
+        in_images = {ref.name for name, ref in published if name in cameras and ref.unit == "px"}
+        in_images -= {ref.name for name, ref in published if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
         return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
 
@@ -111,7 +111,7 @@ class ScenePicture:
         for event in model.on_message(message, arrived, wall_ns):
             words, colour = event_words(event, model.names), model.palette.legible(event.hypothesis)
             moments.append(Moment(event.stamp_ns, [entry(event.stamp_ns, words, colour)]))
-        self._live.add(message, arrived)
+        self._scoring.add(message, arrived)
         match message:
             case ObservationBatch():
                 self._batch_ns = max(self._batch_ns or 0, min(message.stamp_ns, wall_ns))
@@ -120,15 +120,15 @@ class ScenePicture:
             case HypothesisUpdate() if message.stamp_ns != self._drawn_ns and _has_time(message):
                 self._drawn_ns = message.stamp_ns
                 if self._wanted("update", arrived):
-                    shapes = self._features.draw(message, self._live.observed.spaces)
+                    shapes = self._features.draw(message, self._scoring.spaces)
                     moments.append(Moment(message.stamp_ns, shapes))
         return moments
 
     def tick(self, now: float) -> list[Moment]:
         """Draw what is due at `now`: images, scores, and twice a second the health of the scene."""
         moments = self._cameras.due(self.model.update, now)
-        for fused in self._live.due(now):
-            moments += self._agreement.draw(fused, self._live)
+        for fused in self._scoring.due(now):
+            moments += self._agreement.draw(fused, self._scoring)
         update = self.model.update
         stamp_ns = self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
         if stamp_ns is not None and now - self._health_at >= PERIOD_S:

@@ -1,4 +1,4 @@
-"""The Rerun sink: shapes -> window, web page or file. Needs the extra `view`."""
+"""Shows what is drawn in a window, on a web page or in a file, by Rerun. Needs the extra `view`."""
 
 import contextlib
 import math
@@ -19,7 +19,6 @@ import numpy as np
 import rerun as rr
 import rerun_cli
 
-from ..recording.disk import create
 from .blueprint import TIMELINE, blueprint, prepare
 from .drawing import Layout, Moment
 
@@ -125,7 +124,7 @@ class RerunSink:
     def __enter__(self) -> Self:
         sinks: list[Any] = []
         if self.file is not None:
-            os.close(create(self.file))  # Rerun would overwrite one that exists
+            self.file.open("xb").close()  # Rerun would overwrite one that exists
             sinks.append(rr.FileSink(str(self.file)))
         if self._live:
             port = self.data_port if self.web_port is not None else free_port()

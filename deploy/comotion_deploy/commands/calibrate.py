@@ -1,6 +1,5 @@
 """``comotion calibrate``: the extrinsics of a second camera."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,6 @@ if TYPE_CHECKING:
     from comotion_sources.pair_calibration.session import PairCalibration
 
 
-@dataclass(kw_only=True)
 class Calibrate(Json, Tool):
     """Find the extrinsics of camera B from a target that cameras A and B observe."""
 

@@ -1,13 +1,13 @@
 """``comotion source klt`` and ``external-camera``, and the options of all that reads a camera."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from ..errors import UserError, one_line
+from ..fusion_options import assignment
 from ..options import Command, Process, argument, setting
 from .played_sources import Stamps
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from comotion_sources.klt import TrackerConfig
 
 
-@dataclass(kw_only=True)
 class Camera(Command):
     """Options of a command that tracks the features of a camera or of its recording."""
 
@@ -67,19 +66,15 @@ class Camera(Command):
             "respawn_every": self.respawn_every,
             "moving": moving,
         }
-        for text in self.tracker or ():
-            name, separator, value = text.partition("=")
-            if not separator:
-                raise UserError(f"--tracker {text}: expected NAME=VALUE")
-            values[name.strip().replace("-", "_")] = None if value.strip() == "null" else value
+        values |= dict(assignment(text, "--tracker") for text in self.tracker or ())
         try:
             return TrackerConfig(**values)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             name = ".".join(str(part) for part in first["loc"][:1])
             if first["type"] == "extra_forbidden":
-                known = ", ".join(sorted(TrackerConfig.model_fields))
-                raise UserError(f"unknown tracker parameter {name!r}; one of {known}") from None
+                names = ", ".join(sorted(TrackerConfig.model_fields))
+                raise UserError(f"unknown tracker parameter {name!r}; one of {names}") from None
             raise UserError(f"tracker parameter {name}: {one_line(first['msg'])}") from None
 
     def clear_frames(self, folder: Path | None) -> None:
@@ -105,7 +100,6 @@ class Camera(Command):
             frame.unlink()
 
 
-@dataclass(kw_only=True)
 class Carried(Camera):
     """The option of a command whose camera may move."""
 
@@ -116,7 +110,6 @@ class Carried(Camera):
     )
 
 
-@dataclass(kw_only=True)
 class CameraSource(Camera, Process):
     """Options of a source that tracks the features of a camera."""
 
@@ -184,7 +177,6 @@ class CameraSource(Camera, Process):
         run(self.what, options, **self.where())
 
 
-@dataclass(kw_only=True)
 class Klt(Carried, CameraSource):
     """Track the features of a camera, video or RGB-D recording and publish them."""
 
@@ -221,7 +213,6 @@ Examples:
         self.publish(moving=moving, carrier=carrier)
 
 
-@dataclass(kw_only=True)
 class ExternalCamera(CameraSource):
     """Publish features and fiducial markers of a fixed camera."""
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast, get_args, get_origin
 
 from ..fusion_options import Fusion
@@ -12,7 +11,6 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 
-@dataclass(kw_only=True)
 class Config(Fusion, Json, Tool):
     """Print the fusion parameters in effect, as TOML that --config reads (or JSON)."""
 

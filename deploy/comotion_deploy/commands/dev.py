@@ -1,14 +1,49 @@
 """``comotion dev``: the groups of commands for those who change comotion, and for its experiments."""
 
+import time
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
 from ..checkout import commands_of_checkout
-from ..options import add, flowing
+from ..errors import UserError
+from ..options import Tool, add, flowing, option
 from .experiments import Figures
-from .warm_up import WarmUp
+
+
+class WarmUp(Tool):
+    """Compile all kernels: some minutes once, some seconds when it has been done.
+
+    The result is kept on disk, in NUMBA_CACHE_DIR if that is set. 'make setup' and the container image
+    have done it.
+    """
+
+    epilog = """
+Examples:
+  comotion dev warm-up
+  NUMBA_CACHE_DIR=/var/cache/comotion comotion dev warm-up   # when an image is built
+"""
+    log_level = "warning"
+
+    method: list[str] | None = option(None, "Methods to compile for: comotion, thesis. Default: both.")
+
+    def run(self) -> None:
+        """Compile for each method."""
+        from comotion import FusionConfig
+        from comotion.warm_up import prepare
+
+        from ..compiling import show_progress
+
+        begun = time.monotonic()
+        for name in self.method or ("comotion", "thesis"):
+            try:
+                config = FusionConfig.model_validate({"method": name})
+            except ValueError:
+                raise UserError(f"unknown method {name!r}; one of comotion, thesis") from None
+            show_progress(name, prepare(config))
+            print(f"{name}: compiled, {time.monotonic() - begun:.0f} s", flush=True)
+
 
 _EPILOG = """
 Examples:

@@ -1,6 +1,5 @@
 """``comotion evaluate``: scores of the hypotheses against the truth, live or offline."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import UserError, require_suffix
@@ -11,7 +10,6 @@ _OFFLINE_ONLY = ("all_", "method", "set_", "period", "seeds", "split", "rate", "
 _LIVE_ONLY = ("scene", "connect", "ready_file")
 
 
-@dataclass(kw_only=True)
 class Evaluate(Fusion, Json, Present):
     """Score hypotheses against the truth: NMI, error, number of hypotheses, switches, HOTA, IDF1.
 

@@ -1,11 +1,10 @@
-"""``comotion dev reproduce``: the experiments of the project, their options and checks."""
+"""``comotion dev reproduce``: the figures of the thesis, and what all experiments say as they run."""
 
 import json
 import os
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,34 +18,6 @@ if TYPE_CHECKING:
     from comotion_experiments.tables import Table
 
 
-@dataclass(kw_only=True)
-class Experiment(Json, Tool):
-    """What all experiments have in common: a folder for their results, and how these are printed."""
-
-    log_level = "warning"
-    out: Path
-
-    def prepare(self) -> None:
-        """Check before hours of work what would fail at the end.
-
-        Raises
-        ------
-        UserError
-            If `out` exists and is not a folder.
-        """
-        super().prepare()
-        if self.out.exists() and not self.out.is_dir():
-            raise UserError(f"{self.out}: not a folder")
-
-    def report(self, name: str, text: str, values: object) -> None:
-        """Write the page of an experiment, in Markdown, and its values, as JSON, and show it."""
-        page, numbers = (self.out / f"{name}.{suffix}" for suffix in ("md", "json"))
-        self.out.mkdir(parents=True, exist_ok=True)
-        page.write_text(text, encoding="utf-8")
-        write_values(numbers, values)
-        self.show(values, text, f"written: {page}, {numbers}", width=170)
-
-
 def write_values(path: Path, values: object) -> None:
     """Write results to a JSON file."""
     from comotion_schemas.plain import plain
@@ -57,19 +28,13 @@ def write_values(path: Path, values: object) -> None:
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
     """Yield a function that shows what runs next on standard error."""
-    from rich.console import Console
+    from comotion_schemas.terminal import reporting
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda what: console.print(what, highlight=False, markup=False, soft_wrap=True)
-        return
-    with console.status("") as status:
-        # Brackets are not markup.
-        yield lambda what: status.update(what.replace("[", r"\["))
+    with reporting(terminal_s=0.0, plain_s=0.0) as report:
+        yield lambda what: report(lambda: what)
 
 
-@dataclass(kw_only=True)
-class Figures(Assignments, Experiment):
+class Figures(Assignments, Json, Tool):
     """Draw all figures of the thesis with the thesis method and the default method.
 
     Writes pictures and a page. Figures 4.6 to 4.11 need the workcell (extra sim3d).
@@ -81,6 +46,7 @@ Examples:
   comotion dev reproduce --only 4.4 --only 4.5 --out figures
   comotion dev reproduce figures --only 4.1,4.2 --seeds 0-9 --json
 """
+    log_level = "warning"
 
     only: list[str] | None = option(
         None, "Figure, e.g. 4.4; may be repeated. Default: all fifteen.", metavar="FIGURE"
@@ -94,7 +60,9 @@ Examples:
         env="COMOTION_CACHE",
         metavar="DIR",
     )
-    out: Path = option(Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR")
+    out: Path = option(
+        Path("figures"), "Where index.html, figures.json and the pictures go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Draw them and write the page."""

@@ -1,7 +1,6 @@
 """``comotion fleet``: many scenes over many hosts, by entries in etcd and one agent a host."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +40,6 @@ COMOTION_ETCD holds the urls for all of them.
 """
 
 
-@dataclass(kw_only=True)
 class Cluster(Command):
     """Options of each of these commands."""
 
@@ -62,7 +60,6 @@ class Cluster(Command):
         return Etcd(urls(given), None if folder is None else load_tls(folder))
 
 
-@dataclass(kw_only=True)
 class RunAgent(Cluster, Ready, Session):
     """Run the agent of this host until Ctrl-C: it claims scenes in etcd, and serves them."""
 
@@ -90,7 +87,6 @@ class RunAgent(Cluster, Ready, Session):
         )
 
 
-@dataclass(kw_only=True)
 class Add(Cluster):
     """Add a scene to the fleet; agents with a free place serve it."""
 
@@ -118,7 +114,6 @@ class Add(Cluster):
         print(f"added {self.scene}")
 
 
-@dataclass(kw_only=True)
 class Remove(Cluster):
     """Remove a scene; its replicas stop."""
 
@@ -135,7 +130,6 @@ class Remove(Cluster):
         print(f"removed {self.scene}")
 
 
-@dataclass(kw_only=True)
 class Drain(Cluster):
     """Move all scenes away from a host; those with a standby go on without a break."""
 
@@ -155,7 +149,6 @@ class Drain(Cluster):
         print(f"{self.agent} {'may take scenes again' if self.undo else 'gives up its scenes'}")
 
 
-@dataclass(kw_only=True)
 class Listing(Json, Cluster):
     """Show scenes with their replicas, and agents."""
 

@@ -1,6 +1,5 @@
 """``comotion joints``: how the bodies of a scene are connected, as a table, JSON or URDF."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,6 @@ _OFFLINE_ONLY = ("method", "set_", "duration")
 _LIVE_ONLY = ("scene", "connect", "tls", "timeout")
 
 
-@dataclass(kw_only=True)
 class Joints(Fusion, BodyNames, Json, Client):
     """Say how the bodies of a scene are connected, as of the last update: hinges, slides, fixed ones.
 

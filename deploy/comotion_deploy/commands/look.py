@@ -5,7 +5,6 @@ import re
 import sys
 import threading
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from comotion_schemas.message_log import MessageLog
 
 
-@dataclass(kw_only=True)
 class BodyNames(Command):
     """The option of a command that shows hypotheses."""
 
@@ -39,7 +37,6 @@ class BodyNames(Command):
         return read_names(self.name or ())
 
 
-@dataclass(kw_only=True)
 class Watch(BodyNames, Json, Present):
     """Show the current sources, hypotheses, tracks and events of a scene.
 
@@ -75,7 +72,6 @@ Examples:
 _EXIT = {"ok": 0, "degraded": 1, "stalled": 3}
 
 
-@dataclass(kw_only=True)
 class Status(Json, Client):
     """Show services, sources, recorders, viewers and routers of a scene, and what to look at.
 
@@ -114,7 +110,6 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         raise typer.Exit(_EXIT[state.overall])
 
 
-@dataclass(kw_only=True)
 class View(BodyNames, Json, Present):
     """Show features, hypotheses, cameras, rates, lags and events of a scene with Rerun or Foxglove.
 

@@ -1,7 +1,6 @@
 """``comotion pki``: certificates of the components of a system, from a private authority in a folder."""
 
 import sys
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,14 +22,12 @@ Example:
 """
 
 
-@dataclass(kw_only=True)
 class Folder(Command):
     """The folder that each of these commands works on."""
 
     folder: Path = argument(..., "DIR", "Folder of the authority.")
 
 
-@dataclass(kw_only=True)
 class Init(Folder):
     """Make a private authority: a certificate that signs those of components."""
 
@@ -50,7 +47,6 @@ Example:
         print(f"keep {self.folder / 'ca.key'} secret: whoever has it can be any component")
 
 
-@dataclass(kw_only=True)
 class Issue(Folder):
     """Issue the certificate of one component to DIR/NAME, with a private key for it alone."""
 
@@ -104,7 +100,6 @@ Then restart the routers (or send them SIGHUP), and run the component with --tls
         print(f"next: restart the routers, then run it with --tls {issued}")
 
 
-@dataclass(kw_only=True)
 class Listing(Json, Folder):
     """List the components of an authority, and when their certificates expire."""
 
@@ -130,7 +125,6 @@ Examples:
             raise typer.Exit(1)
 
 
-@dataclass(kw_only=True)
 class Export(Folder):
     """Copy what the host of one component needs, without the keys of others."""
 
@@ -168,22 +162,20 @@ def _hosts(given: list[str] | None) -> list[str]:
 def _row(entry: "Issued", now: "datetime") -> dict[str, Any]:
     from comotion_schemas.tls import KEY_FILE, WARN_BEFORE_S
 
-    grant, warning = entry.grant, ""
-    if entry.not_after is not None and (entry.not_after - now).total_seconds() < WARN_BEFORE_S:
+    grant, key, warning = entry.grant, entry.folder / KEY_FILE, ""
+    left_s = None if entry.not_after is None else (entry.not_after - now).total_seconds()
+    if left_s is not None and left_s < WARN_BEFORE_S:
         warning = "expires soon"
-    key = entry.folder / KEY_FILE
     if key.exists() and key.stat().st_mode & 0o077:
         warning = "others may read its key"
     return {
         "name": entry.folder.name,
-        "role": "" if grant is None else grant.role,
-        "scene": "" if grant is None else grant.scene,
-        "sources": [] if grant is None else list(grant.sources),
-        "rate": None if grant is None or grant.role != "source" else grant.rate,
+        "role": grant.role if grant else "",
+        "scene": grant.scene if grant else "",
+        "sources": list(grant.sources) if grant else [],
+        "rate": grant.rate if grant and grant.role == "source" else None,
         "expires": None if entry.not_after is None else entry.not_after.isoformat(),
-        "days": None
-        if entry.not_after is None
-        else round((entry.not_after - now).total_seconds() / 86_400, 1),
+        "days": None if left_s is None else round(left_s / 86_400, 1),
         "problem": entry.problem,
         "warning": "" if entry.problem else warning,
     }

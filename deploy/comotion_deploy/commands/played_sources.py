@@ -1,6 +1,5 @@
 """``comotion source replay`` and ``simulator``: sources that play a recording or a simulated scene."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -16,14 +15,12 @@ Stamps = Literal["now", "original"]
 """Stamps of recorded data: the time of publication, or those of the recording."""
 
 
-@dataclass(kw_only=True)
 class Timed(Command):
     """The option of a source that may end by itself."""
 
     duration: float | None = setting(None, "Stop after this time.", min=0, metavar="SECONDS")
 
 
-@dataclass(kw_only=True)
 class Played(Timed, Process):
     """Options of a source that plays a scene or a recording, as one source or several."""
 
@@ -67,7 +64,6 @@ _NOT_FOR_MCAP = ("rate", "split", "part", "name", "fps")
 _MCAP_ONLY = ("start", "end")
 
 
-@dataclass(kw_only=True)
 class Replay(Played):
     """Publish a recording, with truth if it has labels, as one source or several.
 
@@ -149,7 +145,6 @@ Examples:
         return streams, recording
 
 
-@dataclass(kw_only=True)
 class Simulator(Played):
     """Publish a simulated scene, with its truth, as one source or several."""
 

@@ -1,13 +1,11 @@
 """``comotion record``: records a scene to MCAP files, repairs them and exports them."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import UserError, require_suffix
 from ..options import Json, Process, argument, option, setting
 
 
-@dataclass(kw_only=True)
 class Record(Json, Process):
     """Record all messages of a scene to MCAP, byte for byte.
 

@@ -1,6 +1,5 @@
 """``comotion source proprioception`` and ``workcell``: what a robot's joints say, and a simulated robot."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
 _WORKCELL = "workcell:"
 
 
-@dataclass(kw_only=True)
 class Proprioception(Process):
     """Publish the 6-DoF poses of a robot's links from its joint positions."""
 
@@ -129,7 +127,6 @@ def _base(text: str) -> "Extrinsics":
     return Extrinsics.from_quaternion(values[3:] or (0, 0, 0, 1), values[:3])
 
 
-@dataclass(kw_only=True)
 class Workcell(Timed, Process):
     """Publish the joint states of a simulated workcell, which its cameras follow."""
 

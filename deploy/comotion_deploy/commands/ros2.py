@@ -1,6 +1,5 @@
 """``comotion ros2`` and ``comotion source ros2``: to and from a ROS 2 network, without ROS."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ if TYPE_CHECKING:
     from comotion_schemas.transport import SessionSettings
 
 
-@dataclass(kw_only=True)
 class Ros(Command):
     """Options of a command that is part of a ROS network."""
 
@@ -40,7 +38,6 @@ class Ros(Command):
         store()
 
 
-@dataclass(kw_only=True)
 class Ros2(Ros, BodyNames, Present):
     """Publish a scene into a ROS 2 network that uses rmw_zenoh, or write it to a bag. ROS is not needed."""
 
@@ -64,8 +61,6 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
         """Publish until stopped."""
         if self.bag is not None and self.ros_connect is not None:
             raise UserError("--ros-connect is only for publishing, not with --bag")
-        if self.bag is not None and self.bag.exists():
-            raise UserError(f"{self.bag}: exists")
         from comotion_clients.ros2.process import run
 
         self.require_ros()
@@ -81,7 +76,6 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
             print(f"{topic}: {count}")
 
 
-@dataclass(kw_only=True)
 class SourceRos2(Ros, Process):
     """Publish poses or labelled points of a ROS 2 topic over rmw_zenoh. ROS is not needed.
 

@@ -1,6 +1,5 @@
 """``comotion router``: the Zenoh router that all processes of a system connect to."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..config_file import file_table
@@ -11,7 +10,6 @@ from ..options import Ready, Tool, setting
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 
 
-@dataclass(kw_only=True)
 class Router(Ready, Tool):
     """Route messages between sources, the service and clients (Zenoh in router mode)."""
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,6 @@ _OWN_TRACKER = ("max_features", "respawn_every", "tracker", "calibration", "extr
 _ANY_RATE = 30.0
 
 
-@dataclass(kw_only=True)
 class Segment(BodyNames, Carried, Fusion, Json, Tool):
     """Track and group every frame of a video, and draw the result.
 

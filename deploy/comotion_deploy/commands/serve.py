@@ -2,7 +2,6 @@
 
 import gc
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from comotion_sources.calibration import Calibration
 
 
-@dataclass(kw_only=True)
 class Serve(Fusion, Process):
     """Fuse the sources of a scene and publish its hypotheses at a fixed period."""
 

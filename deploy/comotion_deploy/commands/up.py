@@ -1,7 +1,7 @@
 """``comotion up`` and ``comotion demo``: a system of processes in one command."""
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from ..config_file import load_toml
@@ -11,7 +11,6 @@ from ..options import Logged, argument, option, setting
 DEFAULT_LOG = Path("comotion-up.log")
 
 
-@dataclass(kw_only=True)
 class Up(Logged):
     """Start router, sources, service and clients; restart failed processes; stop all on Ctrl-C."""
 
@@ -54,7 +53,6 @@ _THESIS_FIG_4_4 = ("thesis.sigma_switch=0.01", "thesis.v_move=null")
 """Parameters of figure 4.4 in the thesis: σ_switch 0.01 and equal weights."""
 
 
-@dataclass(kw_only=True)
 class Demo(Fusion, Logged):
     """Run router, three simulated sources, the service and watch; end with a summary and a plot."""
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -41,7 +42,7 @@ class _Running:
 
     @property
     def ended(self) -> bool:
-        return all(child.pid is None for child in self.children)
+        return not any(child.is_alive() for child in self.children)
 
 
 def run_agent(
@@ -98,13 +99,13 @@ class Agent:
 
         It says that it is ready when it is known to the fleet.
         """
-        known = False
+        registered = False
         with ExitStack() as ready:
             try:
                 while not stop.is_set():
                     began = time.monotonic()
-                    if self._pass() and not known:
-                        known = True
+                    if self._pass() and not registered:
+                        registered = True
                         ready.enter_context(announce_ready(ready_file))
                     stop.wait(max(0.0, began + _PASS_S - time.monotonic()))
             finally:
@@ -112,7 +113,7 @@ class Agent:
 
     def _pass(self) -> bool:
         """One pass; whether etcd has answered."""
-        self._watch()
+        self._kill_late()
         try:
             lease = self._renew()
             # Where nothing has changed there is nothing to do; all entries of a large fleet are much to read.
@@ -157,10 +158,10 @@ class Agent:
             if place not in wanted:
                 self._stop(place, running, "removed")
         for place, why in self._given_up(fleet).items():
-            mine = self._running[place]
-            mine.announced = False
+            running = self._running[place]
+            running.announced = False
             if entries.say_leaving(self._etcd, place, held[place], held.get(place.other), lease):
-                self._stop(place, mine, why)
+                self._stop(place, running, why)
         for place, agent in claims(fleet).items():
             free = agent == self._name and place not in self._running
             if free and entries.claim(self._etcd, place, self._name, lease):
@@ -173,8 +174,8 @@ class Agent:
         for place, running in self._running.items():
             if place in held and running.scene != fleet.scenes[place.scene] and may_change(fleet, place):
                 reasons.setdefault(place, "changed")
-        mine = {p for p, running in self._running.items() if not running.leaving}
-        return {p: why for p, why in reasons.items() if p in mine and held[p].agent == self._name}
+        staying = {p for p, running in self._running.items() if not running.leaving}
+        return {p: why for p, why in reasons.items() if p in staying and held[p].agent == self._name}
 
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""
@@ -187,7 +188,8 @@ class Agent:
                 running.announced = True
 
     def _start(self, place: Place, scene: Scene) -> None:
-        children = [Child(spec, self._folder, self._write) for spec in self._specs(place, scene)]
+        log = partial(self._write, self._name)
+        children = [Child(spec, self._folder, self._write, log) for spec in self._specs(place, scene)]
         self._running[place] = _Running(children, scene)
         for child in children:
             child.start()
@@ -211,19 +213,12 @@ class Agent:
         for child in running.children:
             child.terminate()
 
-    def _watch(self) -> None:
-        """Start again what has ended, and kill what does not stop."""
+    def _kill_late(self) -> None:
+        """Kill what does not stop."""
         for running in self._running.values():
-            for child in running.children:
-                status = child.poll()
-                if running.leaving:
-                    child.due_s = None
-                    if time.monotonic() > running.stopped_s + child.spec.stop_s:
-                        child.wait(running.stopped_s)
-                elif status is not None:
-                    _log.warning("%s has ended: %s", child.spec.name, child.last_line or f"status {status}")
-                if child.is_due:
-                    child.start()
+            for child in running.children if running.leaving else ():
+                if time.monotonic() > running.stopped_s + child.spec.stop_s:
+                    child.wait(running.stopped_s)
 
     def _leave(self) -> None:
         """Stop everything, then end the lease: the places are free."""

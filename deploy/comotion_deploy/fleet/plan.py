@@ -152,15 +152,11 @@ def _can_leave(fleet: Fleet, place: Place) -> bool:
     if _partner_ready(fleet, place):
         return True
     without = {other: holder for other, holder in fleet.holders.items() if other != place}
-    return _partner(fleet, place) is None and place in claims(replace(fleet, holders=without))
-
-
-def _partner(fleet: Fleet, place: Place) -> Holder | None:
-    return fleet.held().get(place.other)
+    return place.other not in fleet.held() and place in claims(replace(fleet, holders=without))
 
 
 def _partner_ready(fleet: Fleet, place: Place) -> bool:
-    partner = _partner(fleet, place)
+    partner = fleet.held().get(place.other)
     return partner is not None and partner.ready and not fleet.agents[partner.agent].draining
 
 

@@ -1,4 +1,4 @@
-"""Certificates and access: a folder of certificates -> who may do what at a router.
+"""Certificates, and who may do what at a router by them.
 
 `grants` says what a certificate allows, `authority` issues certificates and checks them, `access` turns
 grants into Zenoh's access control and limits.

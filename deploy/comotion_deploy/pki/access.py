@@ -1,4 +1,4 @@
-"""Grants -> Zenoh's access control, rate limits and size limits of a router. Pure.
+"""Zenoh's access control, rate limits and size limits of a router, by grants. Pure.
 
 Everything is denied but what is listed here. "Ingress" is what a component sends to the router, "egress" what
 the router sends to it. Zenoh allows a message only if one rule includes its whole key expression, and ``**``
@@ -61,10 +61,10 @@ def router_settings(grants: Iterable[Grant], *, max_batch_bytes: int | None = No
     dict
         ``access_control``, ``downsampling`` and ``low_pass_filter``.
     """
-    known = sorted(grants, key=lambda grant: grant.common_name)
+    ordered = sorted(grants, key=lambda grant: grant.common_name)
     limits = SIZE_LIMITS | ({} if max_batch_bytes is None else {"obs": max_batch_bytes})
-    settings = {"access_control": access_control(known), "low_pass_filter": _size_limits(limits)}
-    rates = _rate_limits(known)
+    settings = {"access_control": access_control(ordered), "low_pass_filter": _size_limits(limits)}
+    rates = _rate_limits(ordered)
     return settings | ({"downsampling": rates} if rates else {})
 
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from comotion_schemas.errors import KnownError
 from comotion_schemas.tls import ANY_SCENE
@@ -84,23 +84,21 @@ def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
     ValueError
         If they are not those of a grant.
     """
-    values: dict[str, list[str]] = {}
-    for uri in uris:
-        if not uri.startswith(_URN):
-            raise KnownError(f"unknown URI {uri!r}")
-        key, _, value = uri.removeprefix(_URN).partition(":")
-        values.setdefault(key, []).append(value)
-    if sorted(set(values) - {"source", "joints"}) != ["name", "rate", "role", "scene"]:
-        raise KnownError("it does not say role, name, scene and rate")
-    role = next((known for known in ROLES if [known] == values["role"]), None)
-    if role is None or any(len(values[key]) != 1 for key in ("name", "scene", "rate")):
-        raise KnownError("role, name, scene or rate is unknown or given twice")
-    return Grant(
-        role=role,
-        name=values["name"][0],
-        common_name=common_name,
-        scene=values["scene"][0],
-        sources=tuple(values.get("source", ())),
-        joints=tuple(values.get("joints", ())),
-        rate=float(values["rate"][0]),
-    )
+    uris = list(uris)
+    pairs = [(key, value) for key, _, value in (uri.removeprefix(_URN).partition(":") for uri in uris)]
+    last = dict(pairs)
+    try:
+        grant = Grant(
+            role=cast("CertificateRole", last["role"]),
+            name=last["name"],
+            common_name=common_name,
+            scene=last["scene"],
+            sources=tuple(value for key, value in pairs if key == "source"),
+            joints=tuple(value for key, value in pairs if key == "joints"),
+            rate=float(last["rate"]),
+        )
+    except KeyError:
+        raise KnownError("it does not say role, name, scene and rate") from None
+    if sorted(grant.uris()) != sorted(uris):
+        raise KnownError("it says something twice, or something unknown")
+    return grant

@@ -1,4 +1,4 @@
-"""A folder of certificates -> the settings of a router that trusts them alone. Needs the extra `secure`."""
+"""Sets up a router that trusts the certificates of a folder alone. Needs the extra `secure`."""
 
 import logging
 from collections.abc import Sequence
@@ -52,12 +52,12 @@ def secure_setup(
         if entry.problem:
             _log.warning("%s is not trusted: %s", entry.folder / CERTIFICATE_FILE, entry.problem)
     grants = [entry.grant for entry in issued if entry.grant is not None and not entry.problem]
-    mine = own or _own_folder(folder, issued)
-    tls = load_tls(mine)
+    own_folder = own or _own_folder(folder, issued)
+    tls = load_tls(own_folder)
     if tls.identity is None or tls.identity.role != "router":
-        raise UserError(f"{mine} is not the folder of a router")
+        raise UserError(f"{own_folder} is not the folder of a router")
     if not any(grant.role == "router" and grant.name == tls.identity.name for grant in grants):
-        raise UserError(f"{mine}: {folder} does not know this router")
+        raise UserError(f"{own_folder}: {folder} does not know this router")
     warn_of_expiry(tls)
     for endpoint in connect:
         if not endpoint.startswith("quic/"):

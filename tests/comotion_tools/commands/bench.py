@@ -1,17 +1,17 @@
 """``comotion dev bench``: time, memory and latency of the core on this machine."""
 
 import os
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import Experiment, progress
+from comotion_deploy.commands.experiments import progress
 from comotion_deploy.errors import UserError
 from comotion_deploy.fusion_options import Assignments
 from comotion_deploy.options import option
 
+from .studies import Experiment
 
-@dataclass(kw_only=True)
+
 class Bench(Assignments, Experiment):
     """Time the core on generated scenes of any size: ms per update, CPU, memory."""
 
@@ -35,7 +35,7 @@ Examples:
     quick: bool = option(False, "Small numbers, few updates.")
     live: bool = option(False, "Measure processes over a router instead.")
     seconds: float = option(30.0, "Of --live.", min=1)
-    out: Path = option(Path("out/bench"), "Where bench.md and bench.json go.", metavar="DIR")
+    out: Path = option(Path("out/bench"), "Where bench.md and bench.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Measure the core, or processes over a router, and print the result."""

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import typer
@@ -10,7 +9,6 @@ import typer
 from comotion_deploy.options import Json, Logged, option
 
 
-@dataclass(kw_only=True)
 class Soak(Json, Logged):
     """Run router, service, four sources, recorder and viewer, and make them fail by a seeded schedule.
 

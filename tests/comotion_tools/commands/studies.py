@@ -1,15 +1,28 @@
 """``comotion dev reproduce accuracy, ablation, stress, pixels``: methods on made-up and recorded scenes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from comotion_deploy.commands.experiments import Experiment, progress
+from comotion_deploy.commands.experiments import progress, write_values
 from comotion_deploy.errors import UserError
-from comotion_deploy.options import option, setting
+from comotion_deploy.options import Json, Tool, option, setting
 
 
-@dataclass(kw_only=True)
+class Experiment(Json, Tool):
+    """What all experiments have in common: a folder for their results, and how these are printed."""
+
+    log_level = "warning"
+    out: Path
+
+    def report(self, name: str, text: str, values: object) -> None:
+        """Write the page of an experiment, in Markdown, and its values, as JSON, and show it."""
+        page, numbers = (self.out / f"{name}.{suffix}" for suffix in ("md", "json"))
+        self.out.mkdir(parents=True, exist_ok=True)
+        page.write_text(text, encoding="utf-8")
+        write_values(numbers, values)
+        self.show(values, text, f"written: {page}, {numbers}", width=170)
+
+
 class Study(Experiment):
     """Options of what runs in processes of its own."""
 
@@ -24,7 +37,6 @@ def _chosen(names: list[str] | None, every: Sequence[str], what: str) -> Sequenc
     return names or every
 
 
-@dataclass(kw_only=True)
 class Accuracy(Study):
     """Compare the accuracy of the default method and the thesis method on scenes and recordings."""
 
@@ -38,7 +50,9 @@ Examples:
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
     quick: bool = option(False, "One seed, the scenes of the thesis.")
     part: list[str] | None = option(None, "scores or motion; may be repeated. Default: both.", metavar="PART")
-    out: Path = option(Path("accuracy"), "Where accuracy.md and accuracy.json go.", metavar="DIR")
+    out: Path = option(
+        Path("accuracy"), "Where accuracy.md and accuracy.json go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -56,7 +70,6 @@ Examples:
         self.report("accuracy", markdown(results), results)
 
 
-@dataclass(kw_only=True)
 class OnFamilies(Study):
     """Options of what runs on stress families."""
 
@@ -65,7 +78,6 @@ class OnFamilies(Study):
     )
 
 
-@dataclass(kw_only=True)
 class Ablation(OnFamilies):
     """Leave out each rule of the default method alone, on stress families and recordings."""
 
@@ -81,7 +93,9 @@ Examples:
     )
     seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
     data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
-    out: Path = option(Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR")
+    out: Path = option(
+        Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR", file_okay=False
+    )
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -99,7 +113,6 @@ Examples:
         self.report("ablation", markdown(rows), {"rows": rows})
 
 
-@dataclass(kw_only=True)
 class Stress(OnFamilies):
     """How the methods get over restarts, covers, drift, rest and other trouble, on made-up scenes."""
 
@@ -117,7 +130,7 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
     )
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
     quick: bool = option(False, "One seed.")
-    out: Path = option(Path("stress"), "Where stress.md and stress.json go.", metavar="DIR")
+    out: Path = option(Path("stress"), "Where stress.md and stress.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -133,7 +146,6 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         self.report("stress", stress.markdown(rows), {"rows": rows})
 
 
-@dataclass(kw_only=True)
 class Pixels(Study):
     """Score the grouping of image features on labelled recordings."""
 
@@ -145,7 +157,7 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 """
 
     data: Path = option(..., "Folder of the recordings.", env="COMOTION_DATA", metavar="DIR")
-    out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR")
+    out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Run it and write the report."""
