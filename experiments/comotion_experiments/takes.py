@@ -35,7 +35,7 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
     comotion_sources.cameras.types.CameraError
         If MuJoCo is not installed (extra ``sim3d``).
     """
-    scene = Scene.named(name, 0)
+    scene = Scene(name, 0)
     messages: list[tuple[int, Message]] = [(NOON_NS, at_noon(_links(scene)))]
     given = list(_robot(scene, seconds))
     for camera, (rate, features) in _CAMERAS.items():

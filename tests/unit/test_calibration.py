@@ -24,8 +24,7 @@ from comotion_sources.klt.carrier import CarrierName, add_poses
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import find_dictionary
-from comotion_sources.pair_calibration.session import calibrate_pair
-from comotion_sources.pair_calibration.solve import PairedView, relative_pose
+from comotion_sources.pair_calibration.calibrate import PairedView, calibrate_pair, relative_pose
 from comotion_sources.pair_calibration.targets import parse_target
 from comotion_sources.poses import PoseBuffer
 
@@ -118,13 +117,13 @@ def test_a_target_seen_by_both_places_the_second_camera(target):
     result = calibrate_pair(iter(frames), parse_target(target), CAMERA_A, CAMERA_B, a_in_world)
 
     assert result.views == len(frames)
-    assert result.fit.error_a < 0.3
-    assert result.fit.error_b < 0.3
+    assert result.error_a < 0.3
+    assert result.error_b < 0.3
     expected = a_in_world.after(b_in_a)
-    np.testing.assert_allclose(result.extrinsics.translation, expected.translation, atol=4e-3)
-    turned = Rotation.from_matrix(result.extrinsics.rotation.T @ expected.rotation).magnitude()
+    np.testing.assert_allclose(result.pose.translation, expected.translation, atol=4e-3)
+    turned = Rotation.from_matrix(result.pose.rotation.T @ expected.rotation).magnitude()
     assert turned < np.deg2rad(0.4)
-    assert result.extrinsics.frame == "world"
+    assert result.pose.frame == "world"
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -138,7 +137,7 @@ def test_a_mirrored_pose_of_the_target_misleads_in_no_single_view(seed):
         camera.project(seen.apply(points)) + rng.normal(0, 0.1, (54, 2))
         for camera, seen in ((CAMERA_A, to_a), (CAMERA_B, b_in_a.inverse().after(to_a)))
     ]
-    found = relative_pose(CAMERA_A, CAMERA_B, [PairedView(points, *pixels)]).b_to_a
+    found = relative_pose(CAMERA_A, CAMERA_B, [PairedView(points, *pixels)]).pose
     assert Rotation.from_matrix(found.rotation.T @ b_in_a.rotation).magnitude() < np.deg2rad(3)
 
 

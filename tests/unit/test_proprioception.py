@@ -69,7 +69,7 @@ def test_sigma_is_what_encoders_of_that_resolution_make(urdf):
 
 
 def packer(rate=200.0, span=0.02):
-    scene = Scene.named("arm")
+    scene = Scene("arm")
     made = Packer(Kinematics(scene.model, scene.robot), rate=rate, span=span)
     return made, lambda t: reading(scene.joints, scene.configuration(t), round(t * 1e9))
 

@@ -20,7 +20,7 @@ from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
 
 @pytest.fixture(scope="module")
 def truck():
-    return Scene.named("truck")
+    return Scene("truck")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def renderer(truck, view, atlas):
 
 
 def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck, view):
-    again = Viewpoint(Scene.named("truck"), "a", (320, 240))
+    again = Viewpoint(Scene("truck"), "a", (320, 240))
     first, second = (v.frame(truck.configuration(5.0), 5_000_000_000) for v in (view, again))
     assert np.array_equal(first.image, second.image)
     assert np.array_equal(first.depth, second.depth)
@@ -68,7 +68,7 @@ def test_depth_and_geoms_agree_with_single_rays_of_mujoco(truck, view, renderer)
 
 
 def test_a_camera_not_attached_runs_through_the_scene():
-    camera = open_camera("truck/b?size=160x120&rate=10&duration=0.3&cover=0.1-0.2")
+    camera = WorkcellCamera("truck/b?size=160x120&rate=10&duration=0.3&cover=0.1-0.2")
     frames = list(camera)
     assert [f.stamp_ns for f in frames] == [0, 100_000_000, 200_000_000]
     assert [bool(f.depth.any()) for f in frames] == [True, False, True]

@@ -110,7 +110,7 @@ def _load(
         return load_model(Path(model)), links, None, None
     from comotion_sources.workcell import Scene
 
-    cell = Scene.named(model.removeprefix(_WORKCELL))
+    cell = Scene(model.removeprefix(_WORKCELL))
     chosen = links or list(cell.robot)
     numbers = {name: cell.object_of(name) for name in chosen}
     truth = {name: (number, cell.objects.get(number, "")) for name, number in numbers.items()}
@@ -170,7 +170,7 @@ Examples:
             _write(self.workcell_scene, self.camera, self.seed, self.duration, self.write_tum)
             return
         process.run(
-            Scene.named(self.workcell_scene, self.seed),
+            Scene(self.workcell_scene, self.seed),
             rate=self.rate,
             duration=self.duration,
             name=self.name,
@@ -182,7 +182,7 @@ def _print_scenes() -> None:
     from comotion_sources.workcell.scene import Scene, scene_names
 
     for name in scene_names():
-        scene = Scene.named(name)
+        scene = Scene(name)
         moving = ", ".join(scene.objects[number] for number in sorted(scene.objects) if number)
         print(f"{name:22} cameras {', '.join(scene.cameras)}; {scene.period:g} s; moving: {moving}")
 

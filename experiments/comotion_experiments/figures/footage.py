@@ -78,7 +78,7 @@ class Stills:
     """Renders still images of a scene and seed of the workcell, and projects points into them."""
 
     def __init__(self, scene: str, seed: int) -> None:
-        self._scene = Scene.named(scene, seed)
+        self._scene = Scene(scene, seed)
         atlas = build_atlas(self._scene.model, seed)
         # Without image noise, which would take 90 % of the size of a PNG.
         self._view = Viewpoint(self._scene, CAMERA, PICTURE, atlas, grain=0.0)

@@ -147,6 +147,17 @@ class Extrinsics:
             raise KnownError("a quaternion is 4 finite numbers that are not all zero")
         return cls(Rotation.from_quat(values).as_matrix(), np.asarray(translation, np.float64), frame)
 
+    @classmethod
+    def from_vector(cls, vector: ArrayLike) -> Self:
+        """Build from a rotation vector in rad and a translation in m, float64 [6]."""
+        turn, translation = np.split(np.asarray(vector, np.float64), 2)
+        return cls(Rotation.from_rotvec(turn).as_matrix(), translation)
+
+    @property
+    def vector(self) -> Vectors:
+        """Rotation vector in rad and translation in m, float64 [6]."""
+        return np.concatenate([Rotation.from_matrix(self.rotation).as_rotvec(), self.translation])
+
     @property
     def quaternion(self) -> Vectors:
         """Rotation as a unit quaternion, float64 [4] (x, y, z, w), w >= 0."""

@@ -5,7 +5,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from .model import Extrinsics, Intrinsics
 
@@ -48,8 +47,8 @@ def reprojection(camera: Intrinsics, pose: Extrinsics, points: Floats, pixels: F
 
 
 def rms(errors: Floats) -> float:
-    """Root mean square length of errors [M, 2]."""
-    return float(np.sqrt((errors**2).sum(axis=1).mean()))
+    """Root mean square length of errors [..., 2]."""
+    return float(np.sqrt((errors**2).sum(axis=-1).mean()))
 
 
 def _solve(camera: Intrinsics, points: Floats, pixels: Floats, method: Any) -> list[tuple[float, Extrinsics]]:
@@ -60,6 +59,6 @@ def _solve(camera: Intrinsics, points: Floats, pixels: Floats, method: Any) -> l
     for rotation, translation in zip(rotations[:count], translations[:count], strict=True):
         values = np.concatenate([np.ravel(rotation), np.ravel(translation)]).astype(np.float64)
         if np.isfinite(values).all() and values[5] > 0:
-            pose = Extrinsics(Rotation.from_rotvec(values[:3]).as_matrix(), values[3:])
+            pose = Extrinsics.from_vector(values)
             poses.append((rms(reprojection(camera, pose, points, pixels)), pose))
     return sorted(poses, key=lambda pair: pair[0])

@@ -47,7 +47,7 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
         return open_realsense(rest, rate)
     if kind == "workcell":
         # Imported on demand: real cameras do not need it.
-        camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
+        camera: Camera = import_module("comotion_sources.workcell").WorkcellCamera(rest)
         return camera
     return _open_path(what, rate)
 

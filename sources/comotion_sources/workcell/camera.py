@@ -121,17 +121,17 @@ def parse(text: str) -> CameraSpec:
 
 
 class WorkcellCamera(Camera):
-    """A simulated RGB-D camera.
+    """A simulated RGB-D camera, by its name as in :func:`parse` or by what that says.
 
     Raises
     ------
     InputError
-        If the scene or camera does not exist, or MuJoCo is not installed.
+        If the name is malformed, the scene or camera does not exist, or MuJoCo is not installed.
     """
 
-    def __init__(self, spec: CameraSpec) -> None:
-        self.spec = spec
-        self.scene = Scene.named(spec.scene, spec.seed)
+    def __init__(self, spec: CameraSpec | str) -> None:
+        self.spec = spec = parse(spec) if isinstance(spec, str) else spec
+        self.scene = Scene(spec.scene, spec.seed)
         self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
         super().__init__(spec.rate)
         self.has_depth = True
@@ -245,14 +245,3 @@ def write_tum(camera: WorkcellCamera, folder: Path) -> int:
             writer.write(frame, camera.viewpoint.pose(configuration))
             count += 1
     return count
-
-
-def open_camera(text: str) -> WorkcellCamera:
-    """Open ``workcell:SCENE/CAMERA[?option=value&...]``.
-
-    Raises
-    ------
-    InputError
-        If the name is malformed or the camera does not exist; the message is one line.
-    """
-    return WorkcellCamera(parse(text))

@@ -1,12 +1,10 @@
 """Cameras of a scene: their true calibration, and frames with sensor noise and truth."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
@@ -19,7 +17,6 @@ from .sensor import Sensor
 
 # MuJoCo's cameras look along -z with y up, optical axes along z with y down.
 _OPTICAL = np.diag([1.0, -1.0, -1.0])
-_PLACEMENT_M = 0.04  # largest shift of a camera per axis that a seed draws
 
 
 def calibration(
@@ -30,7 +27,7 @@ def calibration(
     Parameters
     ----------
     scene
-        The scene; its seed shifts the cameras by up to 4 cm per axis (seed 0: as in the file).
+        The scene; its seed shifts fixed cameras by up to 4 cm per axis (seed 0: as in the file).
     camera
         Name of the camera.
     size
@@ -43,47 +40,16 @@ def calibration(
     """
     if camera not in scene.cameras:
         raise InputError(f"{scene.name} has no camera {camera!r}; one of {', '.join(scene.cameras)}")
-    model, index = scene.model, scene.cameras.index(camera)
-    width, height = size
-    focal = height / 2 / np.tan(np.deg2rad(model.cam_fovy[index]) / 2)
+    index, (width, height) = scene.cameras.index(camera), size
+    focal = height / 2 / np.tan(np.deg2rad(scene.model.cam_fovy[index]) / 2)
     intrinsics = Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-    position = model.cam_pos[index].copy()
-    if scene.seed:
-        rng = np.random.default_rng([scene.seed, 4, index])
-        position += rng.uniform(-_PLACEMENT_M, _PLACEMENT_M, 3)
-    if _is_carried(scene, camera):
-        return intrinsics, _carried_pose(scene, scene.new_data(), index)
-    target = model.body_pos[model.cam_targetbodyid[index]]
-    return intrinsics, _looking_at(position, target)
+    return intrinsics, _pose(scene, index)
 
 
-def _is_carried(scene: Scene, camera: str) -> bool:
-    """Whether a camera is on a body that can move."""
-    body = scene.model.cam_bodyid[scene.cameras.index(camera)]
-    return bool(scene.model.body_weldid[body] > 0)
-
-
-def _mount(scene: Scene, camera: str) -> Extrinsics:
-    """Camera to the body that carries it, optical axes."""
-    index = scene.cameras.index(camera)
-    quaternion = scene.model.cam_quat[index][[1, 2, 3, 0]]
-    turn = Rotation.from_quat(quaternion).as_matrix() @ _OPTICAL
-    return Extrinsics(turn, scene.model.cam_pos[index].copy())
-
-
-def _carried_pose(scene: Scene, data: Any, index: int) -> Extrinsics:
-    """Pose of a carried camera in the configuration of an ``MjData``."""
-    body = scene.model.cam_bodyid[index]
-    carrier = Extrinsics(data.xmat[body].reshape(3, 3), data.xpos[body].copy())
-    return carrier.after(_mount(scene, scene.cameras[index]))
-
-
-def _looking_at(position: Vector, target: Vector) -> Extrinsics:
-    """Return the extrinsics of an upright camera at `position` [3] that points at `target` [3], m."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    return Extrinsics(np.stack([right, np.cross(forward, right), forward], axis=1), np.asarray(position))
+def _pose(scene: Scene, index: int, configuration: Vector | None = None) -> Extrinsics:
+    """Pose of a camera, by its number, in a configuration float64 [joints]; None: that at time 0."""
+    data = scene.new_data(configuration)
+    return Extrinsics(data.cam_xmat[index].reshape(3, 3) @ _OPTICAL, data.cam_xpos[index].copy())
 
 
 class Viewpoint:
@@ -121,9 +87,8 @@ class Viewpoint:
         self.objects: Mapping[int, str] = scene.objects
         self._renderer = Renderer(scene, self.intrinsics, self.extrinsics, atlas)
         self._camera = scene.cameras.index(camera)
-        self._data = scene.new_data()
-        self.carried = _is_carried(scene, camera)
-        self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), grain)
+        self.carried = scene.is_carried(self._camera)
+        self._sensor = Sensor(size[::-1], 16 * scene.seed + self._camera, grain)
 
     def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
         """Render the frame of a configuration float64 [joints] with a stamp.
@@ -138,10 +103,7 @@ class Viewpoint:
 
     def pose(self, configuration: Vector) -> Extrinsics:
         """True pose of the camera in a configuration float64 [joints]."""
-        if not self.carried:
-            return self.extrinsics
-        self.scene.place(self._data, configuration)
-        return _carried_pose(self.scene, self._data, self._camera)
+        return _pose(self.scene, self._camera, configuration) if self.carried else self.extrinsics
 
     def covered(self, stamp_ns: int) -> Frame:
         """Return the frame of a covered lens: black, without depth and objects."""
