@@ -56,7 +56,7 @@ WRONG = {
         (changed(ROS, "438.78,", ""), "8 numbers instead of 9"),
         (changed(ROS, "438.78", "-1"), "not above zero"),
         (changed(ROS, "438.78", ".nan"), "finite"),
-        (changed(ROS, "image_width: 640", "image_width: wide"), "not a whole number"),
+        (changed(ROS, "image_width: 640", "image_width: wide"), "width: Input should be a valid integer"),
     ],
     "camera.toml": [
         (b"[intrinsics]\nwidth = 3", "intrinsics.height: Field required"),
