@@ -118,7 +118,7 @@ WRONG = {
         (b"lift,time\n1,2\n", "first column must be"),
         (b"time\n1\n", "no joint columns"),
         (b"time,lift\n1,2\n2,x\n", "line 3: could not convert"),
-        (b"time,lift\n1,2,3\n", "line 2: 3 cells, expected 2"),
+        (b"time,lift\n1,2,3\n", "line 2 has 3 cells, the first line 2"),
         (b"time,lift\n1,inf\n", "line 2: a joint position is not finite"),
         (b"time,lift\n1e200,1\n", "line 2: stamp"),
         (b"time,lift,lift\n1,1,1\n", "line 2: a joint is named twice"),

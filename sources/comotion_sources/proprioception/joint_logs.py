@@ -4,22 +4,18 @@ The header of a CSV log names the time first, as ``stamp_ns`` (integer nanosecon
 ``t``, ``stamp`` or ``timestamp`` (seconds), then one column per joint with the joint's name (rad or m).
 """
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
-from comotion_schemas.errors import KnownError
 from comotion_schemas.ros_types import store
 from comotion_schemas.time_units import seconds
 
+from ..bounded import read_cells
 from ..errors import InputError
 from .samples import JOINT_STATE, JointSample, ros_sample
 
-_MAX_LINE = 100_000
-_MAX_JOINTS = 1000
 # First samples by which the unit of time is judged.
 _JUDGED = 8
 _SECONDS = ("time", "t", "stamp", "timestamp")
@@ -33,59 +29,29 @@ def read_csv(path: Path) -> Iterator[JointSample]:
     InputError
         If the file is not such a log; the message names the line.
     """
+    first: list[int] = []
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(_lines(path, file))
-            header = [cell.strip() for cell in next(rows, [])]
-            _check_header(path, header)
-            first: list[int] = []
-            for row in rows:
-                if row:
-                    sample = _csv_sample(path, rows.line_num, header, row)
-                    if len(first) < _JUDGED:
-                        first.append(sample.stamp_ns)
-                        _judge(path, first)
-                    yield sample
+        lines = read_cells(path)
+        _, (time, *joints) = next(lines, (0, [""]))
+        if time != "stamp_ns" and time not in _SECONDS:
+            raise InputError("the first column must be stamp_ns or time, then one per joint")
+        if not joints:
+            raise InputError("no joint columns")
+        for line, (stamp, *cells) in lines:
+            try:
+                stamp_ns = int(stamp) if time == "stamp_ns" else round(float(stamp) * 1e9)
+                sample = JointSample(stamp_ns, joints, np.array([float(cell) for cell in cells]))
+            except (ValueError, OverflowError) as error:
+                raise InputError(f"line {line}: {error}") from None
+            if len(first) < _JUDGED:
+                first.append(sample.stamp_ns)
+                if len(first) == _JUDGED and first == sorted(set(first)):
+                    seconds([stamp_ns / 1e9 for stamp_ns in first])
+            yield sample
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV file: {error}") from None
-
-
-def _judge(path: Path, first: list[int]) -> None:
-    """Judge the unit of the first stamps of a log, as soon as there are enough."""
-    if len(first) == _JUDGED and first == sorted(set(first)):
-        try:
-            seconds([stamp / 1e9 for stamp in first])
-        except KnownError as error:
-            raise InputError(f"{path}: {error}") from None
-
-
-def _lines(path: Path, file: TextIO) -> Iterator[str]:
-    """Lines of a bounded length: a file without line ends may be larger than the memory."""
-    while line := file.readline(_MAX_LINE + 1):
-        if len(line) > _MAX_LINE:
-            raise InputError(f"{path}: a line has more than {_MAX_LINE} characters")
-        yield line
-
-
-def _check_header(path: Path, header: list[str]) -> None:
-    if not header or (header[0] != "stamp_ns" and header[0] not in _SECONDS):
-        raise InputError(f"{path}: the first column must be stamp_ns or time, then one per joint")
-    if len(header) > _MAX_JOINTS:
-        raise InputError(f"{path}: more than {_MAX_JOINTS} columns")
-    if len(header) < 2:
-        raise InputError(f"{path}: no joint columns")
-
-
-def _csv_sample(path: Path, line: int, header: list[str], row: list[str]) -> JointSample:
-    try:
-        if len(row) != len(header):
-            raise InputError(f"{len(row)} cells, expected {len(header)}")
-        stamp = int(row[0]) if header[0] == "stamp_ns" else round(float(row[0]) * 1e9)
-        return JointSample(stamp, header[1:], np.array([float(cell) for cell in row[1:]]))
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{path}, line {line}: {error}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from comotion_schemas.doubts import doubts
 from comotion_schemas.recording import SUFFIX
 
-from ..errors import RecordingError
+from ..errors import InputError, RecordingError
 from .recording import Recording, recording_batches, recording_streams
 
 __all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
@@ -45,7 +45,7 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
         recording = reader(path, fps)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
-    except RecordingError as error:
+    except InputError as error:
         raise RecordingError(f"{path}: {error}") from None
     for text in doubts(recording.positions, recording.unit):
         _log.warning("%s: %s", path, text)

@@ -1,7 +1,6 @@
 """Reads tables of point trackers (CSV), with a row per point and frame."""
 
-import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bounded import read_cells
 from ..errors import RecordingError
 from .recording import Recording
 from .tracks import CONFIDENCE, HIDDEN, SEEN, SIGMA, UNCERTAIN, tracks_recording
@@ -60,13 +60,11 @@ def read_csv(path: Path, fps: float | None = None) -> Recording:
 
 def _read(path: Path) -> dict[str, NDArray[np.float64]]:
     """The columns by name."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
-            header = [cell.strip() for cell in next(rows, [])]
-            table = np.array(list(_cells(rows, len(header))), np.float64).reshape(-1, len(header))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(f"it is not a table ({error})") from None
+    lines = read_cells(path)
+    _, header = next(lines, (0, []))
+    table = np.array([[_number(cell, line) for cell in cells] for line, cells in lines]).reshape(
+        -1, len(header)
+    )
     columns = dict(zip(header, table.T, strict=True))
     if "hypothesis" in columns:
         # Of comotion segment: its confidence is that of the hypothesis.
@@ -86,18 +84,9 @@ def _check(ids: NDArray[np.float64], stamps: NDArray[np.float64]) -> None:
         raise RecordingError(f"{len(stamps)} frames with {len(ids)} tracks are too many for one recording")
 
 
-def _cells(rows: Any, width: int) -> Iterator[list[float]]:
-    for cells in rows:
-        if not cells:
-            continue
-        if len(cells) != width:
-            raise RecordingError(f"line {rows.line_num} has {len(cells)} cells, the first line {width}")
-        yield [_number(cell, rows.line_num) for cell in cells]
-
-
 def _number(cell: str, line: int) -> float:
     try:
-        return float(_WORDS.get(cell.strip().lower(), cell))
+        return float(_WORDS.get(cell.lower(), cell))
     except ValueError:
         raise RecordingError(f"line {line}: {cell[:20]!r} is not a number") from None
 
