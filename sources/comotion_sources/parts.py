@@ -10,16 +10,8 @@ from comotion_schemas.errors import KnownError
 class Part:
     """Source number `index` (from 0) of `count` sources."""
 
-    index: int
-    count: int
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.index < self.count:
-            raise KnownError(f"part {self.index + 1} of {self.count} does not exist")
-
-
-WHOLE = Part(0, 1)
-"""The only source."""
+    index: int = 0
+    count: int = 1
 
 
 def parse_part(text: str) -> Part:

@@ -5,7 +5,7 @@ evaluation have the same content.
 """
 
 import heapq
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,9 +49,8 @@ class StreamMessage:
         return self.message
 
 
-@dataclass(frozen=True, kw_only=True)
 class Stream:
-    """The frames of one source with their coordinate space and rate.
+    """The frames of one source, which it iterates over once per pass.
 
     Attributes
     ----------
@@ -65,8 +64,6 @@ class Stream:
         Frames per second.
     length
         Seconds after which the stream may be repeated; then frames at or after this time are left out.
-    frames
-        The frames; iterated once per pass.
     """
 
     name: str
@@ -76,18 +73,20 @@ class Stream:
     objects: Mapping[int, str]
     rate: float
     length: float
-    frames: Iterable[Frame]
+
+    def __iter__(self) -> Iterator[Frame]:
+        raise NotImplementedError
 
     def messages(self, session: str, epoch_ns: int, *, publish_sigma: bool) -> Iterator[StreamMessage]:
         """Yield the messages of one session: the truth of features before their first observation.
 
-        The parameters are those of :func:`merged`.
+        The parameters are those of :func:`batches`.
         """
         builder = MessageBuilder(
             source=self.name, session=session, space=self.space, unit=self.unit, dim=self.dim
         )
         known: set[int] = set()
-        for frame in self.frames:
+        for frame in self:
             newborn = np.array([identity not in known for identity in frame.ids.tolist()], bool)
             known.update(frame.ids[newborn].tolist())
             stamp_ns = epoch_ns + round(frame.t * 1e9)
@@ -115,11 +114,8 @@ def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
     return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
 
 
-def merged(
-    streams: Sequence[Stream],
-    *,
-    epoch_ns: int = 0,
-    publish_sigma: bool = False,
+def batches(
+    streams: Stream | Sequence[Stream], *, epoch_ns: int = 0, publish_sigma: bool = False
 ) -> Iterator[Published]:
     """Yield the messages of all streams in time order; at equal times in the order of the streams.
 
@@ -132,13 +128,14 @@ def merged(
     publish_sigma
         Publish the noise if a frame has it.
     """
-    log = StreamLog(streams, OFFLINE_SESSION, publish_sigma=publish_sigma, epoch_ns=epoch_ns)
+    chosen = [streams] if isinstance(streams, Stream) else streams
+    log = StreamLog(chosen, OFFLINE_SESSION, publish_sigma=publish_sigma, epoch_ns=epoch_ns)
     for logged in log.messages():
         yield logged.message
 
 
 class StreamLog:
-    """Streams as a log to play; the parameters are those of :func:`merged`."""
+    """Streams as a log to play; the parameters are those of :func:`batches`."""
 
     gap_s = 0.0
     """Seconds between two passes, beyond the length."""

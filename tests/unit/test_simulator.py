@@ -51,7 +51,7 @@ def test_scene_has_the_tabulated_features(name):
     simulation = run(name)
     frames = list(simulation)
     first = frames[0]
-    names = simulation.object_names
+    names = simulation.objects
     present = objects_of(frames)
     born_at_start = {i: o for i, o in present.items() if i < sum(counts.values())}
     found = {n: sum(o == k for o in born_at_start.values()) for k, n in names.items()}

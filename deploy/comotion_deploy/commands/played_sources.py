@@ -132,8 +132,6 @@ Examples:
 
     def _streams(self) -> "tuple[list[Stream], Recording]":
         """The streams that this process publishes."""
-        from dataclasses import replace
-
         from comotion_sources.recordings import read_recording, recording_streams
 
         part = self.chosen_part()
@@ -144,8 +142,8 @@ Examples:
         split = self.split if part is None else part.count
         streams = recording_streams(recording, split=split, rates=rates, source=self.name or "replay")
         if part is not None:
-            chosen = streams[part.index]
-            streams = [chosen if self.name is None else replace(chosen, name=self.name)]
+            streams = [streams[part.index]]
+            streams[0].name = self.name or streams[0].name
         return streams, recording
 
 
@@ -189,9 +187,10 @@ Examples:
             noise=self.noise,
             time_scale=self.time_scale,
             split=self.split,
+            name=self.name,
         )
         play_streams(
-            simulator.streams(simulations, self.name),
+            simulations,
             self.taken(Schedule, start_at=parse_start(self.start_at)),
             message=f"simulates {simulations[0].spec.title}",
             publish_sigma=self.publish_sigma,

@@ -7,9 +7,9 @@ from comotion_schemas.doubts import doubts
 from comotion_schemas.recording import SUFFIX
 
 from ..errors import InputError, RecordingError
-from .recording import Recording, recording_batches, recording_streams
+from .recording import Recording, recording_streams
 
-__all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
+__all__ = ["Recording", "RecordingError", "read_recording", "recording_streams"]
 
 _log = logging.getLogger(__name__)
 
