@@ -26,23 +26,10 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f
 
 @dataclass(frozen=True)
 class Observed:
-    """Features at one instant in one frame.
+    """Features at one instant in one frame: its frame id, and arguments of :meth:`SourcePublisher.observe`."""
 
-    Attributes
-    ----------
-    stamp_ns
-        Acquisition time, ns since the Unix epoch.
-    frame
-        Frame id of the positions.
-    ids, positions, quaternions
-        uint64 [N], float64 [N, 3] in m, and float64 [N, 4] (x, y, z, w) or None for points.
-    """
-
-    stamp_ns: int
     frame: str
-    ids: NDArray[np.uint64]
-    positions: NDArray[np.float64]
-    quaternions: NDArray[np.float64] | None = None
+    columns: dict[str, Any]
 
 
 def kind_of(key: str) -> str | None:
@@ -114,7 +101,8 @@ def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list
     with np.errstate(invalid="ignore", divide="ignore"):
         turns = np.where(lengths[:, None] > 0.5, turns / lengths[:, None], np.nan)
     places = np.array([place for place, _ in last.values()], np.float64)
-    return Observed(stamp_ns, frame, np.array(list(last), np.uint64), places, turns)
+    columns = {"ids": np.array(list(last), np.uint64), "positions": places, "quaternions": turns}
+    return Observed(frame, columns | {"stamp_ns": stamp_ns})
 
 
 def _cloud(message: Any, received_ns: int) -> Observed:
@@ -141,8 +129,9 @@ def _cloud(message: Any, received_ns: int) -> Observed:
         raise InputError("a cloud has fields that do not fit its points") from None
     points = np.frombuffer(data, kind, count)
     positions = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    ids = _ids(points[name])
-    return Observed(stamp_of(message.header, received_ns), message.header.frame_id, ids, positions)  # type: ignore[arg-type]
+    stamp_ns = stamp_of(message.header, received_ns)
+    columns = {"ids": _ids(points[name]), "positions": positions, "stamp_ns": stamp_ns}
+    return Observed(message.header.frame_id, columns)
 
 
 def _ids(numbers: NDArray[Any]) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """Publishes what a ROS 2 topic says of features in a scene."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Unpack
 
 from comotion_schemas.component import Where
@@ -8,15 +8,25 @@ from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings
 
 from ..errors import InputError
+from ..received import Arrival
 from ..runtime import SourcePublisher
-from .convert import Converter, Observed, kind_of
+from .convert import Converter, kind_of
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ros2Source:
-    """What to follow.
+def run(
+    topic: str,
+    *,
+    domain: int = 0,
+    pattern: str = "*",
+    frame: str | None = None,
+    ros: SessionSettings | None = None,
+    name: str = "ros2",
+    space: str = "world",
+    **where: Unpack[Where],
+) -> None:
+    """Publish the features of a topic until a signal arrives.
 
-    Attributes
+    Parameters
     ----------
     topic, domain
         ROS topic and domain id.
@@ -26,79 +36,46 @@ class Ros2Source:
         Frame id that the positions must be in; None: that of the first message.
     ros
         How to connect to the router of the ROS network; None: that of the scene.
-    """
-
-    topic: str
-    domain: int = 0
-    pattern: str = "*"
-    frame: str | None = None
-    ros: SessionSettings | None = None
-
-
-def run(
-    followed: Ros2Source,
-    *,
-    name: str = "ros2",
-    space: str = "world",
-    **where: Unpack[Where],
-) -> None:
-    """Publish the features of a topic until a signal arrives.
+    name, space
+        Name of the source; coordinate space of its features.
+    where
+        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     ValueError
         If a name is not valid.
     """
-    source = SourcePublisher(
-        name,
-        space=space,
-        unit="m",
-        dim=3,
-        drop_invalid=True,
-        message=f"ROS topic {followed.topic}",
-        **where,
-    )
-    with source:
-        arrivals = source.receive(topic_key(followed.topic, followed.domain), followed.ros)
+    text = f"ROS topic {topic}"
+    with SourcePublisher(
+        name, space=space, unit="m", dim=3, drop_invalid=True, message=text, **where
+    ) as source:
+        arrivals = source.receive(topic_key(topic, domain), ros)
         source.ready()
-        relay = _Relay(source, followed)
-        for arrival in arrivals:
-            if arrival is not None:
-                relay.take(*arrival)
+        relay(arrivals, source, Converter(pattern), frame)
 
 
-class _Relay:
-    """Converts and publishes; what cannot be used is counted, and said once."""
-
-    def __init__(self, source: SourcePublisher, followed: Ros2Source) -> None:
-        self._source, self._frame = source, followed.frame
-        self._converter = Converter(followed.pattern)
-
-    def take(self, key: str, raw: bytes, received_ns: int) -> None:
+def relay(
+    arrivals: Iterable[Arrival | None], source: SourcePublisher, converter: Converter, frame: str | None
+) -> None:
+    """Convert and publish what arrives; what cannot be used is counted, and said once."""
+    for key, raw, received_ns in filter(None, arrivals):
         kind = kind_of(key)
         if kind is None:
-            self._source.reject("schema", f"{key.split('/')[-2]} is not a type that can be followed")
-            return
+            source.reject("schema", f"{key.split('/')[-2]} is not a type that can be followed")
+            continue
         try:
-            observations = self._converter.convert(kind, raw, received_ns)
+            observations = converter.convert(kind, raw, received_ns)
         except InputError as error:
-            self._source.reject("malformed", str(error))
-            return
-        self._source.name_features({number: name for name, number in self._converter.ids.items()})
+            source.reject("malformed", str(error))
+            continue
+        source.name_features({number: name for name, number in converter.ids.items()})
         for observed in observations:
-            self._publish(observed)
-
-    def _publish(self, observed: Observed) -> None:
-        self._frame = self._frame or observed.frame
-        if observed.frame != self._frame:
-            self._source.reject("space-mismatch", f"frame {observed.frame!r} is not {self._frame!r}")
-            return
-        try:
-            self._source.observe(
-                ids=observed.ids,
-                positions=observed.positions,
-                quaternions=observed.quaternions,
-                stamp_ns=observed.stamp_ns,
-            )
-        except ValueError as error:
-            self._source.reject("malformed", str(error).partition("\n")[0])
+            frame = frame or observed.frame
+            if observed.frame != frame:
+                source.reject("space-mismatch", f"frame {observed.frame!r} is not {frame!r}")
+                continue
+            try:
+                source.observe(**observed.columns)
+            except ValueError as error:
+                source.reject("malformed", str(error).partition("\n")[0])
