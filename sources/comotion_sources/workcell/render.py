@@ -2,7 +2,7 @@
 
 ``mujoco.mj_multiRay`` casts one ray per pixel without OpenGL, GPU or display. Hit points are
 transformed to the frame of their geom, so that textures are fixed to the bodies, and looked up in the
-texture atlas at the mipmap level for their distance.
+texture of the face at the mipmap level for their distance.
 """
 
 from dataclasses import dataclass
@@ -160,19 +160,16 @@ class Renderer:
 
     def _shade(self, layer: _Layer, rows: Rows) -> None:
         """Compute texels and direct light of the given pixels, geom by geom."""
-        map_x, map_y = np.zeros((2, len(rows)), np.float32)
         geoms = layer["geoms"][rows]
         order = np.argsort(geoms.astype(np.int16), kind="stable")
         starts = np.searchsorted(geoms[order], np.arange(self.scene.model.ngeom + 1))
+        layer["texels"][rows] = 0
         for geom in np.unique(geoms[geoms >= 0]).tolist():
-            part = order[starts[geom] : starts[geom + 1]]
-            points, depth = layer["points"][rows[part]], layer["depth"][rows[part]]
-            map_x[part], map_y[part], layer["light"][rows[part]] = self._shade_geom(geom, points, depth)
-        texels = _fetch(self._atlas.image, map_x, map_y)
-        texels[geoms < 0] = 0
-        layer["texels"][rows] = texels
+            part = rows[order[starts[geom] : starts[geom + 1]]]
+            points, depth = layer["points"][part], layer["depth"][part]
+            layer["texels"][part], layer["light"][part] = self._shade_geom(geom, points, depth)
 
-    def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[Points, Points, Points]:
+    def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[NDArray[np.uint8], Points]:
         rotation = self._data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
         centre = self._data.geom_xpos[geom]
         local = (points - centre.astype(np.float32)) @ rotation
@@ -181,21 +178,14 @@ class Renderer:
         face, u, v, cosine = surface(
             int(self.scene.model.geom_type[geom]), self.scene.model.geom_size[geom], local, to_light
         )
-        x, y = self._locate(self._atlas.faces[geom], face, u, v, depth)
-        return x, y, np.float32(_DIFFUSE) * np.maximum(cosine, 0)
-
-    def _locate(
-        self, faces: NDArray[np.float32], face: NDArray[np.intp], u: Points, v: Points, depth: Points
-    ) -> tuple[Points, Points]:
-        """Convert (u, v), metres right of and below the centre of a face, to atlas coordinates."""
-        left, top, half_w, half_h, scale = faces[face].T
-        # Stay half a texel inside: interpolation must not reach over the border of the face.
-        x = left + np.clip((u + half_w) * scale - 0.5, 0, 2 * half_w * scale - 1)
-        y = top + np.clip((v + half_h) * scale - 0.5, 0, 2 * half_h * scale - 1)
-        footprint = depth * scale / np.float32(self.intrinsics.fx)
+        faces = self._atlas[geom]
+        footprint = depth * np.array([each.scale for each in faces])[face] / self.intrinsics.fx
         level = np.clip(np.rint(np.log2(np.maximum(footprint, 1e-6))), 0, LEVELS - 1).astype(np.intp)
-        shrink = np.float32(0.5) ** level.astype(np.float32)
-        return (x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5 + self._atlas.level_tops[level]
+        texels, image = np.empty((len(points), 3), np.uint8), face * LEVELS + level
+        for number in np.unique(image).tolist():
+            part = image == number
+            texels[part] = faces[number // LEVELS].texels(number % LEVELS, u[part], v[part])
+        return texels, np.float32(_DIFFUSE) * np.maximum(cosine, 0)
 
     def _illumination(self, layer: _Layer) -> Points:
         """Share of the light that reaches each pixel, float32 [H, W], with soft shadow borders."""
@@ -224,17 +214,6 @@ class Renderer:
         y = points[:, 1] - np.float32(shadow.amplitude * 0.5 * np.cos(phase))
         r2 = (x * x + y * y) / np.float32(2 * shadow.radius**2)
         return (1.0 - np.float32(shadow.depth) * np.exp(-r2)).astype(np.float32).reshape(self._shape)
-
-
-def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np.uint8]:
-    """Interpolate texels at N places, uint8 [N, 3]; cv2.remap accepts rows of at most 32767."""
-    count, width = len(map_x), 512
-    rows = max(1, -(-count // width))
-    padded = np.zeros((2, rows * width), np.float32)
-    padded[0, :count], padded[1, :count] = map_x, map_y
-    maps = padded.reshape(2, rows, width)
-    texels = np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
-    return texels.reshape(-1, 3)[:count]
 
 
 def _cast(
