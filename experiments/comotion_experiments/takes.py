@@ -61,7 +61,7 @@ def _robot(scene: Scene, seconds: float) -> Iterator[tuple[int, TruthBatch | Obs
     for index in range(round(seconds * _ROBOT_RATE)):
         t = index / _ROBOT_RATE
         reading = JointSample(round(1e9 * t), scene.joints, scene.configuration(t))
-        columns = packer.add(kinematics.encoded(reading))
+        columns = packer.add(reading)
         if columns is not None:
             yield columns["stamp_ns"], builder.observation(**columns)
 

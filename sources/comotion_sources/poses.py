@@ -1,7 +1,7 @@
 """Pose of a carried camera at the stamp of a frame, from poses of its carrier over time."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from comotion_schemas.errors import KnownError
 from .bounded import read_text
 from .calibration.model import Extrinsics
 from .errors import InputError
-from .timed import Timed
+from .timed import Timed, Value
 
 # A line has some 40 bytes: a day at 30 Hz.
 _MAX_BYTES = 100_000_000
@@ -67,33 +67,39 @@ def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:
 
 
 def trajectory(path: Path) -> Iterator[tuple[int, Extrinsics]]:
-    """Yield stamps in ns and poses of a file as in :func:`read_trajectory`.
+    """Yield stamps in ns and poses of a file as in :func:`read_trajectory`, with its errors."""
+    return parsed(path, "stamp tx ty tz qx qy qz qw", _pose)
+
+
+def _pose(line: str) -> tuple[int, Extrinsics]:
+    stamp, *values = line.split()
+    x, y, z, *turn = map(float, values)
+    return stamp_ns(stamp), Extrinsics.from_quaternion(turn, [x, y, z])
+
+
+def parsed(path: Path, form: str, parse: Callable[[str], Value]) -> Iterator[Value]:
+    """Yield what the lines of a text file say, without comments.
+
+    Parameters
+    ----------
+    path
+        The file.
+    form
+        What a line is to be, for the error.
+    parse
+        Reads a line; raises ValueError.
 
     Raises
     ------
     InputError
         If it cannot be read; the message names the file, and the line that is not of this form.
     """
-    for number, line in rows(path):
-        try:
-            stamp, *values = line.split()
-            x, y, z, *turn = map(float, values)
-            yield stamp_ns(stamp), Extrinsics.from_quaternion(turn, [x, y, z])
-        except ValueError:
-            raise InputError(f"{path}: line {number} is not 'stamp tx ty tz qx qy qz qw'") from None
-
-
-def rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Return the lines of a text file with their numbers, without comments.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
-    lines = read_text(path, _MAX_BYTES).splitlines()
-    stripped = ((number, line.strip()) for number, line in enumerate(lines, 1))
-    return ((number, line) for number, line in stripped if line and line[0] != "#")
+    for number, line in enumerate(map(str.strip, read_text(path, _MAX_BYTES).splitlines()), 1):
+        if line and line[0] != "#":
+            try:
+                yield parse(line)
+            except ValueError:
+                raise InputError(f"{path}: line {number} is not '{form}'") from None
 
 
 def stamp_ns(text: str) -> int:

@@ -20,7 +20,7 @@ from comotion_sources.calibration import (
 )
 from comotion_sources.cameras import Frame
 from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt.carrier import CarrierName, add_poses
+from comotion_sources.klt.carrier import add_poses, parse_carrier
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import find_dictionary
@@ -197,11 +197,11 @@ def test_the_carrier_takes_its_own_poses_only():
     positions, turns = [[9, 9, 9], [1, 0, 0], [2, 0, 0]], [[0, 0, 0, 1]] * 3
     stamps = {"stamp_ns": 20, "stamps_ns": [20, 10, 20]}
     given = batch("robot", positions=positions, ids=[2, 3, 3], quaternions=turns, **stamps)
-    add_poses(buffer, given, CarrierName.parse("robot:3").feature)
+    add_poses(buffer, given, parse_carrier("robot:3")[1])
     assert buffer.at(10).translation == pytest.approx([1, 0, 0])
     assert buffer.newest_ns == 20
     with pytest.raises(ValueError, match="SOURCE:ID"):
-        CarrierName.parse("robot:left")
+        parse_carrier("robot:left")
 
 
 def test_features_are_published_in_the_world_by_the_pose_at_their_stamp():

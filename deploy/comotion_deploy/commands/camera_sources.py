@@ -31,7 +31,7 @@ class Camera(Command):
     respawn_every: int = setting(15, "Frames between two searches for new corners.", min=1, metavar="FRAMES")
     tracker: list[str] | None = setting(
         None,
-        "Set a tracker parameter, e.g. fb_absolute=0.5, max_step=0.05; may be repeated. "
+        "Set a tracker parameter, e.g. fb_absolute=0.5, likeness=0.9; may be repeated. "
         "An unknown name lists all parameters.",
         metavar="NAME=VALUE",
     )
@@ -214,9 +214,9 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        from comotion_sources.klt.carrier import CarrierName
+        from comotion_sources.klt.carrier import parse_carrier
 
-        carrier = None if self.carried_by is None else CarrierName.parse(self.carried_by)
+        carrier = None if self.carried_by is None else parse_carrier(self.carried_by)
         moving = self.moving or self.poses is not None or carrier is not None
         self.publish(moving=moving, carrier=carrier)
 

@@ -25,14 +25,13 @@ from numpy.typing import NDArray
 from ..calibration.files import format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
 from ..errors import InputError
-from ..poses import rows, stamp_ns, trajectory
+from ..poses import parsed, stamp_ns, trajectory
 from .files import DEFAULT_RATE, RecordedCamera
 from .types import Frame
 
 DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
 """Longest time between an image and its depth image; the default of the TUM associate tool."""
-_DIGITS = 9
 _MOVED = 1e-3  # m, or parts of a unit quaternion: a camera that moves by more is not fixed
 _HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty tz qx qy qz qw"}
 
@@ -90,24 +89,19 @@ class TumFolder(RecordedCamera):
 
 
 def _listing(folder: Path, name: str) -> Listing:
-    entries = []
-    for number, line in rows(folder / name):
-        try:
-            time, file = line.split(maxsplit=1)
-            entries.append((stamp_ns(time), folder / file))
-        except ValueError:
-            raise InputError(f"{folder / name}: line {number} is not 'time file'") from None
-    return entries
+    def entry(line: str) -> tuple[int, Path]:
+        time, file = line.split(maxsplit=1)
+        return stamp_ns(time), folder / file
+
+    return list(parsed(folder / name, "time file", entry))
 
 
 def _read_names(path: Path) -> dict[int, str]:
-    names = {}
-    for number, line in rows(path) if path.is_file() else ():
-        key, _, name = line.partition(" ")
-        if not key.isdecimal() or len(key) > _DIGITS or not name:
-            raise InputError(f"{path}: line {number} is not 'number name'")
-        names[int(key)] = name
-    return names
+    def entry(line: str) -> tuple[int, str]:
+        number, name = line.split(" ", 1)
+        return int(number), name
+
+    return dict(parsed(path, "number name", entry)) if path.is_file() else {}
 
 
 def _read_still_pose(path: Path) -> Extrinsics | None:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from ..calibration.files import Calibration
 from ..markers.detector import MarkerOptions
-from .carrier import CarrierName
 from .config import TrackerConfig
 from .pacing import Pacing
 
@@ -41,8 +40,8 @@ class CameraOptions:
     markers
         Fiducial markers to detect; None: none.
     poses, carrier
-        A trajectory file with the pose of every frame, or the 6-DoF feature that carries the camera; the
-        extrinsics then lead from the camera to what these are poses of.
+        A trajectory file with the pose of every frame, or source and id of the 6-DoF feature that carries the
+        camera; the extrinsics then lead from the camera to what these are poses of.
     """
 
     name: str = "klt"
@@ -58,7 +57,7 @@ class CameraOptions:
     share_preview: float = 5.0
     markers: MarkerOptions | None = None
     poses: Path | None = None
-    carrier: CarrierName | None = None
+    carrier: tuple[str, int] | None = None
 
     @property
     def posed(self) -> bool:

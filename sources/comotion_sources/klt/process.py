@@ -133,7 +133,7 @@ class CameraProcess:
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
         self._publisher.more_counters = self._counters
         if options.carrier is not None and self._poses is not None:
-            self._carrier = Carrier(self._publisher.component, options.carrier, self._poses)
+            self._carrier = Carrier(self._publisher.component, *options.carrier, self._poses)
             stack.callback(self._carrier.close)
         if options.share_preview > 0:
             stream = PreviewStream(self._publisher, options.share_preview)

@@ -99,14 +99,10 @@ class Kinematics:
         self._needed = self._find_joints()
         self.joints = tuple(model.joint(i).name for i in self._needed)
         hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)
-        steps = (self._encoders.linear, self._encoders.angular)
-        self._steps = {
-            name: steps[int(model.jnt_type[joint]) == hinge]
-            for name, joint in zip(self.joints, self._needed, strict=True)
-        }
+        steps = np.where(model.jnt_type[self._needed] == hinge, self._encoders.angular, self._encoders.linear)
+        # One sigma of a rounding error, by degree of freedom.
         self._counts = np.zeros(model.nv)
-        # One sigma of a rounding error.
-        self._counts[model.jnt_dofadr[self._needed]] = np.array(list(self._steps.values())) / np.sqrt(12.0)
+        self._counts[model.jnt_dofadr[self._needed]] = steps / np.sqrt(12.0)
 
     def poses(self, sample: JointSample) -> LinkPoses:
         """Compute the poses of the links for a joint sample; other joints in it are ignored.
@@ -121,16 +117,6 @@ class Kinematics:
         rotations = Rotation.from_quat(self._data.xquat[self._bodies][:, [1, 2, 3, 0]])
         turned = Rotation.from_matrix(self._base.rotation) * rotations
         return LinkPoses(self._base.apply(places), turned.as_quat(canonical=True), self._sigma())
-
-    def encoded(self, sample: JointSample) -> JointSample:
-        """Round a sample to whole encoder counts, as a real robot reports them.
-
-        Joints that move none of the links are not changed.
-        """
-        steps = np.array([self._steps.get(name, 0.0) for name in sample.names])
-        safe = np.where(steps > 0, steps, 1.0)
-        rounded = np.where(steps > 0, np.rint(sample.positions / safe) * safe, sample.positions)
-        return JointSample(sample.stamp_ns, sample.names, rounded)
 
     def _place(self, sample: JointSample) -> None:
         positions: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))

@@ -26,7 +26,7 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f
 
 @dataclass(frozen=True)
 class Observed:
-    """Features at one instant in one frame: its frame id, and arguments of :meth:`SourcePublisher.observe`."""
+    """Features at one instant in one frame: its frame id, and what `SourcePublisher.observe` takes."""
 
     frame: str
     columns: dict[str, Any]

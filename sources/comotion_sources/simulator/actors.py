@@ -17,19 +17,6 @@ from .spec import Body, Gaps, Range, Respawn, SceneSpec
 _PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
 
 
-def stream(seed: int, *key: int) -> np.random.Generator:
-    """Return the generator of one stream of random numbers.
-
-    Parameters
-    ----------
-    seed
-        Seed of the scene.
-    key
-        Purpose and, where there are several, index.
-    """
-    return np.random.default_rng([seed, *key])
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Features:
     """Features over time, one row each, in the order of birth.
@@ -103,16 +90,20 @@ def draw_actors(spec: SceneSpec, seed: int) -> Actors:
     drawn: list[_Actor] = []
     slots = 0
     for index, body in enumerate(spec.bodies):
-        paths.append(Path(body.motion, spec.dim, stream(seed, _PATH, index)))
+        paths.append(Path(body.motion, spec.dim, np.random.default_rng([seed, _PATH, index])))
         number = numbers[body.object or body.name]
-        drawn += _body_actors(spec, body, index, number, slots, stream(seed, _FEATURES, index))
+        drawn += _body_actors(
+            spec, body, index, number, slots, np.random.default_rng([seed, _FEATURES, index])
+        )
         slots += body.features + body.poses
     _add_outliers(spec, seed, slots, paths, drawn, names)
     rows = np.array(drawn, [(name, kind, (spec.dim,)[: name == "local"]) for name, kind in _COLUMNS.items()])
     rows = rows[np.argsort(rows["birth"], kind="stable")]
     columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in _COLUMNS}
-    camera = Path(spec.camera, spec.dim, stream(seed, _CAMERA)) if spec.camera else None
-    gap = _gaps(spec.gaps, columns["birth"], columns["death"], spec.duration, stream(seed, _GAPS))
+    camera = Path(spec.camera, spec.dim, np.random.default_rng([seed, _CAMERA])) if spec.camera else None
+    gap = _gaps(
+        spec.gaps, columns["birth"], columns["death"], spec.duration, np.random.default_rng([seed, _GAPS])
+    )
     return Actors(paths=paths, camera=camera, gap=gap, names=names, **columns)
 
 
@@ -146,7 +137,7 @@ def _add_outliers(
     if spec.outliers is None:
         return
     for k in range(round(spec.outliers.share * slots)):
-        paths.append(Path(spec.outliers.motion, spec.dim, stream(seed, _OUTLIERS, k)))
+        paths.append(Path(spec.outliers.motion, spec.dim, np.random.default_rng([seed, _OUTLIERS, k])))
         number = len(names)
         names[number] = f"outlier {k + 1}"
         local = np.zeros(spec.dim)

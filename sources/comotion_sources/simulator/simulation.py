@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..frames import Frame
 from ..parts import Part, rate_of
 from ..streams import Stream, numbered
-from .actors import NOISE, Actors, draw_actors, stream
+from .actors import NOISE, Actors, draw_actors
 from .motion import Array, Poses, seen_from
 from .spec import SceneSpec
 
@@ -127,7 +127,7 @@ class Simulation(Stream):
         gap = self._actors.gap[rows]
         at = t * self.time_scale
         rows = rows[(at < gap[:, 0]) | (gap[:, 1] <= at)]
-        rng = stream(self.seed, NOISE, self.part.index, number)
+        rng = np.random.default_rng([self.seed, NOISE, self.part.index, number])
         rotations, exact = self._exact(rows, t)
         sigma = self._actors.sigma[rows] * self.noise
         return Frame(
