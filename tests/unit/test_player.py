@@ -50,13 +50,13 @@ class Outputs:
         self.puts = []
 
     def __getitem__(self, name):
-        return SimpleNamespace(send=partial(self.put, name), overrun=partial(self.skipped, name))
+        return SimpleNamespace(send=partial(self.put, name), count=partial(self.skipped, name))
 
     def put(self, name, kind, payload, message):
         self.puts.append((self.clock.passed, kind, name, payload, message))
         self.clock.passed += self.hold_up.pop(len(self.puts), 0.0)
 
-    def skipped(self, name):
+    def skipped(self, name, _counter):
         self.left_out[name] += 1
 
     def of(self, kind, *names):

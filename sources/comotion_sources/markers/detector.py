@@ -36,13 +36,6 @@ class MarkerOptions:
         find_dictionary(self.dictionary)
 
 
-def dictionary_names() -> list[str]:
-    """List the names of the available dictionaries, e.g. ``4x4_50`` and ``apriltag_36h11``."""
-    return sorted(
-        {name.removeprefix(_PREFIX).lower() for name in vars(cv2.aruco) if name.startswith(_PREFIX)}
-    )
-
-
 def find_dictionary(name: str) -> Any:
     """Look up an OpenCV dictionary by its name, with or without ``DICT_``, ignoring case.
 
@@ -51,11 +44,13 @@ def find_dictionary(name: str) -> Any:
     InputError
         If there is no dictionary of that name.
     """
-    wanted = name.upper().removeprefix(_PREFIX)
-    for known, value in vars(cv2.aruco).items():
-        if known.startswith(_PREFIX) and known.upper().removeprefix(_PREFIX) == wanted:
-            return cv2.aruco.getPredefinedDictionary(value)
-    raise InputError(f"no marker dictionary {name!r}; one of {', '.join(dictionary_names())}")
+    known = {
+        key.removeprefix(_PREFIX).lower(): n for key, n in vars(cv2.aruco).items() if key.startswith(_PREFIX)
+    }
+    number = known.get(name.upper().removeprefix(_PREFIX).lower())
+    if number is None:
+        raise InputError(f"no marker dictionary {name!r}; one of {', '.join(sorted(known))}")
+    return cv2.aruco.getPredefinedDictionary(number)
 
 
 def make_detector(dictionary: Any) -> Any:

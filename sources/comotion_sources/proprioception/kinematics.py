@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,7 @@ class Encoders:
     floor: float = 1e-4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinkPoses:
+class LinkPoses(NamedTuple):
     """Poses of the chosen links.
 
     `positions` float64 [L, 3] in metres; `quaternions` float64 [L, 4] (x, y, z, w); `sigma` float64 [L],
@@ -147,13 +146,14 @@ class Kinematics:
 
     def _find_joints(self) -> list[int]:
         """Indices of the joints between the world and the links, coupled ones replaced by their driver."""
-        model, joints = self._model, set[int]()
-        for body in self._bodies:
+        model, carriers = self._model, set[int]()
+        for link in self._bodies:
+            body = link
             while body:
-                first = int(model.body_jntadr[body])
-                joints.update(range(first, first + int(model.body_jntnum[body])))
-                body = int(model.body_parentid[body])  # noqa: PLW2901 - walking up the tree
+                carriers.add(body)
+                body = int(model.body_parentid[body])
         drivers = {target: driver for target, driver, _ in self._couplings}
+        joints = [joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in carriers]
         needed = sorted({drivers.get(joint, joint) for joint in joints})
         single = (int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE))
         for joint in needed:

@@ -65,14 +65,10 @@ class Packer:
             return None
         links = len(self._kinematics.links)
         stamps, poses = zip(*pending, strict=True)
-        return {
-            "stamp_ns": stamps[-1],
-            "ids": np.tile(np.arange(links, dtype=np.uint64), len(pending)),
-            "positions": np.concatenate([instant.positions for instant in poses]),
-            "quaternions": np.concatenate([instant.quaternions for instant in poses]),
-            "sigma": np.concatenate([instant.sigma for instant in poses]),
-            "stamps_ns": np.repeat(np.array(stamps, np.int64), links),
-        }
+        columns = LinkPoses(*map(np.concatenate, zip(*poses, strict=True)))._asdict()
+        ids = np.tile(np.arange(links, dtype=np.uint64), len(pending))
+        stamps_ns = np.repeat(np.array(stamps, np.int64), links)
+        return columns | {"stamp_ns": stamps[-1], "ids": ids, "stamps_ns": stamps_ns}
 
     def restart(self) -> None:
         """Discard pending instants and the last stamp: the clock of the samples was set back."""

@@ -5,8 +5,7 @@ transformed to the frame of their geom, so that textures are fixed to the bodies
 texture of the face at the mipmap level for their distance.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -32,8 +31,7 @@ _PENUMBRA = 0.012  # one-sigma blur, as a share of the image width
 _SHADOW_DEPTH = 0.45  # share of the light that a shadow takes
 
 
-@dataclass(frozen=True, eq=False)
-class Rendering:
+class Rendering(NamedTuple):
     """The images of an ideal camera.
 
     Attributes
@@ -101,32 +99,25 @@ class Renderer:
             Time of the scene in seconds, for the moving shadow.
         """
         self.scene.place(self._data, configuration)
-        rows, geoms, depth = self._cast_moving()
         layer = {name: values.copy() for name, values in self._still.items()}
-        layer["points"][rows] = self._points(rows, depth)
-        layer["depth"][rows], layer["geoms"][rows] = depth, geoms
-        self._shade(layer, rows)
+        self._shade(layer, *self._cast_moving())
         light = _AMBIENT + layer["light"].reshape(self._shape) * self._illumination(layer)
         light = (light * self._shadow_gain(layer["points"], t)).astype(np.float32)
         texels = layer["texels"].reshape(*self._shape, 3)
         image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
-        return Rendering(
-            np.asarray(image, np.uint8),
-            layer["depth"].reshape(self._shape),
-            layer["geoms"].reshape(self._shape),
-        )
+        depth, geoms = (layer[name].reshape(self._shape) for name in ("depth", "geoms"))
+        return Rendering(np.asarray(image, np.uint8), depth, geoms)
 
     def _render_still(self) -> _Layer:
         geoms, depth = _cast(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
-        everywhere, count = np.arange(len(geoms)), len(geoms)
-        layer: _Layer = {"geoms": geoms, "depth": depth, "points": self._points(everywhere, depth)}
-        layer |= {"light": np.zeros(count, np.float32), "texels": np.zeros((count, 3), np.uint8)}
-        self._shade(layer, everywhere)
+        kinds = {"geoms": np.int32, "depth": np.float32, "light": np.float32}
+        layer: _Layer = {name: np.zeros(len(geoms), kind) for name, kind in kinds.items()}
+        layer |= {
+            "points": np.zeros((len(geoms), 3), np.float32),
+            "texels": np.zeros((len(geoms), 3), np.uint8),
+        }
+        self._shade(layer, np.arange(len(geoms)), geoms, depth)
         return layer
-
-    def _points(self, rows: Rows, depth: Points) -> Points:
-        rays = self._rays[rows].astype(np.float32)
-        return rays * depth[:, None] + self.extrinsics.translation.astype(np.float32)
 
     def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
         """Pixels [n] that show a moving body, with geom and depth."""
@@ -158,16 +149,17 @@ class Renderer:
             mask[low[1] : high[1], low[0] : high[0]] = True
         return mask.ravel()
 
-    def _shade(self, layer: _Layer, rows: Rows) -> None:
-        """Compute texels and direct light of the given pixels, geom by geom."""
-        geoms = layer["geoms"][rows]
+    def _shade(self, layer: _Layer, rows: Rows, geoms: NDArray[np.int32], depth: Points) -> None:
+        """Put what pixels show into a layer, with their texels and direct light, geom by geom."""
+        layer["geoms"][rows], layer["depth"][rows], layer["texels"][rows] = geoms, depth, 0
+        rays = self._rays[rows].astype(np.float32)
+        layer["points"][rows] = rays * depth[:, None] + self.extrinsics.translation.astype(np.float32)
         order = np.argsort(geoms.astype(np.int16), kind="stable")
         starts = np.searchsorted(geoms[order], np.arange(self.scene.model.ngeom + 1))
-        layer["texels"][rows] = 0
         for geom in np.unique(geoms[geoms >= 0]).tolist():
             part = rows[order[starts[geom] : starts[geom + 1]]]
-            points, depth = layer["points"][part], layer["depth"][part]
-            layer["texels"][part], layer["light"][part] = self._shade_geom(geom, points, depth)
+            shaded = self._shade_geom(geom, layer["points"][part], layer["depth"][part])
+            layer["texels"][part], layer["light"][part] = shaded
 
     def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[NDArray[np.uint8], Points]:
         rotation = self._data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
