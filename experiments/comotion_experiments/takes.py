@@ -13,7 +13,7 @@ from comotion_schemas import Message, ObservationBatch, Preview, Status, TruthBa
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt import TrackerConfig
 from comotion_sources.proprioception import JointSample, Kinematics
-from comotion_sources.proprioception.packer import Packer
+from comotion_sources.proprioception.process import Packer
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene
 from comotion_sources.workcell.camera import CameraSpec

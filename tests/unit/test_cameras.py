@@ -12,7 +12,7 @@ from comotion_sources.calibration import Extrinsics, Intrinsics
 from comotion_sources.cameras import CameraError, Frame, open_frames
 from comotion_sources.cameras.live import CaptureDevice, LiveCamera
 from comotion_sources.cameras.tum import TumWriter
-from comotion_sources.klt.pacing import Pacer, Pacing
+from comotion_sources.klt.options import Pacer, Pacing
 
 from ..builders import MS
 from ..pictures import write_video

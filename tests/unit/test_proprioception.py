@@ -8,13 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion_sources.calibration.model import Extrinsics
-from comotion_sources.proprioception.joint_logs import read_csv
-from comotion_sources.proprioception.samples import JointSample
+from comotion_sources.proprioception.joints import JointSample, read_csv
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.proprioception import Encoders, Kinematics, load_model  # noqa: E402
-from comotion_sources.proprioception.packer import Packer  # noqa: E402
+from comotion_sources.proprioception.process import Packer  # noqa: E402
 from comotion_sources.workcell import Scene  # noqa: E402
 
 URDF = Path(__file__).parents[1] / "fuzz" / "corpus" / "urdf" / "valid"

@@ -12,10 +12,8 @@ pytest.importorskip("rosbags", reason="needs the extra ros")
 
 from comotion_schemas.ros_types import store, topic_key
 from comotion_sources.errors import InputError
-from comotion_sources.proprioception.joint_logs import read_bag
-from comotion_sources.proprioception.samples import JOINT_STATE, JointSample, ros_sample
-from comotion_sources.ros2.convert import CLOUD, KINDS, NAMED_POSES, TF, Converter
-from comotion_sources.ros2.process import relay
+from comotion_sources.proprioception.joints import JOINT_STATE, JointSample, read_bag, ros_sample
+from comotion_sources.ros2.process import CLOUD, KINDS, NAMED_POSES, TF, Converter, relay
 from comotion_sources.runtime import SourcePublisher
 
 from ..ros_messages import encode_sample, header, make, raw

@@ -167,8 +167,7 @@ class CameraSource(Camera, Process):
         others
             Options of the camera's process that are not simply fields of the command.
         """
-        from comotion_sources.klt.options import CameraOptions
-        from comotion_sources.klt.pacing import Pacing
+        from comotion_sources.klt.options import CameraOptions, Pacing
         from comotion_sources.klt.process import run
 
         self.clear_frames(self.preview)

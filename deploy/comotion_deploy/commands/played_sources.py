@@ -8,9 +8,8 @@ from ..errors import UserError
 from ..options import Command, Process, argument, option, setting
 
 if TYPE_CHECKING:
-    from comotion_sources.parts import Part
     from comotion_sources.recordings import Recording
-    from comotion_sources.streams import Stream
+    from comotion_sources.streams import Part, Stream
 
 Stamps = Literal["now", "original"]
 """Stamps of recorded data: the time of publication, or those of the recording."""
@@ -52,13 +51,13 @@ class Played(Timed, Process):
 
     def chosen_part(self) -> "Part | None":
         """Return the part of the sources that is to be published, if not all are."""
-        from comotion_sources.parts import parse_part
+        from comotion_sources.streams import parse_part
 
         return parse_part(self.part) if self.part else None
 
     def rates(self) -> "list[float] | None":
         """Return the rate of each source, or of all of them, in Hz."""
-        from comotion_sources.parts import parse_rates
+        from comotion_sources.streams import parse_rates
 
         return parse_rates(self.rate) if self.rate else None
 

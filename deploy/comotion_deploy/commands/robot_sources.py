@@ -10,7 +10,7 @@ from .played_sources import Timed
 
 if TYPE_CHECKING:
     from comotion_sources.calibration.model import Extrinsics
-    from comotion_sources.proprioception.joint_readers import Reader
+    from comotion_sources.proprioception.joints import Reader
 
 _WORKCELL = "workcell:"
 
@@ -80,8 +80,7 @@ Examples:
         from functools import partial
 
         from comotion_schemas.transport import SessionSettings
-        from comotion_sources.proprioception.joint_logs import read_bag, read_csv
-        from comotion_sources.proprioception.joint_readers import played, ros_topic, scene_joints
+        from comotion_sources.proprioception.joints import played, read_bag, read_csv, ros_topic, scene_joints
 
         inputs = {"--joints": self.joints, "--csv": self.csv, "--bag": self.bag, "--ros": self.ros}
         if all(value is None for value in inputs.values()):

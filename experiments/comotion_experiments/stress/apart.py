@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from comotion_sources.simulator.motion import Poses
+from comotion_sources.simulator.actors import Poses
 
 from .motion import Array
 from .scene import Scene

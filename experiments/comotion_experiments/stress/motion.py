@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comotion_sources.simulator.motion import Path, Poses
+from comotion_sources.simulator.actors import Path, Poses
 from comotion_sources.simulator.spec import KeyStates, Motion, Rest, Sines
 
 Array: TypeAlias = NDArray[np.float64]

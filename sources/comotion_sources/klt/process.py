@@ -22,8 +22,7 @@ from .carrier import Carrier
 from .drawing import Annotator
 from .marker_output import MarkerOutput
 from .observer import CameraSpace, Observer, choose_space
-from .options import CameraOptions
-from .pacing import Pacer
+from .options import CameraOptions, Pacer
 from .picture_file import NO_ENCODER, PictureFile
 from .preview import DelayedPreview, PreviewStream
 from .tracker import Tracker, Tracks

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.model import Extrinsics, Intrinsics
-from ..calibration.planar import planar_poses
+from ..calibration.model import Extrinsics, Intrinsics, planar_poses
 from ..cameras.types import Image
 from ..errors import InputError
 

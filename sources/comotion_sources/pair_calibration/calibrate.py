@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from ..calibration.model import Extrinsics, Intrinsics
-from ..calibration.planar import planar_poses, reprojection, rms
+from ..calibration.model import Extrinsics, Intrinsics, planar_poses, reprojection, rms
 from ..cameras.files import ImageFiles
 from ..cameras.types import Camera, Frame
 from ..errors import InputError

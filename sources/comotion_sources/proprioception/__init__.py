@@ -1,8 +1,8 @@
 """Proprioception: the links of a robot as 6-DoF features, from its joint positions."""
 
+from .joints import JointSample
 from .kinematics import Encoders, Kinematics, LinkPoses
 from .model import load_model
-from .samples import JointSample
 
 __all__ = [
     "Encoders",

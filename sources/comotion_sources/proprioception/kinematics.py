@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ..calibration.model import Extrinsics
 from ..errors import InputError
 from ..workcell.extra import couplings, require_mujoco
-from .samples import JointSample, Vector
+from .joints import JointSample, Vector
 
 Vectors = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
     """
     from .c3d import read_c3d
     from .npz import read_npy, read_npz
-    from .track_table import read_csv
+    from .tracks import read_csv
 
     path = Path(path)
     readers = {".c3d": read_c3d, ".npz": read_npz, ".npy": read_npy, ".csv": read_csv}

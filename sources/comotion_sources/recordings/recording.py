@@ -10,8 +10,7 @@ from comotion_schemas.types import Unit
 
 from ..errors import RecordingError
 from ..frames import AMBIGUOUS, Frame
-from ..parts import Part, rate_of
-from ..streams import Stream, numbered
+from ..streams import Part, Stream, numbered, rate_of
 
 DEFAULT_NAME = "replay"
 

@@ -11,10 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..frames import Frame
-from ..parts import Part, rate_of
-from ..streams import Stream, numbered
-from .actors import NOISE, Actors, draw_actors
-from .motion import Array, Poses, seen_from
+from ..streams import Part, Stream, numbered, rate_of
+from .actors import NOISE, Actors, Array, Poses, draw_actors, seen_from
 from .spec import SceneSpec
 
 Split = Literal["features", "objects"]

@@ -32,8 +32,8 @@ from comotion_schemas.types import Name
 from ..cameras.tum import TumWriter
 from ..cameras.types import Camera, Frame
 from ..errors import InputError
+from ..poses import Timed
 from ..received import Inbox
-from ..timed import Timed
 from .scene import Scene, Vector
 from .viewpoint import Viewpoint
 

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.model import Extrinsics, Intrinsics
-from .atlas import LEVELS, Atlas, build_atlas
+from .atlas import LEVELS, Atlas, Points, build_atlas, surface
 from .extra import require_mujoco
 from .scene import MOVING, STILL, Scene, Vector
-from .shapes import Points, surface
 
 Rows = NDArray[np.intp]
 _Layer = dict[str, NDArray[Any]]
