@@ -10,7 +10,7 @@ import pytest
 
 from comotion_sources.calibration import Extrinsics, Intrinsics
 from comotion_sources.cameras import CameraError, Frame, open_frames
-from comotion_sources.cameras.live import CaptureDevice, LiveCamera
+from comotion_sources.cameras.live import LiveCamera, captured
 from comotion_sources.cameras.tum import TumWriter
 from comotion_sources.klt.options import Pacer, Pacing
 
@@ -165,8 +165,12 @@ class Scripted:
             raise frame
         return frame
 
-    def close(self):
-        self.closed.set()
+    def played(self):
+        try:
+            while (frame := self.read()) is not None:
+                yield frame
+        finally:
+            self.closed.set()
 
 
 def wait_asked(device, times):
@@ -176,7 +180,7 @@ def wait_asked(device, times):
 
 def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
     device = Scripted()
-    camera = LiveCamera("camera 0", device)
+    camera = LiveCamera("camera 0", device.played())
     frames = iter(camera)
     device.play(*(Frame(k, image(k)) for k in range(4)))
     wait_asked(device, 5)  # it is waiting for the fifth: four have come
@@ -187,7 +191,7 @@ def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
         (RuntimeError("no frame for 5 s:\n  USB was unplugged"), "no frame for 5 s: USB was unplugged"),
     ):
         device = Scripted()
-        camera = LiveCamera("camera 0", device)
+        camera = LiveCamera("camera 0", device.played())
         device.play(end)
         with pytest.raises(CameraError, match=f"camera 0: {told}"):
             next(iter(camera))
@@ -206,8 +210,9 @@ def test_stamps_are_the_devices_where_it_has_one(monkeypatch):
             get={cv2.CAP_PROP_POS_MSEC: position}.get,
             grab=lambda: True,
             retrieve=lambda: (True, image(1)),
+            release=list,
         )
-        frame = CaptureDevice(capture, clock=lambda: 1_700_000_000_000_000_000).read()
+        frame = next(captured(capture, clock=lambda: 1_700_000_000_000_000_000))
         assert frame.stamp_ns == 1_700_000_000_000_000_000 + offset
 
 

@@ -2,8 +2,9 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,16 +21,6 @@ _SILENCE_S = 10.0  # without a frame for this long a camera counts as lost
 _JOIN_S = 2 * READ_TIMEOUT_MS / 1000
 
 
-class Device(Protocol):
-    """Interface of a driver; one thread calls both methods."""
-
-    def read(self) -> Frame | None:
-        """Wait for the next frame; None when the device has ended."""
-
-    def close(self) -> None:
-        """Free the device."""
-
-
 class LiveCamera(Camera):
     """Reads a device in a thread and yields the newest frame; counts the frames it drops.
 
@@ -38,7 +29,7 @@ class LiveCamera(Camera):
     what
         The camera as the user named it, for messages.
     device
-        The opened device.
+        Yields the frames of the opened device, whose thread alone runs it and then closes it.
     has_depth, rate, intrinsics
         Properties that the device reports.
     """
@@ -48,7 +39,7 @@ class LiveCamera(Camera):
     def __init__(
         self,
         what: str,
-        device: Device,
+        device: Generator[Frame],
         *,
         has_depth: bool = False,
         rate: float | None = None,
@@ -92,13 +83,14 @@ class LiveCamera(Camera):
     def _read(self) -> None:
         lost = "the camera stopped delivering frames"
         try:
-            while not self._closed and (frame := self._device.read()) is not None:
-                self._offer(frame)
+            # Free it in this thread: OpenCV crashes if another thread reads the capture meanwhile.
+            with closing(self._device):
+                for frame in self._device:
+                    if self._closed:
+                        break
+                    self._offer(frame)
         except Exception as error:  # drivers raise many types; the iterating thread reports all of them
             lost = " ".join(str(error).split())[:300] or type(error).__name__
-        finally:
-            # Free it in this thread: OpenCV crashes if another thread reads the capture meanwhile.
-            self._device.close()
         with self._changed:
             self._lost = lost
             self._changed.notify_all()
@@ -110,34 +102,21 @@ class LiveCamera(Camera):
             self._changed.notify_all()
 
 
-class CaptureDevice:
-    """Adapts an OpenCV capture to :class:`Device`."""
-
-    def __init__(self, capture: Any, clock: Callable[[], int] = time.time_ns) -> None:
-        self._capture = capture
-        self._clock = clock
-        # Video4Linux stamps its buffers with the monotonic clock; other backends give no time.
-        self._stamped = str(capture.getBackendName()) == "V4L2"
-
-    def read(self) -> Frame | None:
-        """Wait for the next frame; its stamp is that of the device, or else the time of the grab."""
-        if not self._capture.grab():
-            return None
-        stamp = self._stamp_ns()
-        ok, image = self._capture.retrieve()
-        return Frame(stamp, np.asarray(image, np.uint8)) if ok and image is not None else None
-
-    def close(self) -> None:
-        """Free the device."""
-        self._capture.release()
-
-    def _stamp_ns(self) -> int:
-        now = self._clock()
-        if not self._stamped:
-            return now
-        age = time.monotonic_ns() - round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        # Some drivers use another clock; the time of the grab is then closer to the truth.
-        return now - age if 0 <= age < PLAUSIBLE_AGE_NS else now
+def captured(capture: Any, clock: Callable[[], int] = time.time_ns) -> Generator[Frame]:
+    """Yield the frames of an OpenCV capture, stamped by the device, or else at the grab."""
+    # Video4Linux stamps its buffers with the monotonic clock; other backends give no time.
+    stamped = str(capture.getBackendName()) == "V4L2"
+    try:
+        while capture.grab():
+            now = clock()
+            age = time.monotonic_ns() - round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6) if stamped else 0
+            ok, image = capture.retrieve()
+            if not ok or image is None:
+                return
+            # Some drivers use another clock; the time of the grab is then closer to the truth.
+            yield Frame(now - age if 0 <= age < PLAUSIBLE_AGE_NS else now, np.asarray(image, np.uint8))
+    finally:
+        capture.release()
 
 
 def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
@@ -153,7 +132,7 @@ def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
         raise InputError(f"camera {index}: no such device, or it is in use")
     if rate:
         capture.set(cv2.CAP_PROP_FPS, rate)
-    return LiveCamera(f"camera {index}", CaptureDevice(capture), rate=_rate(capture))
+    return LiveCamera(f"camera {index}", captured(capture), rate=_rate(capture))
 
 
 def open_stream(url: str) -> LiveCamera:
@@ -173,7 +152,7 @@ def open_stream(url: str) -> LiveCamera:
     capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)
     if not capture.isOpened():
         raise InputError(f"{_without_password(url)}: nothing answers at this URL, or it is not a video")
-    return LiveCamera(_without_password(url), CaptureDevice(capture), rate=_rate(capture))
+    return LiveCamera(_without_password(url), captured(capture), rate=_rate(capture))
 
 
 def _rate(capture: Any) -> float | None:

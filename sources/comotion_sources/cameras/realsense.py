@@ -1,6 +1,7 @@
 """Reads an Intel RealSense camera, with depth registered to colour; needs pyrealsense2."""
 
 import time
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -13,36 +14,24 @@ from .types import Frame
 _WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 series supports them
 
 
-class RealSenseDevice:
-    """Adapts a started pipeline to :class:`Device`: colour, and depth registered to it."""
-
-    def __init__(self, library: Any, pipeline: Any, depth_scale: float) -> None:
-        self._library = library
-        self._pipeline = pipeline
-        self._scale = np.float32(depth_scale)
-        self._align = library.align(library.stream.color)
-
-    def read(self) -> Frame | None:
-        """Wait for the next pair of colour and depth; the library raises when the camera is lost."""
-        frames = self._align.process(self._pipeline.wait_for_frames(READ_TIMEOUT_MS))
-        colour, depth = frames.get_color_frame(), frames.get_depth_frame()
-        if not colour:
-            return None
-        z = np.asanyarray(depth.get_data()).astype(np.float32) * self._scale if depth else None
-        return Frame(self._stamp_ns(colour), np.array(colour.get_data(), np.uint8), z)
-
-    def close(self) -> None:
-        """Stop the pipeline."""
-        self._pipeline.stop()
-
-    def _stamp_ns(self, frame: Any) -> int:
-        now, domain = time.time_ns(), self._library.timestamp_domain
-        reported = round(float(frame.get_timestamp()) * 1e6)
-        if frame.get_frame_timestamp_domain() in {domain.system_time, domain.global_time} and (
-            abs(now - reported) < PLAUSIBLE_AGE_NS
-        ):
-            return reported
-        return now
+def _frames(library: Any, pipeline: Any, depth_scale: float) -> Generator[Frame]:
+    """Yield pairs of colour, and depth registered to it; the library raises when the camera is lost."""
+    align, scale = library.align(library.stream.color), np.float32(depth_scale)
+    domains = {library.timestamp_domain.system_time, library.timestamp_domain.global_time}
+    try:
+        while True:
+            frames = align.process(pipeline.wait_for_frames(READ_TIMEOUT_MS))
+            colour, depth = frames.get_color_frame(), frames.get_depth_frame()
+            if not colour:
+                return
+            now, reported = time.time_ns(), round(float(colour.get_timestamp()) * 1e6)
+            trusted = (
+                colour.get_frame_timestamp_domain() in domains and abs(now - reported) < PLAUSIBLE_AGE_NS
+            )
+            z = np.asanyarray(depth.get_data()).astype(np.float32) * scale if depth else None
+            yield Frame(reported if trusted else now, np.array(colour.get_data(), np.uint8), z)
+    finally:
+        pipeline.stop()
 
 
 def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
@@ -73,8 +62,8 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
         camera = _intrinsics(stream.get_intrinsics())
     except RuntimeError as error:
         raise InputError(f"{what}: {' '.join(str(error).split())}") from None
-    device = RealSenseDevice(library, pipeline, scale)
-    return LiveCamera(what, device, has_depth=True, rate=float(hertz), intrinsics=camera)
+    frames = _frames(library, pipeline, scale)
+    return LiveCamera(what, frames, has_depth=True, rate=float(hertz), intrinsics=camera)
 
 
 def _intrinsics(sensor: Any) -> Intrinsics:

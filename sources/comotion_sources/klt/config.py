@@ -53,9 +53,7 @@ class TrackerConfig(BaseModel):
     0.025 2 and 1 % (workcell ``eye-in-hand``, seeds 0 and 2).
     """
     pixel_sigma: Positive = 0.1
-    """One-sigma noise of a feature that is tracked without residual, px."""
-    residual_gain: NotNegative = 1.0
-    """Factor on the noise that is estimated from the tracking residual."""
+    """One-sigma noise of a feature in the image, px."""
     moving: bool = False
     """The camera is carried: of `birth_sigma` the smaller default holds."""
     depth_noise: NotNegative = 1.5e-3

@@ -65,28 +65,6 @@ class Templates(Columns):
     shape: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Alignment:
-    """Result of the alignment of N templates.
-
-    Attributes
-    ----------
-    pixels
-        float32 [N, 2], aligned positions.
-    shape
-        float32 [N, 2, 2], as in :class:`Templates`.
-    correlation
-        float32 [N], of the template with the warped image, -1 to 1.
-    noise
-        float32 [N], one-sigma noise of `pixels` estimated from the residual, px.
-    """
-
-    pixels: Pixels
-    shape: Floats
-    correlation: Floats
-    noise: Floats
-
-
 @cache
 def _offsets(window: int) -> Floats:
     """Coordinates of the pixels of a window relative to its centre, float32 [P, 2]."""
@@ -144,7 +122,9 @@ def _slopes(wide: Floats, window: int) -> tuple[Floats, Floats]:
     return _detrended(wide[:, 1:-1, 1:-1].reshape(-1, window**2), window), _detrended(steepest, window)
 
 
-def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Alignment:
+def align(
+    grey: Image, pixels: Pixels, templates: Templates, window: int
+) -> tuple[Pixels, Floats, NDArray[np.float32]]:
     """Align templates with an image.
 
     Parameters
@@ -157,6 +137,11 @@ def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Ali
         Templates of the same features, with the shape of the frame before.
     window
         Edge of a template in px, as in :func:`extract`.
+
+    Returns
+    -------
+    float32 [N, 2], aligned positions; float32 [N, 2, 2], shape as in :class:`Templates`; float32 [N],
+    correlation of the template with the warped image, -1 to 1.
     """
     window |= 1
     x, image = _offsets(window), grey.astype(np.float32)
@@ -164,17 +149,15 @@ def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Ali
     for iteration in range(_ITERATIONS + 1):
         seen = _detrended(_sampled(image, centre, shape, x), window)
         gain = np.einsum("np,np->n", seen, templates.patch) / templates.power
-        residual = seen - gain[:, None] * templates.patch
-        bounded_gain = np.maximum(gain, _MIN_GAIN)
         if iteration < _ITERATIONS:
-            step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0] / bounded_gain[:, None]
+            residual = seen - gain[:, None] * templates.patch
+            step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0]
+            step /= np.maximum(gain, _MIN_GAIN)[:, None]
             change = np.eye(2, dtype=np.float32) + step[:, :4].reshape(-1, 2, 2)
             shape = shape @ np.linalg.inv(change)  # W <- W o dW^-1
             centre = centre - np.einsum("nij,nj->ni", shape, step[:, 4:])
-    square = np.einsum("np,np->n", residual, residual)
     correlation = gain * np.sqrt(templates.power / np.maximum(np.einsum("np,np->n", seen, seen), _EPSILON))
-    variance = square / residual.shape[1] / bounded_gain**2 * templates.variance_scale
-    return Alignment(centre, shape, correlation, np.sqrt(variance))
+    return centre, shape, correlation
 
 
 def _sampled(image: Floats, centre: Pixels, shape: Floats, offsets: Floats) -> Floats:

@@ -27,7 +27,6 @@ from .template import Columns, Templates, align, extract
 Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
 
-_NOISE_DECAY = 0.7  # per frame, of the variance of a feature
 _GREY_NOISE = 2.0  # grey levels, one sigma, as in TrackerConfig.birth_sigma
 
 
@@ -70,13 +69,11 @@ class Tracks:
 class _Features(Columns):
     """Columns of the current features, oldest first.
 
-    `noise` is the estimated noise in px; `points` are NaN without depth in this frame, `missing` the number
-    of consecutive frames without depth.
+    `points` are NaN without depth in this frame, `missing` is the number of consecutive frames without depth.
     """
 
     ids: Ids
     pixels: Pixels
-    noise: Floats
     points: Floats
     missing: NDArray[np.int64]
     templates: Templates
@@ -144,11 +141,9 @@ class Tracker:
         if self._grey is None or not len(features.ids):
             return
         pixels, kept = track(self._grey, grey, features.pixels, self._config)
-        aligned = align(grey, pixels, features.templates, self._config.window)
-        features.pixels = aligned.pixels
-        features.templates = replace(features.templates, shape=aligned.shape)
-        features.noise = np.sqrt(_NOISE_DECAY * features.noise**2 + (1 - _NOISE_DECAY) * aligned.noise**2)
-        self._features = features[kept & (aligned.correlation > self._config.likeness)]
+        features.pixels, shape, correlation = align(grey, pixels, features.templates, self._config.window)
+        features.templates = replace(features.templates, shape=shape)
+        self._features = features[kept & (correlation > self._config.likeness)]
 
     def _lift(self, frame: Frame) -> None:
         """Compute the 3-D points; end features that have no depth for too long."""
@@ -182,7 +177,6 @@ class Tracker:
         return _Features(
             ids=np.arange(first, first + count, dtype=np.uint64),
             pixels=pixels,
-            noise=np.zeros(count),
             points=points,
             missing=np.zeros(count, np.int64),
             templates=extract(grey, pixels, self._config.window),
@@ -190,7 +184,7 @@ class Tracker:
 
     def _tracks(self, stamp_ns: int, kept: int, ended: Ids) -> Tracks:
         features, config = self._features, self._config
-        pixel_sigma = np.hypot(config.pixel_sigma, config.residual_gain * features.noise)
+        pixel_sigma = np.full(len(features.ids), config.pixel_sigma)
         points = sigma = None
         if self._intrinsics is not None:
             points = features.points
