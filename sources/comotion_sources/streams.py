@@ -139,10 +139,10 @@ class Stream:
         builder = MessageBuilder(
             source=self.name, session=session, space=self.space, unit=self.unit, dim=self.dim
         )
-        known: set[int] = set()
+        born: set[int] = set()
         for frame in self:
-            newborn = np.array([identity not in known for identity in frame.ids.tolist()], bool)
-            known.update(frame.ids[newborn].tolist())
+            newborn = np.array([identity not in born for identity in frame.ids.tolist()], bool)
+            born.update(frame.ids[newborn].tolist())
             stamp_ns = epoch_ns + round(frame.t * 1e9)
             if frame.objects is not None and newborn.any():
                 truth = builder.truth(

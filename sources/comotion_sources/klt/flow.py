@@ -32,11 +32,11 @@ def track(
     -------
     float32 [N, 2], positions in `later`; bool [N], kept.
     """
-    there, tracked = _lucas_kanade(earlier, later, pixels, config)
-    back, tracked_back = _lucas_kanade(later, earlier, there, config)
-    moved = ((there - pixels) ** 2).sum(axis=1) + ((back - there) ** 2).sum(axis=1)
+    forward, tracked = _lucas_kanade(earlier, later, pixels, config)
+    back, tracked_back = _lucas_kanade(later, earlier, forward, config)
+    moved = ((forward - pixels) ** 2).sum(axis=1) + ((back - forward) ** 2).sum(axis=1)
     kept = ((back - pixels) ** 2).sum(axis=1) < config.fb_relative * moved + config.fb_absolute
-    return there, kept & tracked & tracked_back & inside(there, later.shape, config.window // 2)
+    return forward, kept & tracked & tracked_back & inside(forward, later.shape, config.window // 2)
 
 
 def _lucas_kanade(

@@ -52,10 +52,10 @@ class MarkerOutput:
 
         The empty batch keeps the watermark of the scene moving.
         """
-        found = self._detector.detect(frame.image)
-        seen = {number: pose for number, pose in found.items() if pose is not None}
+        markers = self._detector.detect(frame.image)
+        seen = {number: pose for number, pose in markers.items() if pose is not None}
         poses = [self._extrinsics.after(pose) for pose, _ in seen.values()]
-        self.source.count("refused", len(found) - len(seen))
+        self.source.count("refused", len(markers) - len(seen))
         self.source.name_features({number: f"marker {number}" for number in seen})
         self.source.observe(
             stamp_ns=frame.stamp_ns,

@@ -119,12 +119,12 @@ class Observer:
             yield self._builder.truth(ids=ids, objects=objects, names=self._objects)
         positions, sigma = self._states(tracks)
         shown = np.isfinite(positions).all(axis=1)
-        known = bool(np.isfinite(sigma[shown]).all())
+        has_sigma = bool(np.isfinite(sigma[shown]).all())
         yield self._builder.observation(
             stamp_ns=tracks.stamp_ns,
             ids=tracks.ids[shown],
             positions=positions[shown],
-            sigma=sigma[shown].astype(np.float32) if known else None,
+            sigma=sigma[shown].astype(np.float32) if has_sigma else None,
             ended=tracks.ended if len(tracks.ended) else None,
         )
 

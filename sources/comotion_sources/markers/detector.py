@@ -43,12 +43,12 @@ def find_dictionary(name: str) -> Any:
     InputError
         If there is no dictionary of that name.
     """
-    known = {
+    numbers = {
         key.removeprefix(_PREFIX).lower(): n for key, n in vars(cv2.aruco).items() if key.startswith(_PREFIX)
     }
-    number = known.get(name.upper().removeprefix(_PREFIX).lower())
+    number = numbers.get(name.upper().removeprefix(_PREFIX).lower())
     if number is None:
-        raise InputError(f"no marker dictionary {name!r}; one of {', '.join(sorted(known))}")
+        raise InputError(f"no marker dictionary {name!r}; one of {', '.join(sorted(numbers))}")
     return cv2.aruco.getPredefinedDictionary(number)
 
 
@@ -63,10 +63,10 @@ def outlines(detector: Any, image: Image) -> dict[int, NDArray[np.float32] | Non
     """Corners [4, 2], px, of markers in an image by their number, ascending; None where it occurs twice."""
     corners, numbers, _ = detector.detectMarkers(image)
     flat = [] if numbers is None else np.ravel(numbers).tolist()
-    found = {
+    by_number = {
         number: np.asarray(four, np.float32).reshape(4, 2) for number, four in zip(flat, corners, strict=True)
     }
-    return {number: found[number] if flat.count(number) == 1 else None for number in sorted(found)}
+    return {number: by_number[number] if flat.count(number) == 1 else None for number in sorted(by_number)}
 
 
 def corners_of(size: float) -> Floats:
@@ -100,8 +100,8 @@ class MarkerDetector:
         of its face), and the isotropic one-sigma noise of its position, m. None for a marker that occurs
         twice or whose two mirrored poses are ambiguous.
         """
-        found = outlines(self._detector, image)
-        return {n: None if corners is None else self._pose(n, corners) for n, corners in found.items()}
+        markers = outlines(self._detector, image)
+        return {n: None if corners is None else self._pose(n, corners) for n, corners in markers.items()}
 
     def _pose(self, number: int, corners: NDArray[np.float32]) -> tuple[Extrinsics, float] | None:
         candidates = planar_poses(self.intrinsics, self._square, corners.astype(np.float64))

@@ -132,11 +132,11 @@ def run(
     )
     with source:
         if truth is not None:
-            known = [(index, *truth[link]) for index, link in enumerate(kinematics.links) if link in truth]
+            rows = [(index, *truth[link]) for index, link in enumerate(kinematics.links) if link in truth]
             source.tell_truth(
-                ids=np.array([index for index, _, _ in known], np.uint64),
-                objects=[number for _, number, _ in known],
-                names={number: called for _, number, called in known},
+                ids=np.array([index for index, _, _ in rows], np.uint64),
+                objects=[number for _, number, _ in rows],
+                names={number: called for _, number, called in rows},
             )
         source.ready()
         packer = Packer(kinematics, rate=rate, span=span)

@@ -8,10 +8,6 @@ coordinates are in pixels.
 Files without ``positions`` are read as those of a point tracker (:mod:`.tracks`).
 """
 
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,21 +22,6 @@ from .recording import Recording, clean_labels
 from .tracks import NAMES, tracks_recording
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-# Raised by zipfile, zlib and NumPy on damaged archives.
-_DAMAGED = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    EOFError,
-    ValueError,
-    KeyError,
-    RuntimeError,
-    MemoryError,
-    OverflowError,
-    SyntaxError,
-    tokenize.TokenError,
-    TypeError,
-)
 # Two hours of 100 markers at 100 Hz take 1.7 GB.
 _MAX_BYTES = 2 << 30
 _MAX_LABEL = np.iinfo(np.int32).max
@@ -91,19 +72,21 @@ def _refused(what: str) -> Iterator[None]:
     """Raise what NumPy raises of damaged files as a RecordingError."""
     try:
         yield
-    except RecordingError:
+    except (RecordingError, OSError):
         raise
-    except _DAMAGED as error:
+    except Exception as error:  # NumPy, zipfile and zlib raise many types on damaged files
         raise RecordingError(f"{what} ({type(error).__name__})") from None
 
 
 def _recording(name: str, archive: Any, fps: float | None) -> Recording:
-    own = "positions" in archive
+    has_positions = "positions" in archive
     arrays = {
-        key: _array(archive, key) for key in (("positions", "times") if own else NAMES) if key in archive
+        key: _array(archive, key)
+        for key in (("positions", "times") if has_positions else NAMES)
+        if key in archive
     }
     recording = tracks_recording(name, arrays, fps)
-    if not own:
+    if not has_positions:
         return recording
     labels = _labels(archive, recording.positions.shape[1])
     return replace(

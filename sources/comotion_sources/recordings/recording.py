@@ -159,8 +159,8 @@ def clean(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Replace rows with a coordinate that is not finite, or beyond float32, by rows of NaN."""
     limit = np.finfo(np.float32).max
     with np.errstate(invalid="ignore"):
-        known: NDArray[np.bool_] = np.all(np.abs(positions) <= limit, axis=2)
-    return np.where(known[..., None], positions, np.nan)
+        finite: NDArray[np.bool_] = np.all(np.abs(positions) <= limit, axis=2)
+    return np.where(finite[..., None], positions, np.nan)
 
 
 def clean_labels(labels: NDArray[np.int64]) -> NDArray[np.int64]:

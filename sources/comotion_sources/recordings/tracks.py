@@ -68,12 +68,12 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     place = _points(_first(arrays, POSITIONS))
     if place is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
-    known = place[np.isfinite(place)]
+    finite = place[np.isfinite(place)]
     if (
         place.shape[2] == 2
         and "positions" not in arrays
-        and known.size
-        and 0 <= known.min() <= known.max() <= 1
+        and finite.size
+        and 0 <= finite.min() <= finite.max() <= 1
     ):
         raise RecordingError("its positions lie within 0 to 1: multiply them by width and height in px")
     probability = _per_point(arrays, SEEN, place) * (1 - _per_point(arrays, HIDDEN, place, missing=0.0))
@@ -146,8 +146,8 @@ def _points_first(arrays: Arrays, place: NDArray[np.float64], seen: NDArray[np.b
         return False
     if any(name in arrays for name in _POINTS_FIRST):
         return True
-    known = np.where(seen[..., None], place, np.nan)
-    down, across = (_typical_step(known, axis) for axis in (0, 1))
+    visible = np.where(seen[..., None], place, np.nan)
+    down, across = (_typical_step(visible, axis) for axis in (0, 1))
     return across < down
 
 
@@ -196,8 +196,8 @@ def _noise(place: NDArray[np.float64], confidence: NDArray[np.float64]) -> NDArr
     enough = np.isfinite(square).any(axis=0) if len(square) else np.zeros(place.shape[1], np.bool_)
     right = np.full(place.shape[1], _LEAST_SIGMA_PX**2)
     if enough.any():
-        own = np.nanmedian(square[:, enough], axis=0) / _CHI2_MEDIAN
-        right[enough] = np.maximum(own, right[enough])
+        of_track = np.nanmedian(square[:, enough], axis=0) / _CHI2_MEDIAN
+        right[enough] = np.maximum(of_track, right[enough])
         right[~enough] = np.median(right[enough])
     seen = place[np.isfinite(place[..., 0])]
     wrong = _WRONG * float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0

@@ -73,17 +73,17 @@ class Simulation(Stream):
         self._actors = draw_actors(self.spec, self.seed)
         self.objects = self._actors.names
         divided = self._actors.slot if self.split == "features" else self._actors.object
-        self._mine = np.flatnonzero(divided % self.part.count == self.part.index)
-        self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._mine]).any())
+        self._rows = np.flatnonzero(divided % self.part.count == self.part.index)
+        self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._rows]).any())
 
     def __len__(self) -> int:
         # The instants (k + phase) / rate, k = 0, 1, ..., within the length.
         return math.floor(self.length * self.rate - self._phase + 1e-9) + 1
 
     def __iter__(self) -> Iterator[Frame]:
-        alive_before = np.zeros(len(self._mine), bool)
+        alive_before = np.zeros(len(self._rows), bool)
         for number in range(len(self)):
-            alive = self._actors.alive(self._mine, self._time(number) * self.time_scale)
+            alive = self._actors.alive(self._rows, self._time(number) * self.time_scale)
             yield self._frame(number, alive, alive_before & ~alive)
             alive_before = alive
 
@@ -121,7 +121,7 @@ class Simulation(Stream):
 
     def _frame(self, number: int, alive: NDArray[np.bool_], ended: NDArray[np.bool_]) -> Frame:
         t = self._time(number)
-        rows = self._mine[alive]
+        rows = self._rows[alive]
         gap = self._actors.gap[rows]
         at = t * self.time_scale
         rows = rows[(at < gap[:, 0]) | (gap[:, 1] <= at)]
@@ -133,7 +133,7 @@ class Simulation(Stream):
             ids=rows.astype(np.uint64),
             positions=exact + rng.normal(size=exact.shape) * sigma[:, None],
             objects=self._actors.object[rows],
-            ended=self._mine[ended].astype(np.uint64),
+            ended=self._rows[ended].astype(np.uint64),
             sigma=sigma,
             quaternions=self._quaternions(rows, rotations, rng) if self._has_poses else None,
         )
@@ -194,8 +194,8 @@ def simulate(
         given = spec.rates if rates is None else rates
         chosen = [(Part(index, len(given)), rate) for index, rate in enumerate(given)]
     else:
-        known = spec.rates if len(spec.rates) == part.count else [spec.rate]
-        chosen = [(part, rate_of(part, rates or known))]
+        of_scene = spec.rates if len(spec.rates) == part.count else [spec.rate]
+        chosen = [(part, rate_of(part, rates or of_scene))]
     return [
         Simulation(
             spec,
