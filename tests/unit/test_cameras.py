@@ -11,7 +11,7 @@ import pytest
 from comotion_sources.calibration import Extrinsics, Intrinsics
 from comotion_sources.cameras import CameraError, Frame, open_frames
 from comotion_sources.cameras.live import LiveCamera, captured
-from comotion_sources.cameras.tum import TumWriter
+from comotion_sources.cameras.tum import write_folder
 from comotion_sources.klt.options import Pacer, Pacing
 
 from ..builders import MS
@@ -77,15 +77,14 @@ def test_a_video_has_its_own_time(tmp_path):
 
 
 def write_tum(folder, stamps, depth=True):
-    with TumWriter(
-        folder, CAMERA, Extrinsics(translation=np.array([1.0, 2.0, 3.0])), {0: "table", 1: "a red box"}
-    ) as w:
-        for k, stamp in enumerate(stamps):
-            z = np.full((48, 64), 1.2346 + k, np.float32)
-            z[0], z[1], z[2] = 0, np.nan, 20.0
-            objects = np.zeros((48, 64), np.int32)
-            objects[:, :5] = -1
-            w.write(Frame(stamp, image(k), z if depth else None, objects))
+    frames, pose = [], Extrinsics(translation=np.array([1.0, 2.0, 3.0]))
+    for k, stamp in enumerate(stamps):
+        z = np.full((48, 64), 1.2346 + k, np.float32)
+        z[0], z[1], z[2] = 0, np.nan, 20.0
+        objects = np.zeros((48, 64), np.int32)
+        objects[:, :5] = -1
+        frames.append((Frame(stamp, image(k), z if depth else None, objects), pose))
+    write_folder(folder, frames, CAMERA, {0: "table", 1: "a red box"})
 
 
 def test_a_tum_folder_round_trips(tmp_path):
@@ -104,7 +103,7 @@ def test_a_tum_folder_round_trips(tmp_path):
     assert set(np.unique(frames[1].objects[:, :5])) == {-1}
     assert set(np.unique(frames[1].objects[:, 5:])) == {0}
     with pytest.raises(CameraError, match="exists already"):
-        TumWriter(tmp_path / "t")
+        write_folder(tmp_path / "t", [])
 
 
 def test_the_pose_of_a_camera_that_moves_is_not_taken_for_a_fixed_one(tmp_path):

@@ -13,10 +13,9 @@ Optional files that the TUM format does not define::
     objects/*.png           named like those of rgb/: 16-bit, number of the object + 1, 0 = unknown
 """
 
-from collections.abc import Iterator, Mapping
-from io import TextIOBase
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -126,84 +125,66 @@ def _read_16_bit(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint16] | Non
     return np.asarray(image, np.uint16)
 
 
-class TumWriter:
-    """Writes frames as a TUM RGB-D folder; a context manager.
+def write_folder(
+    folder: Path,
+    frames: Iterable[tuple[Frame, Extrinsics | None]],
+    intrinsics: Intrinsics | None = None,
+    objects: Mapping[int, str] | None = None,
+) -> int:
+    """Write frames as a TUM RGB-D folder; returns their number.
 
     Parameters
     ----------
     folder
         Folder to write; it is made if it does not exist and must be empty.
-    intrinsics, extrinsics, objects
+    frames
+        Frames with the pose of the camera, if it is known; stamps are kept to the microsecond.
+    intrinsics, objects
         Written into the optional files.
 
     Raises
     ------
     InputError
         If the folder exists and is not empty.
+    OSError
+        If it cannot be written.
     """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists already")
+    for kind in ("rgb", "depth", "objects"):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+    names = "".join(f"{number} {name}\n" for number, name in (objects or {}).items())
+    texts = {f"{kind}.txt": f"# {head}\n" for kind, head in _HEADS.items()} | {"objects.txt": names}
+    if intrinsics is not None:
+        texts["camera_info.yaml"] = format_camera_info(intrinsics)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    count = 0
+    for count, (frame, pose) in enumerate(frames, 1):  # noqa: B007 - returned
+        _write(folder, frame, pose)
+    return count
 
-    def __init__(
-        self,
-        folder: Path,
-        intrinsics: Intrinsics | None = None,
-        extrinsics: Extrinsics | None = None,
-        objects: Mapping[int, str] | None = None,
-    ) -> None:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"{folder}: exists already")
-        folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
-        self._pose = extrinsics
-        # Lists are flushed line by line: a recording that is cut short can be read up to that point.
-        self._lists = {kind: self._begin(kind) for kind in ("rgb", "depth")}
-        if intrinsics is not None:
-            (folder / "camera_info.yaml").write_text(format_camera_info(intrinsics), encoding="utf-8")
-        if objects:
-            names = "".join(f"{number} {name}\n" for number, name in objects.items())
-            (folder / "objects.txt").write_text(names, encoding="utf-8")
 
-    def write(self, frame: Frame, pose: Extrinsics | None = None) -> None:
-        """Append a frame; its stamp is kept to the microsecond. `pose` is that of a camera that moves."""
-        micros = frame.stamp_ns // 1000
-        time = f"{micros // 1_000_000}.{micros % 1_000_000:06d}"
-        self._put("rgb", time, frame.image)
-        if frame.depth is not None:
-            units = np.rint(np.nan_to_num(frame.depth, nan=0.0) * DEPTH_SCALE)
-            # A depth beyond 16 bits (13 m) is out of range: missing.
-            units[(units < 0) | (units > 65535)] = 0
-            self._put("depth", time, units.astype(np.uint16))
-        if frame.objects is not None:
-            self._write_image("objects", time, (frame.objects + 1).astype(np.uint16))
-        if (place := pose or self._pose) is not None:
-            numbers = " ".join(f"{value:.9f}" for value in (*place.translation, *place.quaternion))
-            if "groundtruth" not in self._lists:
-                self._lists["groundtruth"] = self._begin("groundtruth")
-            self._lists["groundtruth"].write(f"{time} {numbers}\n")
-
-    def close(self) -> None:
-        """Close the lists."""
-        for file in self._lists.values():
-            file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def _begin(self, kind: str) -> TextIOBase:
-        listing = (self._folder / f"{kind}.txt").open("w", encoding="utf-8", buffering=1)
-        listing.write(f"# {_HEADS[kind]}\n")
-        return listing
-
-    def _put(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        self._lists[kind].write(f"{time} {self._write_image(kind, time, image)}\n")
-
-    def _write_image(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
-        name = f"{kind}/{time}.png"
+def _write(folder: Path, frame: Frame, pose: Extrinsics | None) -> None:
+    micros = frame.stamp_ns // 1000
+    time = f"{micros // 1_000_000}.{micros % 1_000_000:06d}"
+    images: dict[str, NDArray[Any]] = {"rgb": frame.image}
+    if frame.depth is not None:
+        units = np.rint(np.nan_to_num(frame.depth, nan=0.0) * DEPTH_SCALE)
+        # A depth beyond 16 bits (13 m) is out of range: missing.
+        units[(units < 0) | (units > 65535)] = 0
+        images["depth"] = units.astype(np.uint16)
+    if frame.objects is not None:
+        images["objects"] = (frame.objects + 1).astype(np.uint16)
+    lines: dict[str, str] = {kind: f"{kind}/{time}.png" for kind in ("rgb", "depth") if kind in images}
+    if pose is not None:
+        lines["groundtruth"] = " ".join(f"{value:.9f}" for value in (*pose.translation, *pose.quaternion))
+    for kind, image in images.items():
         ok, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         if not ok:
-            raise InputError(f"{self._folder / name}: the image could not be encoded")
-        (self._folder / kind).mkdir(exist_ok=True)
-        (self._folder / name).write_bytes(encoded.tobytes())
-        return name
+            raise InputError(f"{folder / kind / time}.png: the image could not be encoded")
+        (folder / kind / f"{time}.png").write_bytes(encoded.tobytes())
+    # Line by line: a recording that is cut short can be read up to that point.
+    for kind, line in lines.items():
+        with (folder / f"{kind}.txt").open("a", encoding="utf-8") as listing:
+            listing.write(f"{time} {line}\n")

@@ -29,7 +29,7 @@ from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.types import Name
 
-from ..cameras.tum import TumWriter
+from ..cameras.tum import write_folder
 from ..cameras.types import Camera, Frame
 from ..errors import InputError
 from ..poses import Timed
@@ -238,10 +238,6 @@ def write_tum(camera: WorkcellCamera, folder: Path) -> int:
     OSError
         If it cannot be written.
     """
-    count = 0
-    with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
-        for frame in camera:
-            configuration = camera.scene.configuration(frame.stamp_ns * 1e-9)
-            writer.write(frame, camera.viewpoint.pose(configuration))
-            count += 1
-    return count
+    scene, viewpoint = camera.scene, camera.viewpoint
+    poses = ((frame, viewpoint.pose(scene.configuration(frame.stamp_ns * 1e-9))) for frame in camera)
+    return write_folder(folder, poses, camera.intrinsics, camera.objects)
