@@ -5,8 +5,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from comotion_schemas.errors import InputError
 from comotion_sources.cameras.files import RecordedCamera
-from comotion_sources.cameras.types import Camera, CameraError, Frame
+from comotion_sources.cameras.types import Camera, Frame
 from comotion_sources.klt import Tracks
 from comotion_sources.recordings import Recording, recording_streams
 
@@ -19,13 +20,13 @@ class GivenTracks:
 
     Raises
     ------
-    CameraError
+    InputError
         If the recording is in metres.
     """
 
     def __init__(self, recording: Recording, camera: Camera) -> None:
         if recording.dim != 2:
-            raise CameraError(f"{recording.name}: its tracks are in m; in an image they are in px")
+            raise InputError(f"{recording.name}: its tracks are in m; in an image they are in px")
         frames = camera.frames
         if frames not in {None, len(recording)}:
             first = min(frames, len(recording))

@@ -53,7 +53,7 @@ def make(folder: Path, only: str | None = None) -> list[Path]:
 
     Raises
     ------
-    comotion_sources.cameras.types.CameraError
+    comotion_sources.cameras.types.InputError
         If MuJoCo is not installed (extra ``sim3d``).
     """
     folder.mkdir(parents=True, exist_ok=True)

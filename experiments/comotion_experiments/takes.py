@@ -32,7 +32,7 @@ def workcell(name: str, seconds: float) -> list[tuple[int, Message]]:
 
     Raises
     ------
-    comotion_sources.cameras.types.CameraError
+    comotion_sources.cameras.types.InputError
         If MuJoCo is not installed (extra ``sim3d``).
     """
     scene = Scene(name, 0)

@@ -8,9 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from comotion_schemas.errors import KnownError
-
-from .errors import InputError
+from comotion_schemas.errors import InputError, KnownError
 
 # The parser takes time that grows with the square of the length of a dotted key.
 _LONG_KEY = re.compile(r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){20}""")

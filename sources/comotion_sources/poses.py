@@ -10,11 +10,10 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import InputError, KnownError
 
 from .bounded import read_text
 from .calibration.model import Extrinsics
-from .errors import InputError
 
 Value = TypeVar("Value")
 

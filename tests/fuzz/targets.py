@@ -15,11 +15,11 @@ from comotion.runtime.state_file import load_fusion
 from comotion_deploy.config_file import load_toml
 from comotion_deploy.errors import UserError
 from comotion_schemas import DecodeError, ObservationBatch, decode, encode
+from comotion_schemas.errors import InputError
 from comotion_schemas.keys import Keys
 from comotion_schemas.message_log import MessageLog
 from comotion_sources.calibration.files import read_calibration
 from comotion_sources.cameras.tum import TumFolder
-from comotion_sources.errors import InputError
 from comotion_sources.proprioception.joints import read_csv
 from comotion_sources.proprioception.model import load_model
 from comotion_sources.recordings import read_recording, recording_streams

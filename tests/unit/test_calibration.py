@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Pose
+from comotion_schemas.errors import InputError
 from comotion_schemas.rigid import matrix, pose_of, transform
 from comotion_sources.calibration import (
-    CalibrationError,
     Extrinsics,
     Intrinsics,
     format_calibration,
@@ -143,9 +143,9 @@ def test_a_mirrored_pose_of_the_target_misleads_in_no_single_view(seed):
 
 def test_a_target_that_is_not_seen_is_told():
     blank = Frame(0, np.full((480, 640), 128, np.uint8)), Frame(0, np.full((600, 800), 128, np.uint8))
-    with pytest.raises(CalibrationError, match="never seen by both"):
+    with pytest.raises(InputError, match="never seen by both"):
         calibrate_pair(iter([blank]), parse_target("chessboard:8x5:0.03"), CAMERA_A, CAMERA_B)
-    with pytest.raises(CalibrationError, match="images of 640 x 480, calibration for 800 x 600"):
+    with pytest.raises(InputError, match="images of 640 x 480, calibration for 800 x 600"):
         calibrate_pair(iter([blank[:1] * 2]), parse_target("chessboard:8x5:0.03"), CAMERA_A, CAMERA_B)
 
 

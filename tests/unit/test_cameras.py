@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from comotion_schemas.errors import InputError
 from comotion_sources.calibration import Extrinsics, Intrinsics
-from comotion_sources.cameras import CameraError, Frame, open_frames
+from comotion_sources.cameras import Frame, open_frames
 from comotion_sources.cameras.live import LiveCamera, captured
 from comotion_sources.cameras.tum import write_folder
 from comotion_sources.klt.options import Pacer, Pacing
@@ -39,7 +40,7 @@ def write_images(folder, names):
     ],
 )
 def test_what_cannot_be_opened_is_told_in_one_line(what, told):
-    with pytest.raises(CameraError, match=told) as caught:
+    with pytest.raises(InputError, match=told) as caught:
         open_frames(what)
     assert "\n" not in str(caught.value)
     assert "secret" not in str(caught.value)
@@ -102,7 +103,7 @@ def test_a_tum_folder_round_trips(tmp_path):
     assert not frames[1].depth[:3].any()
     assert set(np.unique(frames[1].objects[:, :5])) == {-1}
     assert set(np.unique(frames[1].objects[:, 5:])) == {0}
-    with pytest.raises(CameraError, match="exists already"):
+    with pytest.raises(InputError, match="exists already"):
         write_folder(tmp_path / "t", [])
 
 
@@ -192,7 +193,7 @@ def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
         device = Scripted()
         camera = LiveCamera("camera 0", device.played())
         device.play(end)
-        with pytest.raises(CameraError, match=f"camera 0: {told}"):
+        with pytest.raises(InputError, match=f"camera 0: {told}"):
             next(iter(camera))
         assert device.closed.wait(10)
         camera.close()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comotion_schemas import TruthBatch
-from comotion_sources.errors import RecordingError
+from comotion_schemas.errors import RecordingError
 from comotion_sources.recordings import read_recording, recording_streams
 from comotion_sources.streams import batches
 

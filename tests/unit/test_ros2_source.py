@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
+from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import store, topic_key
-from comotion_sources.errors import InputError
 from comotion_sources.proprioception.joints import JOINT_STATE, JointSample, read_bag, ros_sample
 from comotion_sources.ros2.process import CLOUD, KINDS, NAMED_POSES, TF, Converter, relay
 from comotion_sources.runtime import SourcePublisher

@@ -254,7 +254,7 @@ def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Cali
 
     Raises
     ------
-    CalibrationError
+    InputError
         If a file cannot be read.
     UserError
         If the second file has no extrinsics.

@@ -27,10 +27,9 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.errors import InputError, KnownError, describe
 
 from ..bounded import parse_toml, read_text
-from ..errors import InputError
 from .model import Extrinsics, Intrinsics
 
 _MAX_BYTES = 64_000
@@ -42,10 +41,6 @@ _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distorti
 _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
-
-
-CalibrationError = InputError
-"""The error of a calibration that is missing, is malformed or does not fit its camera."""
 
 
 @dataclass(frozen=True)

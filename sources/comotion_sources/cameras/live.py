@@ -9,8 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Intrinsics
-from ..errors import InputError
 from .types import Camera, Frame
 
 READ_TIMEOUT_MS = 5_000

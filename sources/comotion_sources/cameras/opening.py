@@ -7,7 +7,8 @@ from pathlib import Path
 
 import cv2
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile, image_files
 from .live import open_stream, open_webcam
 from .tum import TumFolder

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Intrinsics
-from ..errors import InputError
 from .live import PLAUSIBLE_AGE_NS, READ_TIMEOUT_MS, LiveCamera
 from .types import Frame
 

@@ -21,9 +21,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.files import format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
-from ..errors import InputError
 from ..poses import parsed, stamp_ns, trajectory
 from .files import DEFAULT_RATE, RecordedCamera
 from .types import Frame

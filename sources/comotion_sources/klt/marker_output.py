@@ -5,8 +5,8 @@ from typing import Unpack
 import numpy as np
 
 from comotion_schemas.component import Where
+from comotion_schemas.errors import InputError
 
-from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
 from ..markers.detector import MarkerDetector, MarkerOptions
@@ -19,7 +19,7 @@ class MarkerOutput:
 
     Raises
     ------
-    CalibrationError
+    InputError
         If there are no intrinsics.
     """
 
@@ -34,7 +34,7 @@ class MarkerOutput:
         **where: Unpack[Where],
     ) -> None:
         if intrinsics is None:
-            raise CalibrationError("markers need the camera's intrinsics: --calibration FILE")
+            raise InputError("markers need the camera's intrinsics: --calibration FILE")
         self._detector = MarkerDetector(markers, intrinsics)
         self._extrinsics = extrinsics
         self.source = SourcePublisher(

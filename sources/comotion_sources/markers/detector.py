@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Extrinsics, Intrinsics, planar_poses
 from ..cameras.types import Image
-from ..errors import InputError
 
 Floats = NDArray[np.float64]
 

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Extrinsics, Intrinsics, planar_poses, reprojection, rms
 from ..cameras.files import ImageFiles
 from ..cameras.types import Camera, Frame
-from ..errors import InputError
 from .targets import Target
 
 Floats = NDArray[np.float64]

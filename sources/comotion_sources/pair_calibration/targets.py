@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import InputError, KnownError
 
 from ..cameras.types import Image
-from ..errors import InputError
 from ..markers.detector import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector, outlines
 
 Floats = NDArray[np.float64]

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import DecodeError, JointStates, decode_on
+from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import from_cdr, stamp_of, store, topic_key
 from comotion_schemas.time_units import seconds
 from comotion_schemas.transport import SessionSettings
 
 from ..bounded import read_cells
-from ..errors import InputError
 from ..runtime import SourcePublisher
 
 Vector = NDArray[np.float64]

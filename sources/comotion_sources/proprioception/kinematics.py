@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Extrinsics
-from ..errors import InputError
 from ..workcell.extra import couplings, require_mujoco
 from .joints import JointSample, Vector
 

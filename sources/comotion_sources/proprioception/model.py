@@ -4,7 +4,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from ..workcell.extra import require_mujoco
 
 _MAX_BYTES = 16_000_000

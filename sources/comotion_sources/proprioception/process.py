@@ -8,8 +8,8 @@ from typing import Any, TypeAlias, Unpack
 import numpy as np
 
 from comotion_schemas.component import Where
+from comotion_schemas.errors import InputError
 
-from ..errors import InputError
 from ..runtime import SourcePublisher
 from .joints import JointSample, Reader
 from .kinematics import Kinematics, LinkPoses

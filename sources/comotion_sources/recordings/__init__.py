@@ -4,9 +4,9 @@ import logging
 from pathlib import Path
 
 from comotion_schemas.doubts import doubts
+from comotion_schemas.errors import InputError, RecordingError
 from comotion_schemas.recording import SUFFIX
 
-from ..errors import InputError, RecordingError
 from .recording import Recording, recording_streams
 
 __all__ = ["Recording", "RecordingError", "read_recording", "recording_streams"]

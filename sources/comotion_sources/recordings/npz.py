@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import RecordingError
+from comotion_schemas.errors import RecordingError
+
 from .recording import Recording, clean_labels
 from .tracks import NAMES, tracks_recording
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import RecordingError
 from comotion_schemas.types import Unit
 
-from ..errors import RecordingError
 from ..frames import AMBIGUOUS, Frame
 from ..streams import Part, Stream, numbered, rate_of
 

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import KnownError, RecordingError
 from comotion_schemas.time_units import seconds
 
 from ..bounded import read_cells
-from ..errors import RecordingError
 from .recording import Recording, clean
 
 POSITIONS = ("positions", "tracks", "pred_tracks", "points", "trajs_2d", "tracks_XYZ")

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas.component import Where
+from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import from_cdr, stamp_of, topic_key
 from comotion_schemas.transport import SessionSettings
 
-from ..errors import InputError
 from ..received import Arrival
 from ..runtime import SourcePublisher
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from ..frames import Frame
 from ..streams import Part, Stream, numbered, rate_of
 from .actors import NOISE, Actors, Array, Poses, draw_actors, seen_from

@@ -11,10 +11,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.errors import InputError, KnownError, describe
 
 from ..bounded import parse_toml, read_text
-from ..errors import InputError
 
 _MAX_BYTES = 1_000_000
 Finite = Annotated[float, Field(allow_inf_nan=False)]

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from .drawing import Image
 from .extra import require_mujoco
 from .scene import Vector

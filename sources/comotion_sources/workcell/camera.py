@@ -26,12 +26,11 @@ from pydantic.dataclasses import dataclass
 
 from comotion_schemas import JointStates
 from comotion_schemas.component import Component
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.errors import InputError, KnownError, describe
 from comotion_schemas.types import Name
 
 from ..cameras.tum import write_folder
 from ..cameras.types import Camera, Frame
-from ..errors import InputError
 from ..poses import Timed
 from ..received import Inbox
 from .scene import Scene, Vector

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from ..frames import AMBIGUOUS
 from .extra import couplings, require_mujoco
 

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
-from ..errors import InputError
 from ..frames import AMBIGUOUS
 from .atlas import Atlas
 from .render import Renderer, Rendering
