@@ -21,7 +21,7 @@ from comotion_schemas.message_log import MessageLog
 from comotion_sources.calibration.files import read_calibration
 from comotion_sources.cameras.tum import TumFolder
 from comotion_sources.proprioception.joints import read_csv
-from comotion_sources.proprioception.model import load_model
+from comotion_sources.proprioception.kinematics import load_model
 from comotion_sources.recordings import read_recording, recording_streams
 from comotion_sources.simulator.spec import load_scene
 from comotion_sources.streams import batches

@@ -43,7 +43,7 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
         return open_stream(what)
     kind, _, rest = what.partition(":")
     if kind == "realsense":
-        from .realsense import open_realsense
+        from .live import open_realsense
 
         return open_realsense(rest, rate)
     if kind == "workcell":

@@ -19,9 +19,8 @@ from comotion_schemas.errors import KnownError
 from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
 from .config import TrackerConfig
-from .corners import new_corners
 from .depth import look_up, point_sigma
-from .flow import Pixels, track
+from .flow import Pixels, new_corners, track
 from .template import Columns, Templates, align, extract
 
 Ids = NDArray[np.uint64]

@@ -1,8 +1,7 @@
 """Proprioception: the links of a robot as 6-DoF features, from its joint positions."""
 
 from .joints import JointSample
-from .kinematics import Encoders, Kinematics, LinkPoses
-from .model import load_model
+from .kinematics import Encoders, Kinematics, LinkPoses, load_model
 
 __all__ = [
     "Encoders",

@@ -1,7 +1,9 @@
-"""Forward kinematics: poses of chosen links with their noise. Pure."""
+"""Forward kinematics of a robot in an MJCF or URDF file: poses of chosen links with their noise."""
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +15,53 @@ from comotion_schemas.errors import InputError
 from ..calibration.model import Extrinsics
 from ..workcell.extra import couplings, require_mujoco
 from .joints import JointSample, Vector
+
+_MAX_BYTES = 16_000_000
+
+
+def load_model(path: Path) -> Any:
+    """Load an ``mjModel`` from an MJCF or URDF file.
+
+    Meshes of a URDF are removed: kinematics does not need them, and their paths are often wrong. Links
+    on fixed joints, such as tool frames, are kept.
+
+    Raises
+    ------
+    InputError
+        If the file is neither, or MuJoCo is not installed; the message is one line.
+    """
+    mujoco = require_mujoco()
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: more than {_MAX_BYTES} bytes")
+        root = ET.parse(path).getroot()  # noqa: S314 - a file the user names; expat limits expansion
+        if root.tag == "robot":
+            return mujoco.MjModel.from_xml_string(_kinematics_only(root))
+        return mujoco.MjModel.from_xml_path(str(path))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except RecursionError:
+        raise InputError(f"{path}: its elements are nested too deeply") from None
+    except InputError:
+        raise
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+
+
+def _kinematics_only(robot: ET.Element) -> str:
+    for link in robot.iter("link"):
+        for tag in ("visual", "collision", "inertial"):
+            for element in link.findall(tag):
+                link.remove(element)
+    for old in robot.findall("mujoco"):
+        robot.remove(old)
+    extension = ET.SubElement(robot, "mujoco")
+    # MuJoCo refuses moving links without mass; the value does not affect kinematics.
+    ET.SubElement(
+        extension, "compiler", fusestatic="false", boundmass="1", boundinertia="1", balanceinertia="true"
+    )
+    return ET.tostring(robot, encoding="unicode")
+
 
 Vectors = NDArray[np.float64]
 
@@ -54,7 +103,7 @@ class Kinematics:
     Parameters
     ----------
     model
-        An ``mjModel`` (see :func:`comotion_sources.proprioception.model.load_model`).
+        An ``mjModel`` (see :func:`load_model`).
     links
         Bodies to report; None: every link that a joint moves.
     base
