@@ -8,7 +8,7 @@ import numpy as np
 from comotion_schemas.errors import InputError
 from comotion_sources.cameras.files import RecordedCamera
 from comotion_sources.cameras.types import Camera, Frame
-from comotion_sources.klt import Tracks
+from comotion_sources.klt.tracker import Tracks
 from comotion_sources.recordings import Recording, recording_streams
 
 _log = logging.getLogger(__name__)

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from comotion_sources.cameras.types import Frame
-from comotion_sources.klt import Tracker, TrackerConfig, Tracks
+from comotion_sources.klt.config import TrackerConfig
 from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.klt.tracker import Tracker, Tracks
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell.camera import CameraSpec, WorkcellCamera
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from comotion_schemas import Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt import TrackerConfig
-from comotion_sources.proprioception import JointSample, Kinematics
+from comotion_sources.klt.config import TrackerConfig
+from comotion_sources.proprioception.joints import JointSample
+from comotion_sources.proprioception.kinematics import Kinematics
 from comotion_sources.proprioception.process import Packer
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene

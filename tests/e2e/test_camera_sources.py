@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from comotion_deploy.cli import run
 from comotion_schemas import Keys
-from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration, read_calibration
-from comotion_sources.cameras import Frame
+from comotion_sources.calibration.files import format_calibration, read_calibration
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
 from comotion_sources.cameras.tum import write_folder
-from comotion_sources.markers import find_dictionary
+from comotion_sources.cameras.types import Frame
+from comotion_sources.markers.detector import find_dictionary
 
 from ..pictures import moving_board, write_video
 

@@ -10,7 +10,8 @@ from comotion_schemas.transport import declare_publisher
 
 pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_sources.proprioception import JointSample, Kinematics
+from comotion_sources.proprioception.joints import JointSample
+from comotion_sources.proprioception.kinematics import Kinematics
 from comotion_sources.workcell import Scene
 
 from .tracker import until_heard

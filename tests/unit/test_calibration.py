@@ -12,18 +12,14 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas import Pose
 from comotion_schemas.errors import InputError
 from comotion_schemas.rigid import matrix, pose_of, transform
-from comotion_sources.calibration import (
-    Extrinsics,
-    Intrinsics,
-    format_calibration,
-    read_calibration,
-)
-from comotion_sources.cameras import Frame
+from comotion_sources.calibration.files import format_calibration, read_calibration
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
+from comotion_sources.cameras.types import Frame
 from comotion_sources.frames import MessageBuilder
 from comotion_sources.klt.carrier import add_poses, parse_carrier
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
-from comotion_sources.markers import find_dictionary
+from comotion_sources.markers.detector import find_dictionary
 from comotion_sources.pair_calibration.calibrate import PairedView, calibrate_pair, relative_pose
 from comotion_sources.pair_calibration.targets import parse_target
 from comotion_sources.poses import PoseBuffer

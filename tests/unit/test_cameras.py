@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from comotion_schemas.errors import InputError
-from comotion_sources.calibration import Extrinsics, Intrinsics
-from comotion_sources.cameras import Frame, open_frames
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
 from comotion_sources.cameras.live import LiveCamera, captured
+from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.tum import write_folder
+from comotion_sources.cameras.types import Frame
 from comotion_sources.klt.options import Pacer, Pacing
 
 from ..builders import MS

@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from comotion_sources.calibration import Intrinsics
-from comotion_sources.cameras import Frame
-from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.calibration.model import Intrinsics
+from comotion_sources.cameras.types import Frame
+from comotion_sources.klt.config import TrackerConfig
+from comotion_sources.klt.tracker import Tracker
 
 SHAPE = (240, 320)
 CAMERA = Intrinsics(SHAPE[1], SHAPE[0], 300.0, 300.0, 159.5, 119.5)

@@ -12,7 +12,7 @@ from comotion_sources.proprioception.joints import JointSample, read_csv
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_sources.proprioception import Encoders, Kinematics, load_model  # noqa: E402
+from comotion_sources.proprioception.kinematics import Encoders, Kinematics, load_model  # noqa: E402
 from comotion_sources.proprioception.process import Packer  # noqa: E402
 from comotion_sources.workcell import Scene  # noqa: E402
 

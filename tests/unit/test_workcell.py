@@ -9,9 +9,9 @@ from comotion_sources.cameras.tum import TumFolder
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_sources.klt import TrackerConfig  # noqa: E402
-from comotion_sources.poses import read_trajectory  # noqa: E402
 from comotion_sources.frames import AMBIGUOUS  # noqa: E402
+from comotion_sources.klt.config import TrackerConfig  # noqa: E402
+from comotion_sources.poses import read_trajectory  # noqa: E402
 from comotion_sources.workcell import Scene, Viewpoint  # noqa: E402
 from comotion_sources.workcell.atlas import build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402

@@ -5,7 +5,8 @@ import shlex
 import numpy as np
 import pytest
 
-from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
+from comotion_sources.calibration.files import format_calibration
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
 
 from ..command_line import refused
 from ..pictures import write_video

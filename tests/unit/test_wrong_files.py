@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from comotion_schemas.errors import Error
-from comotion_sources.calibration import read_calibration
+from comotion_sources.calibration.files import read_calibration
 from comotion_sources.poses import read_trajectory
 from comotion_sources.proprioception.joints import read_csv
 from comotion_sources.recordings import read_recording

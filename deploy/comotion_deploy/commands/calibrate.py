@@ -48,8 +48,8 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
         """Calibrate, and print or write the result."""
         from contextlib import closing
 
-        from comotion_sources.calibration import Calibration, format_calibration, read_calibration
-        from comotion_sources.cameras import open_frames
+        from comotion_sources.calibration.files import Calibration, format_calibration, read_calibration
+        from comotion_sources.cameras.opening import open_frames
         from comotion_sources.pair_calibration.calibrate import calibrate_pair, frame_pairs, known_intrinsics
         from comotion_sources.pair_calibration.targets import parse_target
 

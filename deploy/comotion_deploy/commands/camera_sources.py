@@ -12,8 +12,8 @@ from ..options import Command, Process, argument, setting
 from .played_sources import Stamps
 
 if TYPE_CHECKING:
-    from comotion_sources.calibration import Calibration
-    from comotion_sources.klt import TrackerConfig
+    from comotion_sources.calibration.files import Calibration
+    from comotion_sources.klt.config import TrackerConfig
 
 
 @dataclass(kw_only=True)
@@ -60,7 +60,7 @@ class Camera(Command):
         """
         from pydantic import ValidationError
 
-        from comotion_sources.klt import TrackerConfig
+        from comotion_sources.klt.config import TrackerConfig
 
         values: dict[str, Any] = {
             "max_features": self.max_features,
@@ -243,7 +243,7 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        from comotion_sources.markers import MarkerOptions
+        from comotion_sources.markers.detector import MarkerOptions
 
         markers = None if self.marker_size is None else MarkerOptions(self.marker_size, self.dictionary)
         self.publish(moving=False, fixed=True, markers=markers)
@@ -259,8 +259,9 @@ def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Cali
     UserError
         If the second file has no extrinsics.
     """
-    from comotion_sources.calibration import Calibration, Extrinsics
-    from comotion_sources.calibration import read_calibration as read
+    from comotion_sources.calibration.files import Calibration
+    from comotion_sources.calibration.files import read_calibration as read
+    from comotion_sources.calibration.model import Extrinsics
 
     first = Calibration() if calibration is None else read(calibration)
     if extrinsics is None:

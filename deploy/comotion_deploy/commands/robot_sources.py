@@ -59,7 +59,8 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of a log."""
-        from comotion_sources.proprioception import Encoders, Kinematics, process
+        from comotion_sources.proprioception import process
+        from comotion_sources.proprioception.kinematics import Encoders, Kinematics
 
         loaded, links, truth, default_joints = _load(self.model, self.link)
         encoders = Encoders(angular=self.encoder, linear=self.linear_encoder)
@@ -103,7 +104,7 @@ def _load(
     model: str, links: list[str] | None
 ) -> tuple[Any, list[str] | None, dict[str, tuple[int, str]] | None, str | None]:
     """Return model, links, truth of the links and name of the default joint states."""
-    from comotion_sources.proprioception import load_model
+    from comotion_sources.proprioception.kinematics import load_model
 
     if not model.startswith(_WORKCELL):
         return load_model(Path(model)), links, None, None

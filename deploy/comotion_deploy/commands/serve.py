@@ -16,7 +16,7 @@ from .camera_sources import read_calibration
 if TYPE_CHECKING:
     from comotion import FusionConfig
     from comotion.linking import Camera
-    from comotion_sources.calibration import Calibration
+    from comotion_sources.calibration.files import Calibration
 
 
 @dataclass(kw_only=True)
@@ -153,7 +153,7 @@ def _camera(text: str) -> "tuple[str, Camera]":
 
 
 def _workcell(what: str) -> "Calibration":
-    from comotion_sources.calibration import Calibration
+    from comotion_sources.calibration.files import Calibration
     from comotion_sources.workcell.camera import parse
     from comotion_sources.workcell.scene import Scene
     from comotion_sources.workcell.viewpoint import calibration

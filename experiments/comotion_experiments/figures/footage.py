@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
 from comotion_sources import klt, workcell
-from comotion_sources.klt import TrackerConfig
+from comotion_sources.klt.config import TrackerConfig
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.camera import CameraSpec
