@@ -16,6 +16,11 @@ from .bounded import read_text
 from .calibration.model import Extrinsics
 
 Value = TypeVar("Value")
+# A line has some 40 bytes: a day at 30 Hz.
+_MAX_BYTES = 100_000_000
+_KEPT_NS = 10_000_000_000
+_GAP_NS = 200_000_000
+"""Poses are not interpolated across a longer gap."""
 
 
 class Timed(Generic[Value]):
@@ -42,14 +47,13 @@ class Timed(Generic[Value]):
         """Stamp of the newest value; None before the first."""
         return self._values[-1][0] if self._values else None
 
-    def add(self, stamp_ns: int, value: Value) -> bool:
-        """Add a value; one that is not newer than the last is refused (False)."""
+    def add(self, stamp_ns: int, value: Value) -> None:
+        """Add a value; one that is not newer than the last is left out."""
         if self._values and stamp_ns <= self._values[-1][0]:
-            return False
+            return
         self._values.append((stamp_ns, value))
         while self._kept_ns is not None and self._values[0][0] < stamp_ns - self._kept_ns:
             self._values.popleft()
-        return True
 
     def clear(self) -> None:
         """Forget all values."""
@@ -67,13 +71,6 @@ class Timed(Generic[Value]):
             return None
         early_ns, early = self._values[place - 1]
         return self._between(early, late, (stamp_ns - early_ns) / (late_ns - early_ns))
-
-
-# A line has some 40 bytes: a day at 30 Hz.
-_MAX_BYTES = 100_000_000
-_KEPT_NS = 10_000_000_000
-_GAP_NS = 200_000_000
-"""Poses are not interpolated across a longer gap."""
 
 
 class PoseBuffer(Timed[Extrinsics]):

@@ -18,6 +18,9 @@ from comotion_schemas.types import Unit
 
 from .frames import Frame, MessageBuilder
 
+OFFLINE_SESSION = "0" * 16
+Published = TruthBatch | ObservationBatch
+
 
 @dataclass(frozen=True)
 class Part:
@@ -69,10 +72,6 @@ def rate_of(part: Part, rates: Sequence[float]) -> float:
     if len(rates) not in {1, part.count}:
         raise KnownError(f"{len(rates)} rates for {part.count} sources; give one, or one for each")
     return rates[part.index % len(rates)]
-
-
-OFFLINE_SESSION = "0" * 16
-Published = TruthBatch | ObservationBatch
 
 
 def numbered(name: str, part: int, parts: int) -> str:

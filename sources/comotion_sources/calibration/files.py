@@ -181,17 +181,16 @@ def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | N
 
 def format_camera_info(camera: Intrinsics) -> str:
     """Format intrinsics as ROS camera_info YAML."""
-    matrix = ", ".join(repr(float(value)) for value in camera.matrix.ravel())
     # ROS writes 5 zeros for a camera without distortion; more than 5 belong to its rational model.
     coefficients = camera.distortion if camera.distortion.size else np.zeros(5)
-    model = _ROS_MODELS[0] if coefficients.size <= 5 else _ROS_MODELS[1]
-    return (
-        f"image_width: {camera.width}\n"
-        f"image_height: {camera.height}\n"
-        f"distortion_model: {model}\n"
-        f"camera_matrix: {{rows: 3, cols: 3, data: [{matrix}]}}\n"
-        f"distortion_coefficients: {{rows: 1, cols: {coefficients.size}, data: {_list(coefficients)}}}\n"
-    )
+    content = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "distortion_model": _ROS_MODELS[coefficients.size > 5],
+        "camera_matrix": {"rows": 3, "cols": 3, "data": camera.matrix.ravel().tolist()},
+        "distortion_coefficients": {"rows": 1, "cols": coefficients.size, "data": coefficients.tolist()},
+    }
+    return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
 
 
 def _list(values: Any) -> str:

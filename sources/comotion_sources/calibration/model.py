@@ -18,6 +18,9 @@ Vectors = NDArray[np.float64]
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # what OpenCV accepts
 _ORTHONORMAL_TOLERANCE = 1e-6  # largest entry of |R R^T - I|: six decimals in a file pass
+Floats = NDArray[np.float64]
+_FAILED_PX = 2.0
+"""A reprojection error above this means that IPPE failed; corners are found to a few tenths of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,12 +181,6 @@ class Extrinsics:
             self.rotation @ inner.translation + self.translation,
             self.frame,
         )
-
-
-Floats = NDArray[np.float64]
-
-_FAILED_PX = 2.0
-"""A reprojection error above this means that IPPE failed; corners are found to a few tenths of a pixel."""
 
 
 def planar_poses(camera: Intrinsics, points: Floats, pixels: Floats) -> list[tuple[float, Extrinsics]]:

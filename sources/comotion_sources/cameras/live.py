@@ -23,6 +23,7 @@ PLAUSIBLE_AGE_NS = 2_000_000_000
 """A stamp that makes a frame older than this at its arrival is from another clock."""
 _SILENCE_S = 10.0  # without a frame for this long a camera counts as lost
 _JOIN_S = 2 * READ_TIMEOUT_MS / 1000
+_WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 series supports them
 
 
 class LiveCamera(Camera):
@@ -169,9 +170,6 @@ def _without_password(url: str) -> str:
     scheme, _, rest = url.partition("://")
     host, slash, path = rest.partition("/")
     return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"
-
-
-_WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 series supports them
 
 
 def _frames(library: Any, pipeline: Any, depth_scale: float) -> Generator[Frame]:

@@ -27,6 +27,9 @@ from ..runtime import SourcePublisher
 
 Vector = NDArray[np.float64]
 JOINT_STATE = "sensor_msgs/msg/JointState"
+# First samples by which the unit of time is judged.
+_JUDGED = 8
+_SECONDS = ("time", "t", "stamp", "timestamp")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,11 +78,6 @@ def ros_sample(raw: bytes, received_ns: int) -> JointSample:
     """
     message = from_cdr(raw, JOINT_STATE)
     return JointSample(stamp_of(message.header, received_ns), message.name, message.position)
-
-
-# First samples by which the unit of time is judged.
-_JUDGED = 8
-_SECONDS = ("time", "t", "stamp", "timestamp")
 
 
 def read_csv(path: Path) -> Iterator[JointSample]:

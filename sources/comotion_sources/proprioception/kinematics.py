@@ -17,6 +17,7 @@ from ..workcell.extra import couplings, require_mujoco
 from .joints import JointSample, Vector
 
 _MAX_BYTES = 16_000_000
+Vectors = NDArray[np.float64]
 
 
 def load_model(path: Path) -> Any:
@@ -61,9 +62,6 @@ def _kinematics_only(robot: ET.Element) -> str:
         extension, "compiler", fusestatic="false", boundmass="1", boundinertia="1", balanceinertia="true"
     )
     return ET.tostring(robot, encoding="unicode")
-
-
-Vectors = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

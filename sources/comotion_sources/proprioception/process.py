@@ -16,6 +16,9 @@ from .kinematics import Kinematics, LinkPoses
 
 Columns: TypeAlias = dict[str, Any]
 """What a batch says, one row per instant and link, oldest first, by names of :class:`ObservationBatch`."""
+_SET_BACK_NS = 1_000_000_000
+"""Stamps that go back by more than this mean that the clock was reset, not that samples are late."""
+_log = logging.getLogger(__name__)
 
 
 class Packer:
@@ -77,15 +80,6 @@ class Packer:
         stamps_ns = np.repeat(np.array(stamps, np.int64), links)
         return columns | {"stamp_ns": stamps[-1], "ids": ids, "stamps_ns": stamps_ns}
 
-    def restart(self) -> None:
-        """Discard pending instants and the last stamp: the clock of the samples was set back."""
-        self._pending, self.newest_ns, self._due = [], None, 0
-
-
-_SET_BACK_NS = 1_000_000_000
-"""Stamps that go back by more than this mean that the clock was reset, not that samples are late."""
-_log = logging.getLogger(__name__)
-
 
 def run(
     kinematics: Kinematics,
@@ -141,19 +135,19 @@ def run(
         source.ready()
         packer = Packer(kinematics, rate=rate, span=span)
         for sample in chain(reader(source), [None]):
+            if sample is not None and (newest_ns := packer.newest_ns) is not None:
+                source.count("late", newest_ns - _SET_BACK_NS <= sample.stamp_ns <= newest_ns)
+                if sample.stamp_ns < newest_ns - _SET_BACK_NS:  # a simulation or a log has begun again
+                    _log.warning("the stamps went back by more than a second: a new session begins")
+                    packer = Packer(kinematics, rate=rate, span=span)
+                    source.new_session()
             columns = packer.flush() if sample is None else _packed(sample, packer, source)
             if columns is not None:
                 source.observe(**columns)
 
 
 def _packed(sample: JointSample, packer: Packer, source: SourcePublisher) -> Columns | None:
-    """Add a sample to a batch; count one that is late or lacks a joint."""
-    if packer.newest_ns is not None and sample.stamp_ns < packer.newest_ns - _SET_BACK_NS:
-        # A simulation or a log has begun again.
-        _log.warning("the stamps went back by more than a second: a new session begins")
-        packer.restart()
-        source.new_session()
-    source.count("late", packer.newest_ns is not None and sample.stamp_ns <= packer.newest_ns)
+    """Add a sample to a batch; count one that lacks a joint."""
     try:
         return packer.add(sample)
     except InputError as error:

@@ -42,6 +42,12 @@ _LEAST_SIGMA_PX = 0.1
 _THIRD, _CHI2_MEDIAN = 20.0, 1.386
 
 Arrays = Mapping[str, NDArray[Any]]
+# Names of a column: the first that is there of each.
+_ID = ("track", "track_id", "feature", "feature_id", "point", "point_id", "particle", "id")
+_FRAME, _TIME = ("frame", "frame_id"), ("time", "times", "t", "timestamp")
+# Cells of frames and tracks; a gigabyte of positions.
+_MOST_CELLS = 1 << 26
+_WORDS = {"": "nan", "true": "1", "false": "0"}
 
 
 def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
@@ -201,14 +207,6 @@ def _noise(place: NDArray[np.float64], confidence: NDArray[np.float64]) -> NDArr
     seen = place[np.isfinite(place[..., 0])]
     wrong = _WRONG * float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
     return np.asarray(np.sqrt(confidence * right + (1 - confidence) * wrong**2 / 2))
-
-
-# Names of a column: the first that is there of each.
-_ID = ("track", "track_id", "feature", "feature_id", "point", "point_id", "particle", "id")
-_FRAME, _TIME = ("frame", "frame_id"), ("time", "times", "t", "timestamp")
-# Cells of frames and tracks; a gigabyte of positions.
-_MOST_CELLS = 1 << 26
-_WORDS = {"": "nan", "true": "1", "false": "0"}
 
 
 def read_csv(path: Path, fps: float | None = None) -> Recording:

@@ -16,6 +16,13 @@ from .spec import Body, Gaps, KeyStates, Motion, Range, Respawn, Rest, SceneSpec
 Array: TypeAlias = NDArray[np.float64]
 _SINES = 2  # per axis, as the class Sines documents
 _AMPLITUDE_FACTOR = (0.7, 1.3)
+# One stream of random numbers per purpose: a change of one draw does not change the others.
+_PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
+_COLUMNS = {"body": np.intp, "object": np.int32, "slot": np.intp} | dict.fromkeys(
+    ("local", "birth", "death", "sigma", "pose_sigma"), np.float64
+)
+_Actor = tuple[int, int, int, Array, float, float, float, float]
+"""One feature, by these columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +114,6 @@ def seen_from(body: Poses, camera: Poses) -> Poses:
     )
 
 
-# One stream of random numbers per purpose: a change of one draw does not change the others.
-_PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Features:
     """Features over time, one row each, in the order of birth.
@@ -167,13 +170,6 @@ class Actors(Features):
     sigma: Array
     pose_sigma: Array
     names: dict[int, str]
-
-
-_COLUMNS = {"body": np.intp, "object": np.int32, "slot": np.intp} | dict.fromkeys(
-    ("local", "birth", "death", "sigma", "pose_sigma"), np.float64
-)
-_Actor = tuple[int, int, int, Array, float, float, float, float]
-"""One feature, by these columns."""
 
 
 def draw_actors(spec: SceneSpec, seed: int) -> Actors:

@@ -15,6 +15,10 @@ from .textures import TEXTURES
 
 Points = NDArray[np.float32]
 Surface = tuple[NDArray[np.intp], Points, Points, Points]
+LEVELS = 4
+"""Mipmap levels, each half the size of the one before."""
+_ROW = 512  # places per row of a map: cv2.remap accepts rows of at most 32767
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom without one
 
 
 def surface(kind: int, size: Vector, local: Points, to_light: Points) -> Surface:
@@ -68,12 +72,6 @@ def _sphere(size: Vector, local: Points, to_light: Points) -> Surface:
     u = radius * np.arctan2(y, x)
     v = -radius * np.arcsin(np.clip(z / radius, -1, 1))
     return np.zeros(len(local), np.intp), u, v, local @ to_light / radius
-
-
-LEVELS = 4
-"""Mipmap levels, each half the size of the one before."""
-_ROW = 512  # places per row of a map: cv2.remap accepts rows of at most 32767
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom without one
 
 
 class Face(NamedTuple):

@@ -28,6 +28,8 @@ _DEPTH_NOISE = np.float32(1.425e-3)
 _EDGE_DROPOUT, _EDGE_WIDTH = 0.6, 2
 _BLUR = 0.55  # px, one sigma, of the lens
 _NEAR, _FAR = 0.35, 5.0  # range of the depth, m
+# MuJoCo's cameras look along -z with y up, optical axes along z with y down.
+_OPTICAL = np.diag([1.0, -1.0, -1.0])
 
 
 class Sensor:
@@ -80,10 +82,6 @@ class Sensor:
     def _cut(self, tile: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
         top, left = rng.integers(0, _TILE_MARGIN, 2)
         return np.ascontiguousarray(tile[top : top + self._shape[0], left : left + self._shape[1]])
-
-
-# MuJoCo's cameras look along -z with y up, optical axes along z with y down.
-_OPTICAL = np.diag([1.0, -1.0, -1.0])
 
 
 def calibration(
