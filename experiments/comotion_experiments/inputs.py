@@ -118,7 +118,7 @@ def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_receiv
     # recording is in memory at a time.
     streams = partial(recording_streams, split=split, rates=rates)
     streams(read_recording(name))
-    return Input(name, None, lambda: batches(streams(read_recording(name)), publish_sigma=True))
+    return Input(name, None, lambda: batches(streams(read_recording(name))))
 
 
 def _recorded_scene(name: str, *, as_received: bool) -> Input:

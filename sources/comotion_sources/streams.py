@@ -117,6 +117,8 @@ class Stream:
         Frames per second.
     length
         Seconds after which the stream may be repeated; then frames at or after this time are left out.
+    publish_sigma
+        Whether the noise of a frame that has it is published.
     """
 
     name: str
@@ -126,11 +128,12 @@ class Stream:
     objects: Mapping[int, str]
     rate: float
     length: float
+    publish_sigma = False
 
     def __iter__(self) -> Iterator[Frame]:
         raise NotImplementedError
 
-    def messages(self, session: str, epoch_ns: int, *, publish_sigma: bool) -> Iterator[StreamMessage]:
+    def messages(self, session: str, epoch_ns: int = 0) -> Iterator[StreamMessage]:
         """Yield the messages of one session: the truth of features before their first observation.
 
         The parameters are those of :func:`batches`.
@@ -152,7 +155,7 @@ class Stream:
                 stamp_ns=stamp_ns,
                 ids=frame.ids,
                 positions=frame.positions,
-                sigma=_sigma(frame) if publish_sigma else None,
+                sigma=_sigma(frame) if self.publish_sigma else None,
                 quaternions=frame.quaternions,
                 ended=frame.ended if frame.ended.size else None,
             )
@@ -167,9 +170,7 @@ def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
     return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
 
 
-def batches(
-    streams: Stream | Sequence[Stream], *, epoch_ns: int = 0, publish_sigma: bool = False
-) -> Iterator[Published]:
+def batches(streams: Stream | Sequence[Stream], *, epoch_ns: int = 0) -> Iterator[Published]:
     """Yield the messages of all streams in time order; at equal times in the order of the streams.
 
     Parameters
@@ -178,11 +179,9 @@ def batches(
         One per source, with different names.
     epoch_ns
         Stamp of t = 0, nanoseconds since the Unix epoch.
-    publish_sigma
-        Publish the noise if a frame has it.
     """
     chosen = [streams] if isinstance(streams, Stream) else streams
-    log = StreamLog(chosen, OFFLINE_SESSION, publish_sigma=publish_sigma, epoch_ns=epoch_ns)
+    log = StreamLog(chosen, OFFLINE_SESSION, epoch_ns)
     for logged in log.messages():
         yield logged.message
 
@@ -193,11 +192,8 @@ class StreamLog:
     gap_s = 0.0
     """Seconds between two passes, beyond the length."""
 
-    def __init__(
-        self, streams: Sequence[Stream], session: str, *, publish_sigma: bool = False, epoch_ns: int = 0
-    ) -> None:
+    def __init__(self, streams: Sequence[Stream], session: str, epoch_ns: int = 0) -> None:
         self._streams, self._session = streams, session
-        self._publish_sigma = publish_sigma
         self.start_ns = epoch_ns
         self.end_ns = epoch_ns + round(1e9 * max(stream.length for stream in streams))
 
@@ -205,10 +201,7 @@ class StreamLog:
         self, kinds: Collection[Kind] | None = None, *, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[StreamMessage]:
         """Yield the messages of some kinds in a range of time, in time order."""
-        streams = (
-            stream.messages(self._session, self.start_ns, publish_sigma=self._publish_sigma)
-            for stream in self._streams
-        )
+        streams = (stream.messages(self._session, self.start_ns) for stream in self._streams)
         for entry in heapq.merge(*streams, key=lambda entry: entry.log_ns):
             if end_ns is not None and entry.log_ns > end_ns:
                 return

@@ -88,9 +88,7 @@ def test_confidence_is_noise_and_less_than_half_is_unseen(scene, tmp_path):
     noise = [float(np.median(found.sigma[seen[:, n], n])) for n in range(3)]
     assert 0.1 <= noise[0] < 0.2  # as the differences of its positions say
     assert 2 * noise[0] < noise[1] < noise[2] / 3
-    observed = [
-        m for m in batches(recording_streams(found), publish_sigma=True) if isinstance(m, ObservationBatch)
-    ]
+    observed = [m for m in batches(recording_streams(found)) if isinstance(m, ObservationBatch)]
     shown = dict(zip(observed[5].ids.tolist(), observed[5].sigma.tolist(), strict=True))
     assert shown == pytest.approx({n: found.sigma[5, n] for n in shown})
     assert 3 not in shown

@@ -105,7 +105,7 @@ def test_batches_tell_the_truth_of_a_feature_before_its_first_observation():
 
 def test_noise_is_published_on_demand_and_only_where_there_is_some():
     def sigmas(name, **options):
-        messages = batches(run(name, **options), publish_sigma=True)
+        messages = batches(run(name, publish_sigma=True, **options))
         return next(m.sigma for m in messages if isinstance(m, ObservationBatch))
 
     np.testing.assert_allclose(sigmas("fig4_1")[[0, -1]], [0.01, 0.005])

@@ -187,12 +187,12 @@ Examples:
             time_scale=self.time_scale,
             split=self.split,
             name=self.name,
+            publish_sigma=self.publish_sigma,
         )
         play_streams(
             simulations,
             self.taken(Schedule, start_at=parse_start(self.start_at)),
             message=f"simulates {simulations[0].spec.title}",
-            publish_sigma=self.publish_sigma,
             **self.where(),
         )
 

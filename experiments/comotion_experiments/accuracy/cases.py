@@ -107,7 +107,7 @@ def recorded_cases(folder: Path) -> list[Case]:
 
 
 def _recorded(path: Path, _: int) -> Iterable[Message]:
-    return batches(recording_streams(read_recording(str(path))), publish_sigma=True)
+    return batches(recording_streams(read_recording(str(path))))
 
 
 def run_case(case: Case, config: FusionConfig, seed: int, duration: float | None = None) -> dict[str, Any]:

@@ -117,6 +117,8 @@ class RecordedStream(Stream):
         intp [K], numbers of the instants.
     """
 
+    publish_sigma = True
+
     def __init__(
         self,
         recording: Recording,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,8 @@ class Simulation(Stream):
         Divide single ``features``, so that every source observes every body, or whole ``objects``.
     name
         Name of the source; empty: ``simulator``, or ``simulator-k`` for part k of several.
+    publish_sigma
+        Whether the noise is published.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Simulation(Stream):
     part: Part = field(default_factory=Part)
     split: Split = "features"
     name: str = ""
+    publish_sigma: bool = False
 
     def __post_init__(self) -> None:
         self.rate = self.spec.rate if self.rate is None else self.rate
@@ -165,26 +168,25 @@ class Simulation(Stream):
 def simulate(
     spec: SceneSpec,
     *,
-    seed: int = 0,
     rates: Sequence[float] | None = None,
-    noise: float = 1.0,
-    time_scale: float = 1.0,
-    split: Split = "features",
     part: Part | None = None,
     name: str | None = None,
+    **options: Any,
 ) -> list[Simulation]:
     """Build the sources that together observe a scene, or one of them.
 
     Parameters
     ----------
-    spec, seed, noise, time_scale, split
-        As in :class:`Simulation`.
+    spec
+        The scene.
     rates
         Frames per second, one per source; None: those of the scene. With a `part` one, or one per part.
     part
         Build only this source; None: all.
     name
         Name of the source; with several, the k-th is ``<name>-k``. None: as in :class:`Simulation`.
+    options
+        Seed, noise, time scale, split and so on, as in :class:`Simulation`.
 
     Raises
     ------
@@ -197,16 +199,8 @@ def simulate(
     else:
         of_scene = spec.rates if len(spec.rates) == part.count else [spec.rate]
         chosen = [(part, rate_of(part, rates or of_scene))]
+    names = ["" if name is None else numbered(name, k, len(chosen)) for k in range(len(chosen))]
     return [
-        Simulation(
-            spec,
-            seed=seed,
-            rate=rate,
-            noise=noise,
-            time_scale=time_scale,
-            part=each,
-            split=split,
-            name="" if name is None else numbered(name, k, len(chosen)),
-        )
-        for k, (each, rate) in enumerate(chosen)
+        Simulation(spec, rate=rate, part=each, name=called, **options)
+        for (each, rate), called in zip(chosen, names, strict=True)
     ]
