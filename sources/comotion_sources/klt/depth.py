@@ -17,8 +17,6 @@ Floats = NDArray[np.float64]
 
 _RADIUS = 2  # of the neighbourhood, px to each side
 _MIN_VALID_SHARE = 0.5  # of the neighbourhood: fewer valid pixels do not determine a plane well
-
-
 _DY, _DX = (part.ravel() for part in np.mgrid[-_RADIUS : _RADIUS + 1, -_RADIUS : _RADIUS + 1])
 _DESIGN = np.column_stack([np.ones(_DX.size), _DX, _DY])
 
