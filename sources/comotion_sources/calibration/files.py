@@ -17,6 +17,7 @@ The comotion format::
     quaternion = [0.0, 0.0, 0.0, 1.0]        # x y z w
 """
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -161,22 +162,27 @@ def _numbers(value: Any) -> list[float]:
 
 def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | None) -> str:
     """Format a comotion TOML file; a part that is None is left out."""
-    tables = []
+    tables: dict[str, dict[str, Any]] = {}
     if intrinsics is not None:
-        numbers = {name: repr(float(getattr(intrinsics, name))) for name in ("fx", "fy", "cx", "cy")}
-        lines = {"width": str(intrinsics.width), "height": str(intrinsics.height), **numbers}
-        if intrinsics.distortion.size:
-            lines["distortion"] = _list(intrinsics.distortion)
-        tables.append(("[intrinsics]", lines))
+        sizes = {"width": intrinsics.width, "height": intrinsics.height}
+        pinhole = {name: float(getattr(intrinsics, name)) for name in ("fx", "fy", "cx", "cy")}
+        tables["[intrinsics]"] = sizes | pinhole | {"distortion": intrinsics.distortion.tolist()}
     if extrinsics is not None:
-        frame = extrinsics.frame.replace("\\", "\\\\").replace('"', '\\"')
-        lines = {"frame": f'"{frame}"', "translation": f"{_list(extrinsics.translation)}  # m"}
-        lines["quaternion"] = f"{_list(extrinsics.quaternion)}  # x y z w"
-        tables.append(("[extrinsics]  # camera (optical axes) to frame", lines))
-    texts = (
-        "\n".join([head, *(f"{name} = {value}" for name, value in lines.items())]) for head, lines in tables
+        places = {name: getattr(extrinsics, name).tolist() for name in ("translation", "quaternion")}
+        tables["[extrinsics]  # camera (optical axes) to frame: m, and x, y, z, w"] = {
+            "frame": extrinsics.frame
+        } | places
+    # Numbers, lists and texts of JSON are those of TOML.
+    return "\n".join(
+        "\n".join(
+            [
+                head,
+                *(f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in table.items()),
+                "",
+            ]
+        )
+        for head, table in tables.items()
     )
-    return "\n\n".join(texts) + "\n"
 
 
 def format_camera_info(camera: Intrinsics) -> str:
@@ -191,7 +197,3 @@ def format_camera_info(camera: Intrinsics) -> str:
         "distortion_coefficients": {"rows": 1, "cols": coefficients.size, "data": coefficients.tolist()},
     }
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
-
-
-def _list(values: Any) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
