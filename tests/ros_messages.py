@@ -3,7 +3,7 @@
 import numpy as np
 
 from comotion_schemas.ros_types import store
-from comotion_sources.proprioception.samples import JOINT_STATE
+from comotion_sources.proprioception.joints import JOINT_STATE
 
 
 def make(kind, /, **fields):

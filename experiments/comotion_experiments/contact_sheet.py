@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_sources.cameras.types import CameraError
+from comotion_schemas.errors import InputError
 
 COLUMNS, ROWS = 3, 4
 LIMIT = 300_000
@@ -39,12 +39,12 @@ class ContactSheet:
 
         Raises
         ------
-        CameraError
+        InputError
             If there was no frame, or the file cannot be written.
         """
         parts = min(COLUMNS * ROWS, len(self._kept))
         if not parts:
-            raise CameraError(f"{path}: there is no frame to show")
+            raise InputError(f"{path}: there is no frame to show")
         shown = (self._kept[(k + 1) * len(self._kept) // parts - 1] for k in range(parts))
         pictures = [_timed(image, seconds) for seconds, image in shown]
         pictures += [np.zeros_like(pictures[0])] * (-len(pictures) % COLUMNS)
@@ -57,7 +57,7 @@ class ContactSheet:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data.tobytes())
         except OSError as error:
-            raise CameraError(f"{path}: {error.strerror}") from None
+            raise InputError(f"{path}: {error.strerror}") from None
 
 
 def _timed(image: NDArray[np.uint8], seconds: float) -> NDArray[np.uint8]:

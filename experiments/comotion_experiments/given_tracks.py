@@ -5,11 +5,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from comotion_schemas.errors import InputError
 from comotion_sources.cameras.files import RecordedCamera
-from comotion_sources.cameras.types import Camera, CameraError, Frame
-from comotion_sources.klt import Tracks
-from comotion_sources.recordings import Recording
-from comotion_sources.recordings.recording import RecordedFrames
+from comotion_sources.cameras.types import Camera, Frame
+from comotion_sources.klt.tracker import Tracks
+from comotion_sources.recordings import Recording, recording_streams
 
 _log = logging.getLogger(__name__)
 _LARGEST_PX = 4096
@@ -20,22 +20,21 @@ class GivenTracks:
 
     Raises
     ------
-    CameraError
+    InputError
         If the recording is in metres.
     """
 
     def __init__(self, recording: Recording, camera: Camera) -> None:
         if recording.dim != 2:
-            raise CameraError(f"{recording.name}: its tracks are in m; in an image they are in px")
+            raise InputError(f"{recording.name}: its tracks are in m; in an image they are in px")
         frames = camera.frames
         if frames not in {None, len(recording)}:
             first = min(frames, len(recording))
             text = "%s has %d frames, the video %d: the first %d are used"
             _log.warning(text, recording.name, len(recording), frames, first)
         count = recording.positions.shape[1]
-        self._frames = list(
-            RecordedFrames(recording, markers=np.arange(count), instants=np.arange(len(recording)))
-        )
+        (stream,) = recording_streams(recording)
+        self._frames = list(stream)
         first = np.argmax(np.isfinite(recording.positions[..., 0]), axis=0)
         ids = np.arange(count) if recording.ids is None else recording.ids
         self._births = dict(zip(ids.tolist(), first.tolist(), strict=True))

@@ -3,13 +3,15 @@
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
 from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SUFFIX
-from comotion_sources.recordings import read_recording, recording_batches
+from comotion_sources.recordings import read_recording, recording_streams
+from comotion_sources.streams import batches
 
 SIMULATED = "sim:"
 _SORT_SPAN_NS = 10_000_000_000
@@ -114,8 +116,9 @@ def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_receiv
         return _recorded_scene(name, as_received=as_received)
     # Read twice: once to check it before hours of work, and once for its run, so that only one
     # recording is in memory at a time.
-    recording_batches(read_recording(name), split=split, rates=rates)
-    return Input(name, None, lambda: recording_batches(read_recording(name), split=split, rates=rates))
+    streams = partial(recording_streams, split=split, rates=rates)
+    streams(read_recording(name))
+    return Input(name, None, lambda: batches(streams(read_recording(name))))
 
 
 def _recorded_scene(name: str, *, as_received: bool) -> Input:

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, ObservationBatch, Pose
+from comotion_schemas.errors import InputError
 from comotion_schemas.naming import Names
-from comotion_sources.calibration import Calibration
-from comotion_sources.cameras.types import Camera, CameraError, Frame
-from comotion_sources.klt import Tracker, TrackerConfig, Tracks
+from comotion_sources.calibration.files import Calibration
+from comotion_sources.cameras.types import Camera, Frame
+from comotion_sources.klt.config import TrackerConfig
 from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.klt.tracker import Tracker, Tracks
 from comotion_sources.recordings import Recording
 from comotion_sources.streams import OFFLINE_SESSION
 
@@ -63,7 +65,7 @@ class LabelledFrames:
 
     def __init__(self, camera: Camera, options: SegmentOptions) -> None:
         if camera.live:
-            raise CameraError("a live camera has no end: use comotion source klt")
+            raise InputError("a live camera has no end: use comotion source klt")
         self._camera = camera
         given = options.calibration
         intrinsics = given.intrinsics or camera.intrinsics

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from comotion_clients.regions import regions
-from comotion_sources.cameras.types import CameraError
+from comotion_schemas.errors import InputError
 
 from .labelled import Labelled
 
@@ -20,7 +20,7 @@ class MaskFolder:
 
     Raises
     ------
-    CameraError
+    InputError
         If the folder cannot be created.
     """
 
@@ -30,14 +30,14 @@ class MaskFolder:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise CameraError(f"{folder}: {error.strerror}") from None
+            raise InputError(f"{folder}: {error.strerror}") from None
 
     def write(self, labelled: Labelled) -> None:
         """Write the regions of one frame if it is due.
 
         Raises
         ------
-        CameraError
+        InputError
             If it cannot be written.
         """
         stamp = labelled.frame.stamp_ns
@@ -48,4 +48,4 @@ class MaskFolder:
         path = self._folder / f"{labelled.number:06d}.png"
         image = np.where((hypotheses >= 0) & (hypotheses <= _MOST), hypotheses, 0).astype(np.uint16)
         if not cv2.imwrite(str(path), image):
-            raise CameraError(f"{path}: cannot be written")
+            raise InputError(f"{path}: cannot be written")

@@ -17,9 +17,10 @@ from threadpoolctl import threadpool_limits
 
 from comotion.library.compiling import compile_ahead
 from comotion_schemas import UNDETERMINED, Hypothesis, Pose
+from comotion_schemas.errors import InputError
 from comotion_schemas.naming import joint_words
 from comotion_sources.cameras.opening import open_frames
-from comotion_sources.cameras.types import Camera, CameraError
+from comotion_sources.cameras.types import Camera
 from comotion_sources.klt.drawing import Annotator
 from comotion_sources.klt.observer import CameraSpace
 from comotion_sources.klt.picture_file import PictureFile
@@ -76,7 +77,7 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
 
     Raises
     ------
-    CameraError
+    InputError
         If it cannot be read, is a live camera, or an output cannot be written.
     """
     result, digest = Segmented(), hashlib.sha256()
@@ -103,7 +104,7 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
             result.last = labelled.listed
             progress(result.frames, camera.frames)
     if not result.frames:
-        raise CameraError(f"{what}: no frame")
+        raise InputError(f"{what}: no frame")
     if options.sheet is not None:
         outputs.sheet.write(options.sheet)
     result.digest, result.path = digest.hexdigest(), run.path
@@ -117,7 +118,7 @@ def _camera(what: str | None, options: SegmentOptions) -> Camera:
     if what is not None:
         return open_frames(what, options.rate)
     if options.given is None:
-        raise CameraError("there is neither a video nor tracks")
+        raise InputError("there is neither a video nor tracks")
     return BlankFrames(options.given)
 
 
@@ -135,7 +136,7 @@ class _Outputs:
                 options.csv.parent.mkdir(parents=True, exist_ok=True)
                 file = stack.enter_context(options.csv.open("w", newline="", encoding="utf-8"))
             except OSError as error:
-                raise CameraError(f"{options.csv}: {error.strerror}") from None
+                raise InputError(f"{options.csv}: {error.strerror}") from None
             self._table = csv.writer(file)
             self._table.writerow(COLUMNS)
         self.picture = None if options.out is None else PictureFile(options.out, rate)

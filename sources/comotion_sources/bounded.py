@@ -1,17 +1,19 @@
-"""Reads small files; what is too large, too deep or no text is refused in one line."""
+"""Reads small files and tables; what is too large, too deep or no text is refused in one line."""
 
+import csv
 import re
 import tomllib
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from comotion_schemas.errors import KnownError
-
-from .errors import InputError
+from comotion_schemas.errors import InputError, KnownError
 
 # The parser takes time that grows with the square of the length of a dotted key.
 _LONG_KEY = re.compile(r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){20}""")
 _DEPTH = 30
+_MAX_LINE = 100_000
 
 
 def read_text(path: Path, most_bytes: int) -> str:
@@ -58,3 +60,28 @@ def parse_toml(text: str) -> dict[str, Any]:
 def _is_deeper(value: object, depth: int) -> bool:
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return depth < 0 or any(_is_deeper(item, depth - 1) for item in inner)
+
+
+def read_cells(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each line of a CSV table that is not empty; the first names the columns.
+
+    Raises
+    ------
+    InputError
+        If a line has more or fewer cells than the first, or it is no text; the message names the line.
+    OSError
+        If it cannot be opened.
+    """
+    width = 0
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            # A file without line ends may be larger than the memory.
+            rows = csv.reader(iter(partial(file.readline, _MAX_LINE), ""))
+            for row in rows:
+                width = width or len(row)
+                if row and len(row) != width:
+                    raise InputError(f"line {rows.line_num} has {len(row)} cells, the first line {width}")
+                if row:
+                    yield rows.line_num, [cell.strip() for cell in row]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"it is not a table ({error})") from None

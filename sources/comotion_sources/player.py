@@ -171,7 +171,7 @@ class Player:
             moved = self._restamp(message)
             output.send(cast("StreamKind", entry.kind), encode(moved), moved)
         else:
-            output.overrun()
+            output.count("overruns")
 
     def _skip(self, entry: Entry, *, counted: bool) -> None:
         """Leave an entry out, but for truth, which holds whenever it comes; where `counted`, count it."""
@@ -181,7 +181,7 @@ class Player:
         if self._restamp is not None and (message := entry.decode()) is not None:
             self._restamp.leave_out(message)
         if counted:
-            self._outputs[entry.name].overrun()
+            self._outputs[entry.name].count("overruns")
 
     def _reference_ns(self) -> int:
         """Stamp of the start of the range on the clock of the sources.

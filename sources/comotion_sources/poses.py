@@ -1,24 +1,76 @@
-"""Pose of a carried camera at the stamp of a frame, from poses of its carrier over time."""
+"""Values over time, such as the pose of a carried camera at the stamp of a frame; files of poses. Pure."""
 
 import re
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import InputError, KnownError
 
 from .bounded import read_text
 from .calibration.model import Extrinsics
-from .errors import InputError
-from .timed import Timed
 
+Value = TypeVar("Value")
 # A line has some 40 bytes: a day at 30 Hz.
 _MAX_BYTES = 100_000_000
 _KEPT_NS = 10_000_000_000
 _GAP_NS = 200_000_000
 """Poses are not interpolated across a longer gap."""
+
+
+class Timed(Generic[Value]):
+    """The last values of something that changes, by their stamps.
+
+    Parameters
+    ----------
+    between
+        Interpolates between two values, by the share of the way from the first to the second.
+    kept_ns
+        How long values are kept; None: all of them.
+    gap_ns
+        Longest time between two values across which is interpolated.
+    """
+
+    def __init__(
+        self, between: Callable[[Value, Value, float], Value], kept_ns: int | None, gap_ns: int
+    ) -> None:
+        self._between, self._kept_ns, self._gap_ns = between, kept_ns, gap_ns
+        self._values: deque[tuple[int, Value]] = deque()
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest value; None before the first."""
+        return self._values[-1][0] if self._values else None
+
+    def add(self, stamp_ns: int, value: Value) -> None:
+        """Add a value; one that is not newer than the last is left out."""
+        if self._values and stamp_ns <= self._values[-1][0]:
+            return
+        self._values.append((stamp_ns, value))
+        while self._kept_ns is not None and self._values[0][0] < stamp_ns - self._kept_ns:
+            self._values.popleft()
+
+    def clear(self) -> None:
+        """Forget all values."""
+        self._values.clear()
+
+    def at(self, stamp_ns: int) -> Value | None:
+        """Value at an instant, interpolated; None beyond the values, and within a longer gap."""
+        place = bisect_left(self._values, stamp_ns, key=lambda stamped: stamped[0])
+        if place == len(self._values):
+            return None
+        late_ns, late = self._values[place]
+        if late_ns == stamp_ns:
+            return late
+        if not place or late_ns - self._values[place - 1][0] > self._gap_ns:
+            return None
+        early_ns, early = self._values[place - 1]
+        return self._between(early, late, (stamp_ns - early_ns) / (late_ns - early_ns))
 
 
 class PoseBuffer(Timed[Extrinsics]):
@@ -67,33 +119,39 @@ def read_trajectory(path: Path, mount: Extrinsics | None = None) -> PoseBuffer:
 
 
 def trajectory(path: Path) -> Iterator[tuple[int, Extrinsics]]:
-    """Yield stamps in ns and poses of a file as in :func:`read_trajectory`.
+    """Yield stamps in ns and poses of a file as in :func:`read_trajectory`, with its errors."""
+    return parsed(path, "stamp tx ty tz qx qy qz qw", _pose)
+
+
+def _pose(line: str) -> tuple[int, Extrinsics]:
+    stamp, *values = line.split()
+    x, y, z, *turn = map(float, values)
+    return stamp_ns(stamp), Extrinsics.from_quaternion(turn, [x, y, z])
+
+
+def parsed(path: Path, form: str, parse: Callable[[str], Value]) -> Iterator[Value]:
+    """Yield what the lines of a text file say, without comments.
+
+    Parameters
+    ----------
+    path
+        The file.
+    form
+        What a line is to be, for the error.
+    parse
+        Reads a line; raises ValueError.
 
     Raises
     ------
     InputError
         If it cannot be read; the message names the file, and the line that is not of this form.
     """
-    for number, line in rows(path):
-        try:
-            stamp, *values = line.split()
-            x, y, z, *turn = map(float, values)
-            yield stamp_ns(stamp), Extrinsics.from_quaternion(turn, [x, y, z])
-        except ValueError:
-            raise InputError(f"{path}: line {number} is not 'stamp tx ty tz qx qy qz qw'") from None
-
-
-def rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Return the lines of a text file with their numbers, without comments.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
-    lines = read_text(path, _MAX_BYTES).splitlines()
-    stripped = ((number, line.strip()) for number, line in enumerate(lines, 1))
-    return ((number, line) for number, line in stripped if line and line[0] != "#")
+    for number, line in enumerate(map(str.strip, read_text(path, _MAX_BYTES).splitlines()), 1):
+        if line and line[0] != "#":
+            try:
+                yield parse(line)
+            except ValueError:
+                raise InputError(f"{path}: line {number} is not '{form}'") from None
 
 
 def stamp_ns(text: str) -> int:

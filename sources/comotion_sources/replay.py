@@ -80,7 +80,6 @@ def play_streams(
     schedule: Schedule,
     *,
     message: str,
-    publish_sigma: bool = False,
     shown_as: str = "",
     **where: Unpack[Where],
 ) -> None:
@@ -94,8 +93,6 @@ def play_streams(
         As in :func:`play`.
     message
         One line for Status.
-    publish_sigma
-        Publish the noise if a frame has it.
     where
         Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
@@ -109,7 +106,7 @@ def play_streams(
         Source(stream.name, rate=stream.rate * schedule.speed, message=message, session_id=session, **where)
         for stream in streams
     ]
-    play(StreamLog(streams, session, publish_sigma=publish_sigma), sources, schedule, shown_as=shown_as)
+    play(StreamLog(streams, session), sources, schedule, shown_as=shown_as)
 
 
 def replay_recording(
@@ -127,7 +124,7 @@ def replay_recording(
         ", ".join(f"{stream.name} at {stream.rate * schedule.speed:.4g} Hz" for stream in streams),
     )
     message = f"replays {recording.name}"
-    play_streams(streams, schedule, message=message, publish_sigma=True, shown_as=recording.name, **where)
+    play_streams(streams, schedule, message=message, shown_as=recording.name, **where)
 
 
 def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None:

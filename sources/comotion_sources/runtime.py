@@ -181,10 +181,6 @@ class Source:
             self._logged.add(text)
             _log.warning("%s: such messages are left out", text)
 
-    def overrun(self) -> None:
-        """Count a frame or message that was due and is left out."""
-        self._counters["overruns"] += 1
-
     @property
     def overruns(self) -> int:
         """How many were due and are left out."""

@@ -1,17 +1,18 @@
-"""Puts the messages of several sources in one order of time, live and offline alike.
+"""Puts the messages of several sources, parts of one scene or recording, in one order of time.
 
 Simulations and recordings of features are streams. They are pure, so a live process and an offline
 evaluation have the same content.
 """
 
 import heapq
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch, encode
+from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import Kind
 from comotion_schemas.types import Unit
 
@@ -19,6 +20,58 @@ from .frames import Frame, MessageBuilder
 
 OFFLINE_SESSION = "0" * 16
 Published = TruthBatch | ObservationBatch
+
+
+@dataclass(frozen=True)
+class Part:
+    """Source number `index` (from 0) of `count` sources."""
+
+    index: int = 0
+    count: int = 1
+
+
+def parse_part(text: str) -> Part:
+    """Parse ``k/n``: the k-th of n sources, counted from 1.
+
+    Raises
+    ------
+    ValueError
+        If the text does not have this form.
+    """
+    first, _, second = text.partition("/")
+    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 64:
+        return Part(int(first) - 1, int(second))
+    raise KnownError(f"part {text!r} is not K/N with 1 <= K <= N <= 64, e.g. 2/3")
+
+
+def parse_rates(text: str) -> list[float]:
+    """Parse rates in Hz, separated by commas.
+
+    Raises
+    ------
+    ValueError
+        If a rate is not a number above 0 and at most 1000.
+    """
+    try:
+        rates = [float(chunk) for chunk in text.split(",")]
+    except ValueError:
+        rates = []
+    if not rates or not all(0 < rate <= 1000 for rate in rates):
+        raise KnownError(f"rate {text!r} is not one or several numbers from 0 to 1000 Hz, e.g. 15,30,100")
+    return rates
+
+
+def rate_of(part: Part, rates: Sequence[float]) -> float:
+    """Return the rate of a part, in Hz: its own, or the common one.
+
+    Raises
+    ------
+    ValueError
+        If the number of rates is neither one nor the number of parts.
+    """
+    if len(rates) not in {1, part.count}:
+        raise KnownError(f"{len(rates)} rates for {part.count} sources; give one, or one for each")
+    return rates[part.index % len(rates)]
 
 
 def numbered(name: str, part: int, parts: int) -> str:
@@ -49,9 +102,8 @@ class StreamMessage:
         return self.message
 
 
-@dataclass(frozen=True, kw_only=True)
 class Stream:
-    """The frames of one source with their coordinate space and rate.
+    """The frames of one source, which it iterates over once per pass.
 
     Attributes
     ----------
@@ -65,8 +117,8 @@ class Stream:
         Frames per second.
     length
         Seconds after which the stream may be repeated; then frames at or after this time are left out.
-    frames
-        The frames; iterated once per pass.
+    publish_sigma
+        Whether the noise of a frame that has it is published.
     """
 
     name: str
@@ -76,20 +128,23 @@ class Stream:
     objects: Mapping[int, str]
     rate: float
     length: float
-    frames: Iterable[Frame]
+    publish_sigma = False
 
-    def messages(self, session: str, epoch_ns: int, *, publish_sigma: bool) -> Iterator[StreamMessage]:
+    def __iter__(self) -> Iterator[Frame]:
+        raise NotImplementedError
+
+    def messages(self, session: str, epoch_ns: int = 0) -> Iterator[StreamMessage]:
         """Yield the messages of one session: the truth of features before their first observation.
 
-        The parameters are those of :func:`merged`.
+        The parameters are those of :func:`batches`.
         """
         builder = MessageBuilder(
             source=self.name, session=session, space=self.space, unit=self.unit, dim=self.dim
         )
-        known: set[int] = set()
-        for frame in self.frames:
-            newborn = np.array([identity not in known for identity in frame.ids.tolist()], bool)
-            known.update(frame.ids[newborn].tolist())
+        born: set[int] = set()
+        for frame in self:
+            newborn = np.array([identity not in born for identity in frame.ids.tolist()], bool)
+            born.update(frame.ids[newborn].tolist())
             stamp_ns = epoch_ns + round(frame.t * 1e9)
             if frame.objects is not None and newborn.any():
                 truth = builder.truth(
@@ -100,7 +155,7 @@ class Stream:
                 stamp_ns=stamp_ns,
                 ids=frame.ids,
                 positions=frame.positions,
-                sigma=_sigma(frame) if publish_sigma else None,
+                sigma=_sigma(frame) if self.publish_sigma else None,
                 quaternions=frame.quaternions,
                 ended=frame.ended if frame.ended.size else None,
             )
@@ -115,12 +170,7 @@ def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
     return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
 
 
-def merged(
-    streams: Sequence[Stream],
-    *,
-    epoch_ns: int = 0,
-    publish_sigma: bool = False,
-) -> Iterator[Published]:
+def batches(streams: Stream | Sequence[Stream], *, epoch_ns: int = 0) -> Iterator[Published]:
     """Yield the messages of all streams in time order; at equal times in the order of the streams.
 
     Parameters
@@ -129,25 +179,21 @@ def merged(
         One per source, with different names.
     epoch_ns
         Stamp of t = 0, nanoseconds since the Unix epoch.
-    publish_sigma
-        Publish the noise if a frame has it.
     """
-    log = StreamLog(streams, OFFLINE_SESSION, publish_sigma=publish_sigma, epoch_ns=epoch_ns)
+    chosen = [streams] if isinstance(streams, Stream) else streams
+    log = StreamLog(chosen, OFFLINE_SESSION, epoch_ns)
     for logged in log.messages():
         yield logged.message
 
 
 class StreamLog:
-    """Streams as a log to play; the parameters are those of :func:`merged`."""
+    """Streams as a log to play; the parameters are those of :func:`batches`."""
 
     gap_s = 0.0
     """Seconds between two passes, beyond the length."""
 
-    def __init__(
-        self, streams: Sequence[Stream], session: str, *, publish_sigma: bool = False, epoch_ns: int = 0
-    ) -> None:
+    def __init__(self, streams: Sequence[Stream], session: str, epoch_ns: int = 0) -> None:
         self._streams, self._session = streams, session
-        self._publish_sigma = publish_sigma
         self.start_ns = epoch_ns
         self.end_ns = epoch_ns + round(1e9 * max(stream.length for stream in streams))
 
@@ -155,10 +201,7 @@ class StreamLog:
         self, kinds: Collection[Kind] | None = None, *, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[StreamMessage]:
         """Yield the messages of some kinds in a range of time, in time order."""
-        streams = (
-            stream.messages(self._session, self.start_ns, publish_sigma=self._publish_sigma)
-            for stream in self._streams
-        )
+        streams = (stream.messages(self._session, self.start_ns) for stream in self._streams)
         for entry in heapq.merge(*streams, key=lambda entry: entry.log_ns):
             if end_ns is not None and entry.log_ns > end_ns:
                 return

@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from comotion_deploy.cli import run
 from comotion_schemas import Keys
-from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration, read_calibration
-from comotion_sources.cameras import Frame
-from comotion_sources.cameras.tum import TumWriter
-from comotion_sources.markers import find_dictionary
+from comotion_sources.calibration.files import format_calibration, read_calibration
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
+from comotion_sources.cameras.tum import write_folder
+from comotion_sources.cameras.types import Frame
+from comotion_sources.markers.detector import find_dictionary
 
 from ..pictures import moving_board, write_video
 
@@ -35,11 +36,12 @@ def video(tmp_path):
 @pytest.fixture
 def recording(tmp_path):
     """An RGB-D recording with truth; frames 6 to 9 are without depth."""
-    with TumWriter(tmp_path / "rgbd", CAMERA, PLACE, {0: "wall", 1: "board"}) as writer:
-        for k in range(20):
-            image, where = moving_board(k)
-            depth = None if 6 <= k < 10 else np.full(SHAPE, DEPTH, np.float32)
-            writer.write(Frame(10**18 + k * 33_333_000, image, depth, where))
+    frames = []
+    for k in range(20):
+        image, where = moving_board(k)
+        depth = None if 6 <= k < 10 else np.full(SHAPE, DEPTH, np.float32)
+        frames.append((Frame(10**18 + k * 33_333_000, image, depth, where), PLACE))
+    write_folder(tmp_path / "rgbd", frames, CAMERA, {0: "wall", 1: "board"})
     return tmp_path / "rgbd"
 
 

@@ -10,7 +10,8 @@ from comotion_schemas.transport import declare_publisher
 
 pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_sources.proprioception import JointSample, Kinematics
+from comotion_sources.proprioception.joints import JointSample
+from comotion_sources.proprioception.kinematics import Kinematics
 from comotion_sources.workcell import Scene
 
 from .tracker import until_heard
@@ -27,7 +28,7 @@ def expected(scene, stamp_ns):
 
 def test_robot_and_camera_see_one_workcell(start, endpoint, session, listen):
     """Three processes that share nothing but the wire agree on where the hand is."""
-    scene = Scene.named("arm")
+    scene = Scene("arm")
     robot = listen(session, KEYS.stream("obs", "robot"), "obs")
     camera = listen(session, KEYS.stream("obs", "klt-a"), "obs")
     truths = listen(session, KEYS.streams("truth"), "truth")
@@ -97,7 +98,7 @@ def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen):
     pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
     from ..ros_messages import encode_sample
 
-    scene = Scene.named("arm")
+    scene = Scene("arm")
     poses = listen(session, KEYS.stream("obs", "robot"), "obs")
     statuses = listen(session, KEYS.stream("status", "robot"), "status")
     options = ("--ros", "/ur/joint_states", "--ros-domain", "3", "--name", "robot", "--batch", "0")
@@ -115,7 +116,7 @@ def test_joint_states_live_from_rmw_zenoh(start, endpoint, session, listen):
 
 
 def test_a_csv_log_is_played_and_ends(start, endpoint, session, listen, tmp_path):
-    scene = Scene.named("arm")
+    scene = Scene("arm")
     lines = [",".join(("time", *scene.joints))]
     lines += [",".join(map(repr, (k / 100, *scene.configuration(k / 100).tolist()))) for k in range(20)]
     path = tmp_path / "log.csv"

@@ -15,15 +15,16 @@ from comotion.runtime.state_file import load_fusion
 from comotion_deploy.config_file import load_toml
 from comotion_deploy.errors import UserError
 from comotion_schemas import DecodeError, ObservationBatch, decode, encode
+from comotion_schemas.errors import InputError
 from comotion_schemas.keys import Keys
 from comotion_schemas.message_log import MessageLog
 from comotion_sources.calibration.files import read_calibration
 from comotion_sources.cameras.tum import TumFolder
-from comotion_sources.errors import InputError
-from comotion_sources.proprioception.joint_logs import read_csv
-from comotion_sources.proprioception.model import load_model
-from comotion_sources.recordings import read_recording, recording_batches
+from comotion_sources.proprioception.joints import read_csv
+from comotion_sources.proprioception.kinematics import load_model
+from comotion_sources.recordings import read_recording, recording_streams
 from comotion_sources.simulator.spec import load_scene
+from comotion_sources.streams import batches
 
 from .. import builders
 from ..builders import MS, SESSION, T0
@@ -125,7 +126,7 @@ def _folder():
 
 
 def _recording(path, rate=None):
-    for found in recording_batches(read_recording(path, rate), split=2):
+    for found in batches(recording_streams(read_recording(path, rate), split=2)):
         encode(found)
 
 

@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from comotion_sources.calibration import Extrinsics, Intrinsics
-from comotion_sources.cameras import CameraError, Frame, open_frames
-from comotion_sources.cameras.live import CaptureDevice, LiveCamera
-from comotion_sources.cameras.tum import TumWriter
-from comotion_sources.klt.pacing import Pacer, Pacing
+from comotion_schemas.errors import InputError
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
+from comotion_sources.cameras.live import LiveCamera, captured
+from comotion_sources.cameras.opening import open_frames
+from comotion_sources.cameras.tum import write_folder
+from comotion_sources.cameras.types import Frame
+from comotion_sources.klt.options import Pacer, Pacing
 
 from ..builders import MS
 from ..pictures import write_video
@@ -39,7 +41,7 @@ def write_images(folder, names):
     ],
 )
 def test_what_cannot_be_opened_is_told_in_one_line(what, told):
-    with pytest.raises(CameraError, match=told) as caught:
+    with pytest.raises(InputError, match=told) as caught:
         open_frames(what)
     assert "\n" not in str(caught.value)
     assert "secret" not in str(caught.value)
@@ -77,15 +79,14 @@ def test_a_video_has_its_own_time(tmp_path):
 
 
 def write_tum(folder, stamps, depth=True):
-    with TumWriter(
-        folder, CAMERA, Extrinsics(translation=np.array([1.0, 2.0, 3.0])), {0: "table", 1: "a red box"}
-    ) as w:
-        for k, stamp in enumerate(stamps):
-            z = np.full((48, 64), 1.2346 + k, np.float32)
-            z[0], z[1], z[2] = 0, np.nan, 20.0
-            objects = np.zeros((48, 64), np.int32)
-            objects[:, :5] = -1
-            w.write(Frame(stamp, image(k), z if depth else None, objects))
+    frames, pose = [], Extrinsics(translation=np.array([1.0, 2.0, 3.0]))
+    for k, stamp in enumerate(stamps):
+        z = np.full((48, 64), 1.2346 + k, np.float32)
+        z[0], z[1], z[2] = 0, np.nan, 20.0
+        objects = np.zeros((48, 64), np.int32)
+        objects[:, :5] = -1
+        frames.append((Frame(stamp, image(k), z if depth else None, objects), pose))
+    write_folder(folder, frames, CAMERA, {0: "table", 1: "a red box"})
 
 
 def test_a_tum_folder_round_trips(tmp_path):
@@ -103,8 +104,8 @@ def test_a_tum_folder_round_trips(tmp_path):
     assert not frames[1].depth[:3].any()
     assert set(np.unique(frames[1].objects[:, :5])) == {-1}
     assert set(np.unique(frames[1].objects[:, 5:])) == {0}
-    with pytest.raises(CameraError, match="exists already"):
-        TumWriter(tmp_path / "t")
+    with pytest.raises(InputError, match="exists already"):
+        write_folder(tmp_path / "t", [])
 
 
 def test_the_pose_of_a_camera_that_moves_is_not_taken_for_a_fixed_one(tmp_path):
@@ -165,8 +166,12 @@ class Scripted:
             raise frame
         return frame
 
-    def close(self):
-        self.closed.set()
+    def played(self):
+        try:
+            while (frame := self.read()) is not None:
+                yield frame
+        finally:
+            self.closed.set()
 
 
 def wait_asked(device, times):
@@ -176,7 +181,7 @@ def wait_asked(device, times):
 
 def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
     device = Scripted()
-    camera = LiveCamera("camera 0", device)
+    camera = LiveCamera("camera 0", device.played())
     frames = iter(camera)
     device.play(*(Frame(k, image(k)) for k in range(4)))
     wait_asked(device, 5)  # it is waiting for the fifth: four have come
@@ -187,9 +192,9 @@ def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
         (RuntimeError("no frame for 5 s:\n  USB was unplugged"), "no frame for 5 s: USB was unplugged"),
     ):
         device = Scripted()
-        camera = LiveCamera("camera 0", device)
+        camera = LiveCamera("camera 0", device.played())
         device.play(end)
-        with pytest.raises(CameraError, match=f"camera 0: {told}"):
+        with pytest.raises(InputError, match=f"camera 0: {told}"):
             next(iter(camera))
         assert device.closed.wait(10)
         camera.close()
@@ -206,8 +211,9 @@ def test_stamps_are_the_devices_where_it_has_one(monkeypatch):
             get={cv2.CAP_PROP_POS_MSEC: position}.get,
             grab=lambda: True,
             retrieve=lambda: (True, image(1)),
+            release=list,
         )
-        frame = CaptureDevice(capture, clock=lambda: 1_700_000_000_000_000_000).read()
+        frame = next(captured(capture, clock=lambda: 1_700_000_000_000_000_000))
         assert frame.stamp_ns == 1_700_000_000_000_000_000 + offset
 
 

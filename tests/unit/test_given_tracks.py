@@ -9,7 +9,8 @@ import pytest
 
 from comotion_deploy.cli import run
 from comotion_schemas import ObservationBatch
-from comotion_sources.recordings import read_recording, recording_batches
+from comotion_sources.recordings import read_recording, recording_streams
+from comotion_sources.streams import batches
 
 FRAMES, POINTS = 24, 60
 MOVING = 25
@@ -87,8 +88,8 @@ def test_confidence_is_noise_and_less_than_half_is_unseen(scene, tmp_path):
     noise = [float(np.median(found.sigma[seen[:, n], n])) for n in range(3)]
     assert 0.1 <= noise[0] < 0.2  # as the differences of its positions say
     assert 2 * noise[0] < noise[1] < noise[2] / 3
-    batches = [m for m in recording_batches(found) if isinstance(m, ObservationBatch)]
-    shown = dict(zip(batches[5].ids.tolist(), batches[5].sigma.tolist(), strict=True))
+    observed = [m for m in batches(recording_streams(found)) if isinstance(m, ObservationBatch)]
+    shown = dict(zip(observed[5].ids.tolist(), observed[5].sigma.tolist(), strict=True))
     assert shown == pytest.approx({n: found.sigma[5, n] for n in shown})
     assert 3 not in shown
 

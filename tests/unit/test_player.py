@@ -50,13 +50,13 @@ class Outputs:
         self.puts = []
 
     def __getitem__(self, name):
-        return SimpleNamespace(send=partial(self.put, name), overrun=partial(self.skipped, name))
+        return SimpleNamespace(send=partial(self.put, name), count=partial(self.skipped, name))
 
     def put(self, name, kind, payload, message):
         self.puts.append((self.clock.passed, kind, name, payload, message))
         self.clock.passed += self.hold_up.pop(len(self.puts), 0.0)
 
-    def skipped(self, name):
+    def skipped(self, name, _counter):
         self.left_out[name] += 1
 
     def of(self, kind, *names):
@@ -91,9 +91,18 @@ def frames(count, rate=10.0, ended=()):
     ]
 
 
+class Frames(Stream):
+    space, unit, dim, objects, length = "world", "m", 2, {4: "G"}, 1.0
+
+    def __init__(self, name, rate, frames):
+        self.name, self.rate, self.frames = name, rate, frames
+
+    def __iter__(self):
+        return iter(self.frames)
+
+
 def stream(count=11, rate=10.0, name="s", **options):
-    usual = {"space": "world", "unit": "m", "dim": 2, "objects": {4: "G"}, "length": 1.0}
-    return Stream(name=name, rate=rate, frames=frames(count, rate, **options), **usual)
+    return Frames(name, rate, frames(count, rate, **options))
 
 
 def batch(source, seq, stamp_ns, **fields):

@@ -8,13 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion_sources.calibration.model import Extrinsics
-from comotion_sources.proprioception.joint_logs import read_csv
-from comotion_sources.proprioception.samples import JointSample
+from comotion_sources.proprioception.joints import JointSample, read_csv
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_sources.proprioception import Encoders, Kinematics, load_model  # noqa: E402
-from comotion_sources.proprioception.packer import Packer  # noqa: E402
+from comotion_sources.proprioception.kinematics import Encoders, Kinematics, load_model  # noqa: E402
+from comotion_sources.proprioception.process import Packer  # noqa: E402
 from comotion_sources.workcell import Scene  # noqa: E402
 
 URDF = Path(__file__).parents[1] / "fuzz" / "corpus" / "urdf" / "valid"
@@ -69,7 +68,7 @@ def test_sigma_is_what_encoders_of_that_resolution_make(urdf):
 
 
 def packer(rate=200.0, span=0.02):
-    scene = Scene.named("arm")
+    scene = Scene("arm")
     made = Packer(Kinematics(scene.model, scene.robot), rate=rate, span=span)
     return made, lambda t: reading(scene.joints, scene.configuration(t), round(t * 1e9))
 

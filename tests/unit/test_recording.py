@@ -20,10 +20,10 @@ from comotion_clients.recording.process import PendingPayloads
 from comotion_clients.recording.repair import repair
 from comotion_clients.recording.series import Arrival, Series, SeriesOptions
 from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
+from comotion_schemas.errors import RecordingError
 from comotion_schemas.export import json_schema
 from comotion_schemas.message_log import MessageLog
 from comotion_schemas.recording import MESSAGE_ENCODING
-from comotion_sources.errors import RecordingError
 from comotion_sources.simulator import batches, load_scene, simulate
 
 KEYS = Keys("lab")

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from comotion_schemas import TruthBatch
-from comotion_sources.errors import RecordingError
-from comotion_sources.recordings import read_recording, recording_batches, recording_streams
+from comotion_schemas.errors import RecordingError
+from comotion_sources.recordings import read_recording, recording_streams
+from comotion_sources.streams import batches
 
 CORPUS = Path(__file__).parents[1] / "fuzz" / "corpus" / "c3d"
 SCALE = 0.25
@@ -156,15 +157,15 @@ def two_markers(tmp_path, rate=50.0):
 
 
 def test_gaps_births_and_ends_reach_the_batches(tmp_path):
-    truths, batches = [], []
-    for message in recording_batches(two_markers(tmp_path), epoch_ns=1_000):
-        (truths if isinstance(message, TruthBatch) else batches).append(message)
-    assert [batch.seq for batch in batches] == list(range(100))
-    assert [batch.stamp_ns for batch in batches] == [1_000 + 20_000_000 * k for k in range(100)]
-    assert [k for k, batch in enumerate(batches) if 1 not in batch.ids] == list(range(20, 30))
-    assert [k for k, batch in enumerate(batches) if 3 in batch.ids] == list(range(40, 100))
+    truths, observed = [], []
+    for message in batches(recording_streams(two_markers(tmp_path)), epoch_ns=1_000):
+        (truths if isinstance(message, TruthBatch) else observed).append(message)
+    assert [batch.seq for batch in observed] == list(range(100))
+    assert [batch.stamp_ns for batch in observed] == [1_000 + 20_000_000 * k for k in range(100)]
+    assert [k for k, batch in enumerate(observed) if 1 not in batch.ids] == list(range(20, 30))
+    assert [k for k, batch in enumerate(observed) if 3 in batch.ids] == list(range(40, 100))
     # Marker 2 is gone for good; marker 1 comes back, so it has not ended.
-    ended = {k: batch.ended.tolist() for k, batch in enumerate(batches) if batch.ended is not None}
+    ended = {k: batch.ended.tolist() for k, batch in enumerate(observed) if batch.ended is not None}
     assert ended == {60: [2]}
     assert [(t.ids.tolist(), t.objects.tolist(), t.names) for t in truths] == [
         ([0, 1, 2], [1, 1, 2], {"1": "arm", "2": "hand"}),
@@ -177,11 +178,11 @@ def test_split_deals_markers_to_sources_of_different_rates(tmp_path):
     streams = recording_streams(recording, split=3)
     assert [stream.name for stream in streams] == ["replay-1", "replay-2", "replay-3"]
     assert [stream.rate for stream in streams] == pytest.approx([50.0, 25.0, 50 / 3])
-    assert [len(list(stream.frames)) for stream in streams] == [100, 50, 34]
-    seen = [set().union(*(frame.ids.tolist() for frame in stream.frames)) for stream in streams]
+    assert [len(list(stream)) for stream in streams] == [100, 50, 34]
+    seen = [set().union(*(frame.ids.tolist() for frame in stream)) for stream in streams]
     assert seen == [{0, 3}, {1}, {2}]
     given = recording_streams(recording, split=2, rates=[40.0, 10.0], source="cam")
-    assert [(s.name, s.rate, len(list(s.frames))) for s in given] == [("cam-1", 40, 80), ("cam-2", 10, 20)]
+    assert [(s.name, s.rate, len(list(s))) for s in given] == [("cam-1", 40, 80), ("cam-2", 10, 20)]
     with pytest.raises(RecordingError, match="60 Hz exceeds the 50 Hz"):
         recording_streams(recording, rates=[60.0])
     with pytest.raises(ValueError, match="2 rates for 3 sources"):

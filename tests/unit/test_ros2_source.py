@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="needs the extra ros")
 
+from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import store, topic_key
-from comotion_sources.errors import InputError
-from comotion_sources.proprioception.joint_logs import read_bag
-from comotion_sources.proprioception.samples import JOINT_STATE, JointSample, ros_sample
-from comotion_sources.ros2.convert import CLOUD, KINDS, NAMED_POSES, TF, Converter
-from comotion_sources.ros2.process import Ros2Source, _Relay
+from comotion_sources.proprioception.joints import JOINT_STATE, JointSample, read_bag, ros_sample
+from comotion_sources.ros2.process import CLOUD, KINDS, NAMED_POSES, TF, Converter, relay
 from comotion_sources.runtime import SourcePublisher
 
 from ..ros_messages import encode_sample, header, make, raw
@@ -61,9 +59,15 @@ def test_frames_of_tf_are_features_that_keep_their_ids():
     converter = Converter("cup*")
     (first,) = converter.convert(TF, tf(transform("cup1", 1.0), transform("robot", 9.0)), 0)
     (second,) = converter.convert(TF, tf(transform("cup2", 2.0), transform("cup1", 1.5)), 0)
-    assert (first.frame, first.stamp_ns, first.ids.tolist()) == ("world", 5_000_000_007, [0])
-    assert dict(zip(second.ids.tolist(), second.positions[:, 0].tolist(), strict=True)) == {1: 2.0, 0: 1.5}
-    assert second.quaternions.tolist() == [[0, 0, 0, 1]] * 2
+    assert (first.frame, first.columns["stamp_ns"], first.columns["ids"].tolist()) == (
+        "world",
+        5_000_000_007,
+        [0],
+    )
+    assert dict(
+        zip(second.columns["ids"].tolist(), second.columns["positions"][:, 0].tolist(), strict=True)
+    ) == {1: 2.0, 0: 1.5}
+    assert second.columns["quaternions"].tolist() == [[0, 0, 0, 1]] * 2
 
 
 def test_bodies_of_motion_capture_have_names():
@@ -72,13 +76,13 @@ def test_bodies_of_motion_capture_have_names():
     one = make("motion_capture_tracking_interfaces/msg/NamedPose", name="drone", pose=pose)
     message = make(NAMED_POSES, header=header(), poses=[one])
     (found,) = Converter().convert(NAMED_POSES, raw(message, NAMED_POSES), 0)
-    assert found.positions.tolist() == [[1, 2, 3]]
+    assert found.columns["positions"].tolist() == [[1, 2, 3]]
 
 
 def test_a_cloud_has_ids_or_is_refused():
     (found,) = Converter().convert(CLOUD, cloud(), 0)
-    assert (found.frame, found.ids.tolist()) == ("map", [10, 11, 12])
-    assert found.positions[:, 0].tolist() == [0, 1, 2]
+    assert (found.frame, found.columns["ids"].tolist()) == ("map", [10, 11, 12])
+    assert found.columns["positions"][:, 0].tolist() == [0, 1, 2]
     with pytest.raises(InputError, match="one of id, track_id"):
         Converter().convert(CLOUD, cloud(("x", "y", "z")), 0)
 
@@ -87,12 +91,16 @@ def test_what_does_not_fit_is_counted_and_the_rest_goes_on():
     source = SourcePublisher("ros2", space="world", unit="m", dim=3, drop_invalid=True)
     sent = []
     source.put = sent.append
-    relay, key = _Relay(source, Ros2Source(topic="/tf")), "0/tf/tf2_msgs::msg::dds_::TFMessage_/H"
-    relay.take(key, tf(transform("a", 1.0)), 0)
-    relay.take(key, tf(transform("b", 1.0, frame="odom")), 0)
-    relay.take(key, b"nonsense", 0)
-    relay.take("0/tf/std_msgs::msg::dds_::String_/H", b"", 0)
-    relay.take(key, tf(transform("a", float("inf")), transform("c", 2.0)), 0)
+    key = "0/tf/tf2_msgs::msg::dds_::TFMessage_/H"
+    arrivals = [
+        (key, tf(transform("a", 1.0)), 0),
+        None,
+        (key, tf(transform("b", 1.0, frame="odom")), 0),
+        (key, b"nonsense", 0),
+        ("0/tf/std_msgs::msg::dds_::String_/H", b"", 0),
+        (key, tf(transform("a", float("inf")), transform("c", 2.0)), 0),
+    ]
+    relay(arrivals, source, Converter(), None)
     assert [batch.ids.tolist() for batch in sent] == [[0], [2]]
     assert source.dropped == {"space-mismatch": 1, "malformed": 1, "schema": 1, "non-finite": 1}
     assert source._status().feature_names == {"0": "a", "1": "b", "2": "c"}

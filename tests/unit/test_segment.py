@@ -18,10 +18,11 @@ from comotion_experiments.labelled import Labelled
 from comotion_experiments.masks import MaskFolder
 from comotion_schemas.colours import COLOURS
 from comotion_schemas.types import UNDETERMINED
-from comotion_sources.cameras import Frame, open_frames
+from comotion_sources.cameras.opening import open_frames
+from comotion_sources.cameras.types import Frame
 from comotion_sources.frames import MessageBuilder
-from comotion_sources.klt import Tracker, Tracks
 from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.klt.tracker import Tracker, Tracks
 
 from ..pictures import moving_board
 

@@ -51,7 +51,7 @@ def test_scene_has_the_tabulated_features(name):
     simulation = run(name)
     frames = list(simulation)
     first = frames[0]
-    names = simulation.object_names
+    names = simulation.objects
     present = objects_of(frames)
     born_at_start = {i: o for i, o in present.items() if i < sum(counts.values())}
     found = {n: sum(o == k for o in born_at_start.values()) for k, n in names.items()}
@@ -105,7 +105,7 @@ def test_batches_tell_the_truth_of_a_feature_before_its_first_observation():
 
 def test_noise_is_published_on_demand_and_only_where_there_is_some():
     def sigmas(name, **options):
-        messages = batches(run(name, **options), publish_sigma=True)
+        messages = batches(run(name, publish_sigma=True, **options))
         return next(m.sigma for m in messages if isinstance(m, ObservationBatch))
 
     np.testing.assert_allclose(sigmas("fig4_1")[[0, -1]], [0.01, 0.005])

@@ -10,9 +10,9 @@ from comotion_sources.cameras.tum import TumFolder
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.frames import AMBIGUOUS  # noqa: E402
-from comotion_sources.klt import TrackerConfig  # noqa: E402
+from comotion_sources.klt.config import TrackerConfig  # noqa: E402
 from comotion_sources.poses import read_trajectory  # noqa: E402
-from comotion_sources.workcell import Scene, Viewpoint, open_camera  # noqa: E402
+from comotion_sources.workcell import Scene, Viewpoint  # noqa: E402
 from comotion_sources.workcell.atlas import build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
@@ -20,7 +20,7 @@ from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
 
 @pytest.fixture(scope="module")
 def truck():
-    return Scene.named("truck")
+    return Scene("truck")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def renderer(truck, view, atlas):
 
 
 def test_the_same_frame_comes_out_bit_for_bit_in_another_process_image(truck, view):
-    again = Viewpoint(Scene.named("truck"), "a", (320, 240))
+    again = Viewpoint(Scene("truck"), "a", (320, 240))
     first, second = (v.frame(truck.configuration(5.0), 5_000_000_000) for v in (view, again))
     assert np.array_equal(first.image, second.image)
     assert np.array_equal(first.depth, second.depth)
@@ -68,7 +68,7 @@ def test_depth_and_geoms_agree_with_single_rays_of_mujoco(truck, view, renderer)
 
 
 def test_a_camera_not_attached_runs_through_the_scene():
-    camera = open_camera("truck/b?size=160x120&rate=10&duration=0.3&cover=0.1-0.2")
+    camera = WorkcellCamera("truck/b?size=160x120&rate=10&duration=0.3&cover=0.1-0.2")
     frames = list(camera)
     assert [f.stamp_ns for f in frames] == [0, 100_000_000, 200_000_000]
     assert [bool(f.depth.any()) for f in frames] == [True, False, True]

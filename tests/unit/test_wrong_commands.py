@@ -5,7 +5,8 @@ import shlex
 import numpy as np
 import pytest
 
-from comotion_sources.calibration import Extrinsics, Intrinsics, format_calibration
+from comotion_sources.calibration.files import format_calibration
+from comotion_sources.calibration.model import Extrinsics, Intrinsics
 
 from ..command_line import refused
 from ..pictures import write_video
@@ -99,7 +100,7 @@ WRONG = [
     ("source klt nope.mp4", "no such file or folder"),
     ("source klt video.avi --calibration wrong.yaml", "wrong.yaml: no camera matrix"),
     ("source klt video.avi --extrinsics inner.toml", "has no [extrinsics]"),
-    ("source klt video.avi --tracker windw=3", "unknown tracker parameter 'windw'; one of anchor_reach"),
+    ("source klt video.avi --tracker windw=3", "unknown tracker parameter 'windw'; one of birth_sigma"),
     ("source klt video.avi --tracker window=1000", "tracker parameter window: "),
     ("source external-camera video.avi --marker-size 0.1", "an external camera needs its extrinsics"),
     (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from comotion_schemas.errors import Error
-from comotion_sources.calibration import read_calibration
+from comotion_sources.calibration.files import read_calibration
 from comotion_sources.poses import read_trajectory
-from comotion_sources.proprioception.joint_logs import read_csv
+from comotion_sources.proprioception.joints import read_csv
 from comotion_sources.recordings import read_recording
 from comotion_sources.simulator import load_scene
 
@@ -56,7 +56,7 @@ WRONG = {
         (changed(ROS, "438.78,", ""), "8 numbers instead of 9"),
         (changed(ROS, "438.78", "-1"), "not above zero"),
         (changed(ROS, "438.78", ".nan"), "finite"),
-        (changed(ROS, "image_width: 640", "image_width: wide"), "not a whole number"),
+        (changed(ROS, "image_width: 640", "image_width: wide"), "width: Input should be a valid integer"),
     ],
     "camera.toml": [
         (b"[intrinsics]\nwidth = 3", "intrinsics.height: Field required"),
@@ -118,7 +118,7 @@ WRONG = {
         (b"lift,time\n1,2\n", "first column must be"),
         (b"time\n1\n", "no joint columns"),
         (b"time,lift\n1,2\n2,x\n", "line 3: could not convert"),
-        (b"time,lift\n1,2,3\n", "line 2: 3 cells, expected 2"),
+        (b"time,lift\n1,2,3\n", "line 2 has 3 cells, the first line 2"),
         (b"time,lift\n1,inf\n", "line 2: a joint position is not finite"),
         (b"time,lift\n1e200,1\n", "line 2: stamp"),
         (b"time,lift,lift\n1,1,1\n", "line 2: a joint is named twice"),

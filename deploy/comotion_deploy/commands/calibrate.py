@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from ..options import Json, Tool, argument, option, setting
 
 if TYPE_CHECKING:
-    from comotion_sources.pair_calibration.session import PairCalibration
+    from comotion_sources.pair_calibration.calibrate import PairFit
 
 
 class Calibrate(Json, Tool):
@@ -46,9 +46,9 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
         """Calibrate, and print or write the result."""
         from contextlib import closing
 
-        from comotion_sources.calibration import Calibration, format_calibration, read_calibration
-        from comotion_sources.cameras import open_frames
-        from comotion_sources.pair_calibration.session import calibrate_pair, frame_pairs, known_intrinsics
+        from comotion_sources.calibration.files import Calibration, format_calibration, read_calibration
+        from comotion_sources.cameras.opening import open_frames
+        from comotion_sources.pair_calibration.calibrate import calibrate_pair, frame_pairs, known_intrinsics
         from comotion_sources.pair_calibration.targets import parse_target
 
         wanted = parse_target(self.target)
@@ -66,18 +66,18 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
                 given_a.extrinsics or a.extrinsics,
                 self.views,
             )
-        self._report(result, format_calibration(inner_b, result.extrinsics))
+        self._report(result, format_calibration(inner_b, result.pose))
 
-    def _report(self, result: "PairCalibration", text: str) -> None:
+    def _report(self, result: "PairFit", text: str) -> None:
         if self.output is not None:
             self.output.write_text(text, encoding="utf-8")
-        error_a, error_b = result.fit.error_a, result.fit.error_b
+        error_a, error_b = result.error_a, result.error_b
         values = {
             "views": result.views,
             "reprojection_error_px": {"a": error_a, "b": error_b},
-            "frame": result.extrinsics.frame,
-            "translation": result.extrinsics.translation.tolist(),
-            "quaternion": result.extrinsics.quaternion.tolist(),
+            "frame": result.pose.frame,
+            "translation": result.pose.translation.tolist(),
+            "quaternion": result.pose.quaternion.tolist(),
         }
         self.show(
             values,

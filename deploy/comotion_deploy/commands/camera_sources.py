@@ -12,8 +12,8 @@ from ..options import Command, Process, argument, setting
 from .played_sources import Stamps
 
 if TYPE_CHECKING:
-    from comotion_sources.calibration import Calibration
-    from comotion_sources.klt import TrackerConfig
+    from comotion_sources.calibration.files import Calibration
+    from comotion_sources.klt.config import TrackerConfig
 
 
 class Camera(Command):
@@ -30,7 +30,7 @@ class Camera(Command):
     respawn_every: int = setting(15, "Frames between two searches for new corners.", min=1, metavar="FRAMES")
     tracker: list[str] | None = setting(
         None,
-        "Set a tracker parameter, e.g. fb_absolute=0.5, max_step=0.05; may be repeated. "
+        "Set a tracker parameter, e.g. fb_absolute=0.5, likeness=0.9; may be repeated. "
         "An unknown name lists all parameters.",
         metavar="NAME=VALUE",
     )
@@ -59,7 +59,7 @@ class Camera(Command):
         """
         from pydantic import ValidationError
 
-        from comotion_sources.klt import TrackerConfig
+        from comotion_sources.klt.config import TrackerConfig
 
         values: dict[str, Any] = {
             "max_features": self.max_features,
@@ -160,8 +160,7 @@ class CameraSource(Camera, Process):
         others
             Options of the camera's process that are not simply fields of the command.
         """
-        from comotion_sources.klt.options import CameraOptions
-        from comotion_sources.klt.pacing import Pacing
+        from comotion_sources.klt.options import CameraOptions, Pacing
         from comotion_sources.klt.process import run
 
         self.clear_frames(self.preview)
@@ -206,9 +205,9 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        from comotion_sources.klt.carrier import CarrierName
+        from comotion_sources.klt.carrier import parse_carrier
 
-        carrier = None if self.carried_by is None else CarrierName.parse(self.carried_by)
+        carrier = None if self.carried_by is None else parse_carrier(self.carried_by)
         moving = self.moving or self.poses is not None or carrier is not None
         self.publish(moving=moving, carrier=carrier)
 
@@ -235,7 +234,7 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        from comotion_sources.markers import MarkerOptions
+        from comotion_sources.markers.detector import MarkerOptions
 
         markers = None if self.marker_size is None else MarkerOptions(self.marker_size, self.dictionary)
         self.publish(moving=False, fixed=True, markers=markers)
@@ -246,13 +245,14 @@ def read_calibration(calibration: Path | None, extrinsics: Path | None) -> "Cali
 
     Raises
     ------
-    CalibrationError
+    InputError
         If a file cannot be read.
     UserError
         If the second file has no extrinsics.
     """
-    from comotion_sources.calibration import Calibration, Extrinsics
-    from comotion_sources.calibration import read_calibration as read
+    from comotion_sources.calibration.files import Calibration
+    from comotion_sources.calibration.files import read_calibration as read
+    from comotion_sources.calibration.model import Extrinsics
 
     first = Calibration() if calibration is None else read(calibration)
     if extrinsics is None:

@@ -78,7 +78,7 @@ Examples:
 
     def _score_files(self, files: list[str]) -> None:
         from comotion_experiments.inputs import find_inputs, parse_seeds
-        from comotion_sources.parts import parse_rates
+        from comotion_sources.streams import parse_rates
 
         config = self.fusion_config()
         rates = parse_rates(self.rate) if self.rate else None

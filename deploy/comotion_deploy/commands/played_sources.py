@@ -7,9 +7,8 @@ from ..errors import UserError
 from ..options import Command, Process, argument, option, setting
 
 if TYPE_CHECKING:
-    from comotion_sources.parts import Part
     from comotion_sources.recordings import Recording
-    from comotion_sources.streams import Stream
+    from comotion_sources.streams import Part, Stream
 
 Stamps = Literal["now", "original"]
 """Stamps of recorded data: the time of publication, or those of the recording."""
@@ -49,13 +48,13 @@ class Played(Timed, Process):
 
     def chosen_part(self) -> "Part | None":
         """Return the part of the sources that is to be published, if not all are."""
-        from comotion_sources.parts import parse_part
+        from comotion_sources.streams import parse_part
 
         return parse_part(self.part) if self.part else None
 
     def rates(self) -> "list[float] | None":
         """Return the rate of each source, or of all of them, in Hz."""
-        from comotion_sources.parts import parse_rates
+        from comotion_sources.streams import parse_rates
 
         return parse_rates(self.rate) if self.rate else None
 
@@ -128,8 +127,6 @@ Examples:
 
     def _streams(self) -> "tuple[list[Stream], Recording]":
         """The streams that this process publishes."""
-        from dataclasses import replace
-
         from comotion_sources.recordings import read_recording, recording_streams
 
         part = self.chosen_part()
@@ -140,8 +137,8 @@ Examples:
         split = self.split if part is None else part.count
         streams = recording_streams(recording, split=split, rates=rates, source=self.name or "replay")
         if part is not None:
-            chosen = streams[part.index]
-            streams = [chosen if self.name is None else replace(chosen, name=self.name)]
+            streams = [streams[part.index]]
+            streams[0].name = self.name or streams[0].name
         return streams, recording
 
 
@@ -184,12 +181,13 @@ Examples:
             noise=self.noise,
             time_scale=self.time_scale,
             split=self.split,
+            name=self.name,
+            publish_sigma=self.publish_sigma,
         )
         play_streams(
-            simulator.streams(simulations, self.name),
+            simulations,
             self.taken(Schedule, start_at=parse_start(self.start_at)),
             message=f"simulates {simulations[0].spec.title}",
-            publish_sigma=self.publish_sigma,
             **self.where(),
         )
 

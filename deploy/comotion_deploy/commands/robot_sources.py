@@ -9,7 +9,7 @@ from .played_sources import Timed
 
 if TYPE_CHECKING:
     from comotion_sources.calibration.model import Extrinsics
-    from comotion_sources.proprioception.joint_readers import Reader
+    from comotion_sources.proprioception.joints import Reader
 
 _WORKCELL = "workcell:"
 
@@ -57,7 +57,8 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of a log."""
-        from comotion_sources.proprioception import Encoders, Kinematics, process
+        from comotion_sources.proprioception import process
+        from comotion_sources.proprioception.kinematics import Encoders, Kinematics
 
         loaded, links, truth, default_joints = _load(self.model, self.link)
         encoders = Encoders(angular=self.encoder, linear=self.linear_encoder)
@@ -78,8 +79,7 @@ Examples:
         from functools import partial
 
         from comotion_schemas.transport import SessionSettings
-        from comotion_sources.proprioception.joint_logs import read_bag, read_csv
-        from comotion_sources.proprioception.joint_readers import played, ros_topic, scene_joints
+        from comotion_sources.proprioception.joints import played, read_bag, read_csv, ros_topic, scene_joints
 
         inputs = {"--joints": self.joints, "--csv": self.csv, "--bag": self.bag, "--ros": self.ros}
         if all(value is None for value in inputs.values()):
@@ -102,13 +102,13 @@ def _load(
     model: str, links: list[str] | None
 ) -> tuple[Any, list[str] | None, dict[str, tuple[int, str]] | None, str | None]:
     """Return model, links, truth of the links and name of the default joint states."""
-    from comotion_sources.proprioception import load_model
+    from comotion_sources.proprioception.kinematics import load_model
 
     if not model.startswith(_WORKCELL):
         return load_model(Path(model)), links, None, None
     from comotion_sources.workcell import Scene
 
-    cell = Scene.named(model.removeprefix(_WORKCELL))
+    cell = Scene(model.removeprefix(_WORKCELL))
     chosen = links or list(cell.robot)
     numbers = {name: cell.object_of(name) for name in chosen}
     truth = {name: (number, cell.objects.get(number, "")) for name, number in numbers.items()}
@@ -167,7 +167,7 @@ Examples:
             _write(self.workcell_scene, self.camera, self.seed, self.duration, self.write_tum)
             return
         process.run(
-            Scene.named(self.workcell_scene, self.seed),
+            Scene(self.workcell_scene, self.seed),
             rate=self.rate,
             duration=self.duration,
             name=self.name,
@@ -179,7 +179,7 @@ def _print_scenes() -> None:
     from comotion_sources.workcell.scene import Scene, scene_names
 
     for name in scene_names():
-        scene = Scene.named(name)
+        scene = Scene(name)
         moving = ", ".join(scene.objects[number] for number in sorted(scene.objects) if number)
         print(f"{name:22} cameras {', '.join(scene.cameras)}; {scene.period:g} s; moving: {moving}")
 

@@ -98,12 +98,15 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped."""
-        from comotion_sources.ros2.process import Ros2Source, run
+        from comotion_sources.ros2.process import run
 
         self.require_ros()
-        ros = self.ros_settings()
         run(
-            Ros2Source(topic=self.topic, domain=self.domain, pattern=self.match, frame=self.frame, ros=ros),
+            self.topic,
+            domain=self.domain,
+            pattern=self.match,
+            frame=self.frame,
+            ros=self.ros_settings(),
             name=self.name,
             space=self.space,
             **self.where(),

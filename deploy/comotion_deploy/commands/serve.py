@@ -15,7 +15,7 @@ from .camera_sources import read_calibration
 if TYPE_CHECKING:
     from comotion import FusionConfig
     from comotion.linking import Camera
-    from comotion_sources.calibration import Calibration
+    from comotion_sources.calibration.files import Calibration
 
 
 class Serve(Fusion, Process):
@@ -151,7 +151,7 @@ def _camera(text: str) -> "tuple[str, Camera]":
 
 
 def _workcell(what: str) -> "Calibration":
-    from comotion_sources.calibration import Calibration
+    from comotion_sources.calibration.files import Calibration
     from comotion_sources.workcell.camera import parse
     from comotion_sources.workcell.scene import Scene
     from comotion_sources.workcell.viewpoint import calibration

@@ -15,9 +15,10 @@ from comotion_clients.metrics import Score, Truth
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch
 from comotion_schemas.errors import KnownError
 from comotion_sources import simulator
-from comotion_sources.recordings import read_recording, recording_batches
-from comotion_sources.simulator import SceneSpec, Simulation, batches, load_scene, simulate
+from comotion_sources.recordings import read_recording, recording_streams
+from comotion_sources.simulator import SceneSpec, Simulation, load_scene, simulate
 from comotion_sources.simulator.spec import Sines
+from comotion_sources.streams import batches
 
 from ..inputs import Message
 from ..offline import run_offline
@@ -110,7 +111,7 @@ def recorded_cases(folder: Path) -> list[Case]:
 
 
 def _recorded(path: Path, _: int) -> Iterable[Message]:
-    return recording_batches(read_recording(str(path)))
+    return batches(recording_streams(read_recording(str(path))))
 
 
 def run_case(case: Case, config: FusionConfig, seed: int) -> dict[str, Any]:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch, decode, encode
 from comotion_sources import klt, workcell
-from comotion_sources.klt import Tracker, TrackerConfig
+from comotion_sources.klt.config import TrackerConfig
 from comotion_sources.klt.observer import Observer, choose_space
+from comotion_sources.klt.tracker import Tracker
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene, Viewpoint
 from comotion_sources.workcell.atlas import build_atlas
@@ -100,7 +101,7 @@ class Stills:
     """Renders still images of a scene and seed of the workcell, and projects points into them."""
 
     def __init__(self, scene: str, seed: int) -> None:
-        self._scene = Scene.named(scene, seed)
+        self._scene = Scene(scene, seed)
         atlas = build_atlas(self._scene.model, seed)
         # Without image noise, which would take 90 % of the size of a PNG.
         self._view = Viewpoint(self._scene, CAMERA, PICTURE, atlas, grain=0.0)

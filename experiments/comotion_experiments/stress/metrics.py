@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from comotion_clients.metrics import Truth, labels_of, score_labels
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
-from comotion_sources.simulator.motion import Poses
+from comotion_sources.simulator.actors import Poses
 
 from ..inputs import Arrived
 from ..tables import mean

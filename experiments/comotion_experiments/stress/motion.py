@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_sources.simulator.motion import Path, Poses
+from comotion_sources.simulator.actors import Path, Poses
 from comotion_sources.simulator.spec import Motion, Sines
 
 Array: TypeAlias = NDArray[np.float64]

@@ -1,13 +1,1 @@
 """Camera calibration: models, and the files that hold them."""
-
-from .files import Calibration, CalibrationError, format_calibration, read_calibration
-from .model import Extrinsics, Intrinsics
-
-__all__ = [
-    "Calibration",
-    "CalibrationError",
-    "Extrinsics",
-    "Intrinsics",
-    "format_calibration",
-    "read_calibration",
-]

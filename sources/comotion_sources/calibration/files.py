@@ -17,6 +17,8 @@ The comotion format::
     quaternion = [0.0, 0.0, 0.0, 1.0]        # x y z w
 """
 
+import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,27 +26,22 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.errors import InputError, KnownError, describe
 
 from ..bounded import parse_toml, read_text
-from ..errors import InputError
 from .model import Extrinsics, Intrinsics
 
 _MAX_BYTES = 64_000
 """A larger file is not a calibration, and parsing it as YAML would take seconds."""
-_DEPTH = 20
+# Aliases make small files large, and deep ones take seconds to parse.
+_BOMB = re.compile(r"(^|[\s\[{,:-])[&*]\S|[\[{]([^\[{\]}]*[\[{]){20}|([-?] +){20}", re.MULTILINE)
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "Distortion_Coefficients", "D", "d")
 _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
-
-
-CalibrationError = InputError
-"""The error of a calibration that is missing, is malformed or does not fit its camera."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +66,8 @@ def read_calibration(path: Path) -> Calibration:
         raise InputError(f"{error}, so not a calibration") from None
     try:
         return _from_toml(text) if path.suffix.lower() == ".toml" else _from_yaml(text)
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe(error)}") from None
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
         raise InputError(f"{path}: {_one_line(error)}") from None
 
@@ -90,6 +89,9 @@ class _IntrinsicsTable(BaseModel):
     cy: float
     distortion: list[float] = []
 
+    def camera(self) -> Intrinsics:
+        return Intrinsics(**(vars(self) | {"distortion": np.array(self.distortion)}))
+
 
 class _ExtrinsicsTable(BaseModel):
     model_config = ConfigDict(extra="forbid")
@@ -107,70 +109,39 @@ class _File(BaseModel):
 
 
 def _from_toml(text: str) -> Calibration:
-    try:
-        file = _File.model_validate(parse_toml(text))
-    except ValidationError as error:
-        raise KnownError(describe(error)) from None
-    inner, outer = file.intrinsics, file.extrinsics
-    if inner is None and outer is None:
+    file = _File.model_validate(parse_toml(text))
+    outer = file.extrinsics
+    if file.intrinsics is None and outer is None:
         raise KnownError("neither [intrinsics] nor [extrinsics]")
     return Calibration(
-        None if inner is None else Intrinsics(**(vars(inner) | {"distortion": np.array(inner.distortion)})),
+        None if file.intrinsics is None else file.intrinsics.camera(),
         None
         if outer is None
         else Extrinsics.from_quaternion(outer.quaternion, outer.translation, outer.frame),
     )
 
 
-def _integer(name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
-        raise KnownError(f"{name} is not a whole number: {value!r}"[:200])
-    return int(value)
-
-
 def _from_yaml(text: str) -> Calibration:
-    # OpenCV files start with "%YAML:1.0", which is not a valid YAML directive.
+    # OpenCV files start with "%YAML:1.0", which is not a valid YAML directive, and have a tag of their own.
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
-    content = yaml.load(body, _Loader)  # noqa: S506 - a SafeLoader
+    if _BOMB.search(body):
+        raise KnownError("not valid YAML: an alias or deep nesting, which no calibration needs")
+    content = yaml.safe_load(body.replace("!!opencv-matrix", ""))
     if not isinstance(content, dict):
         raise KnownError("not a map of names and values, so not a calibration")
     matrix = _numbers(_first(content, _MATRIX, "camera matrix"))
     model = content.get("distortion_model") or _ROS_MODELS[0]
     if model not in _ROS_MODELS:
         raise KnownError(f"distortion model {model!r} is not one of {', '.join(_ROS_MODELS)}")
-    if matrix.size != 9:
-        raise KnownError(f"the camera matrix has {matrix.size} numbers instead of 9")
-    width = _integer("the image width", _first(content, _WIDTH, "image width"))
-    height = _integer("the image height", _first(content, _HEIGHT, "image height"))
-    distortion = next((_numbers(content[name]) for name in _DISTORTION if name in content), np.zeros(0))
-    fx, _, cx, _, fy, cy, *_ = matrix.tolist()
-    return Calibration(Intrinsics(width, height, fx, fy, cx, cy, distortion))
-
-
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Loads plain YAML and the tag of OpenCV matrices, without aliases: they make small files large."""
-
-    depth = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        mark = self.peek_event().start_mark
-        if self.check_event(yaml.events.AliasEvent):
-            raise yaml.composer.ComposerError(None, None, "an alias, which no calibration needs,", mark)
-        if self.depth >= _DEPTH:
-            raise yaml.composer.ComposerError(None, None, f"nested more than {_DEPTH} times", mark)
-        self.depth += 1
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-
-def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
-    if not isinstance(node, yaml.MappingNode):
-        raise yaml.constructor.ConstructorError(None, None, "an opencv-matrix must be a map", node.start_mark)
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+    if len(matrix) != 9:
+        raise KnownError(f"the camera matrix has {len(matrix)} numbers instead of 9")
+    table = {
+        "width": _first(content, _WIDTH, "image width"),
+        "height": _first(content, _HEIGHT, "image height"),
+        "distortion": next((_numbers(content[name]) for name in _DISTORTION if name in content), []),
+    }
+    pinhole = dict(zip(("fx", "cx", "fy", "cy"), (matrix[k] for k in (0, 2, 4, 5)), strict=True))
+    return Calibration(_IntrinsicsTable.model_validate(table | pinhole).camera())
 
 
 def _first(content: Mapping[str, Any], names: tuple[str, ...], what: str) -> Any:
@@ -180,49 +151,49 @@ def _first(content: Mapping[str, Any], names: tuple[str, ...], what: str) -> Any
     raise KnownError(f"no {what} ({', '.join(names[:3])} ...): neither an OpenCV nor a ROS calibration")
 
 
-def _numbers(value: Any) -> NDArray[np.float64]:
-    """Flatten an OpenCV or ROS matrix (its ``data``) or a plain list to float64 [M]."""
+def _numbers(value: Any) -> list[float]:
+    """The numbers of an OpenCV or ROS matrix (its ``data``) or of a list, of rows or plain."""
     data = value.get("data") if isinstance(value, dict) else value
     if not isinstance(data, list):
         raise KnownError("a matrix is neither a list of numbers nor a map with a list 'data'")
     # YAML 1.1 parses 1e-5 as a string; float() gives the number that ROS and OpenCV wrote.
-    return np.array([float(entry) for row in data for entry in (row if isinstance(row, list) else [row])])
+    return [float(entry) for row in data for entry in (row if isinstance(row, list) else [row])]
 
 
 def format_calibration(intrinsics: Intrinsics | None, extrinsics: Extrinsics | None) -> str:
     """Format a comotion TOML file; a part that is None is left out."""
-    tables = []
+    tables: dict[str, dict[str, Any]] = {}
     if intrinsics is not None:
-        numbers = {name: repr(float(getattr(intrinsics, name))) for name in ("fx", "fy", "cx", "cy")}
-        lines = {"width": str(intrinsics.width), "height": str(intrinsics.height), **numbers}
-        if intrinsics.distortion.size:
-            lines["distortion"] = _list(intrinsics.distortion)
-        tables.append(("[intrinsics]", lines))
+        sizes = {"width": intrinsics.width, "height": intrinsics.height}
+        pinhole = {name: float(getattr(intrinsics, name)) for name in ("fx", "fy", "cx", "cy")}
+        tables["[intrinsics]"] = sizes | pinhole | {"distortion": intrinsics.distortion.tolist()}
     if extrinsics is not None:
-        frame = extrinsics.frame.replace("\\", "\\\\").replace('"', '\\"')
-        lines = {"frame": f'"{frame}"', "translation": f"{_list(extrinsics.translation)}  # m"}
-        lines["quaternion"] = f"{_list(extrinsics.quaternion)}  # x y z w"
-        tables.append(("[extrinsics]  # camera (optical axes) to frame", lines))
-    texts = (
-        "\n".join([head, *(f"{name} = {value}" for name, value in lines.items())]) for head, lines in tables
+        places = {name: getattr(extrinsics, name).tolist() for name in ("translation", "quaternion")}
+        tables["[extrinsics]  # camera (optical axes) to frame: m, and x, y, z, w"] = {
+            "frame": extrinsics.frame
+        } | places
+    # Numbers, lists and texts of JSON are those of TOML.
+    return "\n".join(
+        "\n".join(
+            [
+                head,
+                *(f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in table.items()),
+                "",
+            ]
+        )
+        for head, table in tables.items()
     )
-    return "\n\n".join(texts) + "\n"
 
 
 def format_camera_info(camera: Intrinsics) -> str:
     """Format intrinsics as ROS camera_info YAML."""
-    matrix = ", ".join(repr(float(value)) for value in camera.matrix.ravel())
     # ROS writes 5 zeros for a camera without distortion; more than 5 belong to its rational model.
     coefficients = camera.distortion if camera.distortion.size else np.zeros(5)
-    model = _ROS_MODELS[0] if coefficients.size <= 5 else _ROS_MODELS[1]
-    return (
-        f"image_width: {camera.width}\n"
-        f"image_height: {camera.height}\n"
-        f"distortion_model: {model}\n"
-        f"camera_matrix: {{rows: 3, cols: 3, data: [{matrix}]}}\n"
-        f"distortion_coefficients: {{rows: 1, cols: {coefficients.size}, data: {_list(coefficients)}}}\n"
-    )
-
-
-def _list(values: Any) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+    content = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "distortion_model": _ROS_MODELS[coefficients.size > 5],
+        "camera_matrix": {"rows": 3, "cols": 3, "data": camera.matrix.ravel().tolist()},
+        "distortion_coefficients": {"rows": 1, "cols": coefficients.size, "data": coefficients.tolist()},
+    }
+    return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))

@@ -9,7 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from ..poses import stamp_ns
 from .types import Camera, Frame, Image
 

@@ -1,15 +1,20 @@
-"""Reads devices and network streams in a thread, so that the newest frame is there and no older one waits."""
+"""Reads devices and network streams in a thread, so that the newest frame is there and no older one waits.
+
+An Intel RealSense camera, with depth registered to colour, needs pyrealsense2.
+"""
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from typing import Any
 
 import cv2
 import numpy as np
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.model import Intrinsics
-from ..errors import InputError
 from .types import Camera, Frame
 
 READ_TIMEOUT_MS = 5_000
@@ -18,16 +23,7 @@ PLAUSIBLE_AGE_NS = 2_000_000_000
 """A stamp that makes a frame older than this at its arrival is from another clock."""
 _SILENCE_S = 10.0  # without a frame for this long a camera counts as lost
 _JOIN_S = 2 * READ_TIMEOUT_MS / 1000
-
-
-class Device(Protocol):
-    """Interface of a driver; one thread calls both methods."""
-
-    def read(self) -> Frame | None:
-        """Wait for the next frame; None when the device has ended."""
-
-    def close(self) -> None:
-        """Free the device."""
+_WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 series supports them
 
 
 class LiveCamera(Camera):
@@ -38,7 +34,7 @@ class LiveCamera(Camera):
     what
         The camera as the user named it, for messages.
     device
-        The opened device.
+        Yields the frames of the opened device, whose thread alone runs it and then closes it.
     has_depth, rate, intrinsics
         Properties that the device reports.
     """
@@ -48,7 +44,7 @@ class LiveCamera(Camera):
     def __init__(
         self,
         what: str,
-        device: Device,
+        device: Generator[Frame],
         *,
         has_depth: bool = False,
         rate: float | None = None,
@@ -92,13 +88,14 @@ class LiveCamera(Camera):
     def _read(self) -> None:
         lost = "the camera stopped delivering frames"
         try:
-            while not self._closed and (frame := self._device.read()) is not None:
-                self._offer(frame)
+            # Free it in this thread: OpenCV crashes if another thread reads the capture meanwhile.
+            with closing(self._device):
+                for frame in self._device:
+                    if self._closed:
+                        break
+                    self._offer(frame)
         except Exception as error:  # drivers raise many types; the iterating thread reports all of them
             lost = " ".join(str(error).split())[:300] or type(error).__name__
-        finally:
-            # Free it in this thread: OpenCV crashes if another thread reads the capture meanwhile.
-            self._device.close()
         with self._changed:
             self._lost = lost
             self._changed.notify_all()
@@ -110,34 +107,21 @@ class LiveCamera(Camera):
             self._changed.notify_all()
 
 
-class CaptureDevice:
-    """Adapts an OpenCV capture to :class:`Device`."""
-
-    def __init__(self, capture: Any, clock: Callable[[], int] = time.time_ns) -> None:
-        self._capture = capture
-        self._clock = clock
-        # Video4Linux stamps its buffers with the monotonic clock; other backends give no time.
-        self._stamped = str(capture.getBackendName()) == "V4L2"
-
-    def read(self) -> Frame | None:
-        """Wait for the next frame; its stamp is that of the device, or else the time of the grab."""
-        if not self._capture.grab():
-            return None
-        stamp = self._stamp_ns()
-        ok, image = self._capture.retrieve()
-        return Frame(stamp, np.asarray(image, np.uint8)) if ok and image is not None else None
-
-    def close(self) -> None:
-        """Free the device."""
-        self._capture.release()
-
-    def _stamp_ns(self) -> int:
-        now = self._clock()
-        if not self._stamped:
-            return now
-        age = time.monotonic_ns() - round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        # Some drivers use another clock; the time of the grab is then closer to the truth.
-        return now - age if 0 <= age < PLAUSIBLE_AGE_NS else now
+def captured(capture: Any, clock: Callable[[], int] = time.time_ns) -> Generator[Frame]:
+    """Yield the frames of an OpenCV capture, stamped by the device, or else at the grab."""
+    # Video4Linux stamps its buffers with the monotonic clock; other backends give no time.
+    stamped = str(capture.getBackendName()) == "V4L2"
+    try:
+        while capture.grab():
+            now = clock()
+            age = time.monotonic_ns() - round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6) if stamped else 0
+            ok, image = capture.retrieve()
+            if not ok or image is None:
+                return
+            # Some drivers use another clock; the time of the grab is then closer to the truth.
+            yield Frame(now - age if 0 <= age < PLAUSIBLE_AGE_NS else now, np.asarray(image, np.uint8))
+    finally:
+        capture.release()
 
 
 def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
@@ -153,7 +137,7 @@ def open_webcam(index: int, rate: float | None = None) -> LiveCamera:
         raise InputError(f"camera {index}: no such device, or it is in use")
     if rate:
         capture.set(cv2.CAP_PROP_FPS, rate)
-    return LiveCamera(f"camera {index}", CaptureDevice(capture), rate=_rate(capture))
+    return LiveCamera(f"camera {index}", captured(capture), rate=_rate(capture))
 
 
 def open_stream(url: str) -> LiveCamera:
@@ -173,7 +157,7 @@ def open_stream(url: str) -> LiveCamera:
     capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits)
     if not capture.isOpened():
         raise InputError(f"{_without_password(url)}: nothing answers at this URL, or it is not a video")
-    return LiveCamera(_without_password(url), CaptureDevice(capture), rate=_rate(capture))
+    return LiveCamera(_without_password(url), captured(capture), rate=_rate(capture))
 
 
 def _rate(capture: Any) -> float | None:
@@ -186,3 +170,61 @@ def _without_password(url: str) -> str:
     scheme, _, rest = url.partition("://")
     host, slash, path = rest.partition("/")
     return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"
+
+
+def _frames(library: Any, pipeline: Any, depth_scale: float) -> Generator[Frame]:
+    """Yield pairs of colour, and depth registered to it; the library raises when the camera is lost."""
+    align, scale = library.align(library.stream.color), np.float32(depth_scale)
+    domains = {library.timestamp_domain.system_time, library.timestamp_domain.global_time}
+    try:
+        while True:
+            frames = align.process(pipeline.wait_for_frames(READ_TIMEOUT_MS))
+            colour, depth = frames.get_color_frame(), frames.get_depth_frame()
+            if not colour:
+                return
+            now, reported = time.time_ns(), round(float(colour.get_timestamp()) * 1e6)
+            trusted = (
+                colour.get_frame_timestamp_domain() in domains and abs(now - reported) < PLAUSIBLE_AGE_NS
+            )
+            z = np.asanyarray(depth.get_data()).astype(np.float32) * scale if depth else None
+            yield Frame(reported if trusted else now, np.array(colour.get_data(), np.uint8), z)
+    finally:
+        pipeline.stop()
+
+
+def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
+    """Open the RealSense camera with a serial number, or the only camera.
+
+    Raises
+    ------
+    InputError
+        If pyrealsense2 is not installed, or there is no such camera.
+    """
+    try:
+        import pyrealsense2 as library
+    except ModuleNotFoundError:
+        raise InputError("pyrealsense2 is not installed: pip install pyrealsense2") from None
+    except ImportError as error:  # it is installed, but a library of the system is missing
+        raise InputError(f"pyrealsense2 cannot be loaded: {' '.join(str(error).split())}") from None
+    config, pipeline = library.config(), library.pipeline()
+    if serial:
+        config.enable_device(serial)
+    hertz = round(rate or _RATE)
+    config.enable_stream(library.stream.color, _WIDTH, _HEIGHT, library.format.bgr8, hertz)
+    config.enable_stream(library.stream.depth, _WIDTH, _HEIGHT, library.format.z16, hertz)
+    what = f"realsense:{serial}" if serial else "realsense"
+    try:
+        profile = pipeline.start(config)
+        scale = profile.get_device().first_depth_sensor().get_depth_scale()
+        stream = profile.get_stream(library.stream.color).as_video_stream_profile()
+        camera = _intrinsics(stream.get_intrinsics())
+    except RuntimeError as error:
+        raise InputError(f"{what}: {' '.join(str(error).split())}") from None
+    frames = _frames(library, pipeline, scale)
+    return LiveCamera(what, frames, has_depth=True, rate=float(hertz), intrinsics=camera)
+
+
+def _intrinsics(sensor: Any) -> Intrinsics:
+    # The colour stream has Brown-Conrady coefficients in the order of OpenCV.
+    coefficients = np.array(sensor.coeffs, np.float64)
+    return Intrinsics(sensor.width, sensor.height, sensor.fx, sensor.fy, sensor.ppx, sensor.ppy, coefficients)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import cv2
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile, image_files
 from .live import open_stream, open_webcam
 from .tum import TumFolder
@@ -42,12 +43,12 @@ def open_frames(what: str, rate: float | None = None) -> Camera:
         return open_stream(what)
     kind, _, rest = what.partition(":")
     if kind == "realsense":
-        from .realsense import open_realsense
+        from .live import open_realsense
 
         return open_realsense(rest, rate)
     if kind == "workcell":
         # Imported on demand: real cameras do not need it.
-        camera: Camera = import_module("comotion_sources.workcell.camera").open_camera(rest)
+        camera: Camera = import_module("comotion_sources.workcell").WorkcellCamera(rest)
         return camera
     return _open_path(what, rate)
 

@@ -13,26 +13,25 @@ Optional files that the TUM format does not define::
     objects/*.png           named like those of rgb/: 16-bit, number of the object + 1, 0 = unknown
 """
 
-from collections.abc import Iterator, Mapping
-from io import TextIOBase
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import InputError
+
 from ..calibration.files import format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
-from ..errors import InputError
-from ..poses import rows, stamp_ns, trajectory
+from ..poses import parsed, stamp_ns, trajectory
 from .files import DEFAULT_RATE, RecordedCamera
 from .types import Frame
 
 DEPTH_SCALE = 5000.0
 ASSOCIATION_NS = 20_000_000
 """Longest time between an image and its depth image; the default of the TUM associate tool."""
-_DIGITS = 9
 _MOVED = 1e-3  # m, or parts of a unit quaternion: a camera that moves by more is not fixed
 _HEADS = {"rgb": "time image", "depth": "time depth", "groundtruth": "time tx ty tz qx qy qz qw"}
 
@@ -90,24 +89,19 @@ class TumFolder(RecordedCamera):
 
 
 def _listing(folder: Path, name: str) -> Listing:
-    entries = []
-    for number, line in rows(folder / name):
-        try:
-            time, file = line.split(maxsplit=1)
-            entries.append((stamp_ns(time), folder / file))
-        except ValueError:
-            raise InputError(f"{folder / name}: line {number} is not 'time file'") from None
-    return entries
+    def entry(line: str) -> tuple[int, Path]:
+        time, file = line.split(maxsplit=1)
+        return stamp_ns(time), folder / file
+
+    return list(parsed(folder / name, "time file", entry))
 
 
 def _read_names(path: Path) -> dict[int, str]:
-    names = {}
-    for number, line in rows(path) if path.is_file() else ():
-        key, _, name = line.partition(" ")
-        if not key.isdecimal() or len(key) > _DIGITS or not name:
-            raise InputError(f"{path}: line {number} is not 'number name'")
-        names[int(key)] = name
-    return names
+    def entry(line: str) -> tuple[int, str]:
+        number, name = line.split(" ", 1)
+        return int(number), name
+
+    return dict(parsed(path, "number name", entry)) if path.is_file() else {}
 
 
 def _read_still_pose(path: Path) -> Extrinsics | None:
@@ -132,84 +126,66 @@ def _read_16_bit(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint16] | Non
     return np.asarray(image, np.uint16)
 
 
-class TumWriter:
-    """Writes frames as a TUM RGB-D folder; a context manager.
+def write_folder(
+    folder: Path,
+    frames: Iterable[tuple[Frame, Extrinsics | None]],
+    intrinsics: Intrinsics | None = None,
+    objects: Mapping[int, str] | None = None,
+) -> int:
+    """Write frames as a TUM RGB-D folder; returns their number.
 
     Parameters
     ----------
     folder
         Folder to write; it is made if it does not exist and must be empty.
-    intrinsics, extrinsics, objects
+    frames
+        Frames with the pose of the camera, if it is known; stamps are kept to the microsecond.
+    intrinsics, objects
         Written into the optional files.
 
     Raises
     ------
     InputError
         If the folder exists and is not empty.
+    OSError
+        If it cannot be written.
     """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists already")
+    for kind in ("rgb", "depth", "objects"):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+    names = "".join(f"{number} {name}\n" for number, name in (objects or {}).items())
+    texts = {f"{kind}.txt": f"# {head}\n" for kind, head in _HEADS.items()} | {"objects.txt": names}
+    if intrinsics is not None:
+        texts["camera_info.yaml"] = format_camera_info(intrinsics)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    count = 0
+    for count, (frame, pose) in enumerate(frames, 1):  # noqa: B007 - returned
+        _write(folder, frame, pose)
+    return count
 
-    def __init__(
-        self,
-        folder: Path,
-        intrinsics: Intrinsics | None = None,
-        extrinsics: Extrinsics | None = None,
-        objects: Mapping[int, str] | None = None,
-    ) -> None:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"{folder}: exists already")
-        folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
-        self._pose = extrinsics
-        # Lists are flushed line by line: a recording that is cut short can be read up to that point.
-        self._lists = {kind: self._begin(kind) for kind in ("rgb", "depth")}
-        if intrinsics is not None:
-            (folder / "camera_info.yaml").write_text(format_camera_info(intrinsics), encoding="utf-8")
-        if objects:
-            names = "".join(f"{number} {name}\n" for number, name in objects.items())
-            (folder / "objects.txt").write_text(names, encoding="utf-8")
 
-    def write(self, frame: Frame, pose: Extrinsics | None = None) -> None:
-        """Append a frame; its stamp is kept to the microsecond. `pose` is that of a camera that moves."""
-        micros = frame.stamp_ns // 1000
-        time = f"{micros // 1_000_000}.{micros % 1_000_000:06d}"
-        self._put("rgb", time, frame.image)
-        if frame.depth is not None:
-            units = np.rint(np.nan_to_num(frame.depth, nan=0.0) * DEPTH_SCALE)
-            # A depth beyond 16 bits (13 m) is out of range: missing.
-            units[(units < 0) | (units > 65535)] = 0
-            self._put("depth", time, units.astype(np.uint16))
-        if frame.objects is not None:
-            self._write_image("objects", time, (frame.objects + 1).astype(np.uint16))
-        if (place := pose or self._pose) is not None:
-            numbers = " ".join(f"{value:.9f}" for value in (*place.translation, *place.quaternion))
-            if "groundtruth" not in self._lists:
-                self._lists["groundtruth"] = self._begin("groundtruth")
-            self._lists["groundtruth"].write(f"{time} {numbers}\n")
-
-    def close(self) -> None:
-        """Close the lists."""
-        for file in self._lists.values():
-            file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def _begin(self, kind: str) -> TextIOBase:
-        listing = (self._folder / f"{kind}.txt").open("w", encoding="utf-8", buffering=1)
-        listing.write(f"# {_HEADS[kind]}\n")
-        return listing
-
-    def _put(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-        self._lists[kind].write(f"{time} {self._write_image(kind, time, image)}\n")
-
-    def _write_image(self, kind: str, time: str, image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
-        name = f"{kind}/{time}.png"
+def _write(folder: Path, frame: Frame, pose: Extrinsics | None) -> None:
+    micros = frame.stamp_ns // 1000
+    time = f"{micros // 1_000_000}.{micros % 1_000_000:06d}"
+    images: dict[str, NDArray[Any]] = {"rgb": frame.image}
+    if frame.depth is not None:
+        units = np.rint(np.nan_to_num(frame.depth, nan=0.0) * DEPTH_SCALE)
+        # A depth beyond 16 bits (13 m) is out of range: missing.
+        units[(units < 0) | (units > 65535)] = 0
+        images["depth"] = units.astype(np.uint16)
+    if frame.objects is not None:
+        images["objects"] = (frame.objects + 1).astype(np.uint16)
+    lines: dict[str, str] = {kind: f"{kind}/{time}.png" for kind in ("rgb", "depth") if kind in images}
+    if pose is not None:
+        lines["groundtruth"] = " ".join(f"{value:.9f}" for value in (*pose.translation, *pose.quaternion))
+    for kind, image in images.items():
         ok, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         if not ok:
-            raise InputError(f"{self._folder / name}: the image could not be encoded")
-        (self._folder / kind).mkdir(exist_ok=True)
-        (self._folder / name).write_bytes(encoded.tobytes())
-        return name
+            raise InputError(f"{folder / kind / time}.png: the image could not be encoded")
+        (folder / kind / f"{time}.png").write_bytes(encoded.tobytes())
+    # Line by line: a recording that is cut short can be read up to that point.
+    for kind, line in lines.items():
+        with (folder / f"{kind}.txt").open("a", encoding="utf-8") as listing:
+            listing.write(f"{time} {line}\n")

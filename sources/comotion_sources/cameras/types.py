@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from comotion_schemas.component import Component
 
 from ..calibration.model import Extrinsics, Intrinsics
-from ..errors import InputError
 
 Image = NDArray[np.uint8]
 
@@ -76,7 +75,3 @@ class Camera:
 
     def attach(self, component: Component) -> None:
         """Follow the state of a scene, as a simulated camera does; called once, before the first frame."""
-
-
-CameraError = InputError
-"""The error of a camera, file or stream that cannot be opened or read."""

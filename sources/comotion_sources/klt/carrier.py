@@ -2,8 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Self, cast
+from typing import cast
 
 import numpy as np
 
@@ -21,34 +20,26 @@ MAX_LAG_S = 0.5
 """How long a frame waits for its pose: the default of the service's `max_lag`."""
 
 
-@dataclass(frozen=True)
-class CarrierName:
-    """A 6-DoF feature of a source: a link of a robot."""
+def parse_carrier(text: str) -> tuple[str, int]:
+    """Parse ``SOURCE:ID``, a 6-DoF feature of a source such as the link of a robot; the id is 0 if left out.
 
-    source: str
-    feature: int
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parse ``SOURCE:ID``; the id is 0 if it is left out.
-
-        Raises
-        ------
-        ValueError
-            If it has not this form.
-        """
-        source, colon, feature = text.partition(":")
-        if not is_name(source) or (colon and not feature.isdecimal()):
-            raise KnownError(f"{text!r} is not SOURCE:ID, such as robot:3")
-        return cls(source, int(feature or 0))
+    Raises
+    ------
+    ValueError
+        If it has not this form.
+    """
+    source, colon, feature = text.partition(":")
+    if not is_name(source) or (colon and not feature.isdecimal()):
+        raise KnownError(f"{text!r} is not SOURCE:ID, such as robot:3")
+    return source, int(feature or 0)
 
 
 class Carrier:
     """Fills a pose buffer from the poses of a feature that another source of the scene publishes."""
 
-    def __init__(self, component: Component, name: CarrierName, poses: PoseBuffer) -> None:
-        self._name, self._poses = name, poses
-        self._batches = Inbox(component.session, component.keys.stream("obs", name.source), "obs")
+    def __init__(self, component: Component, source: str, feature: int, poses: PoseBuffer) -> None:
+        self._feature, self._poses = feature, poses
+        self._batches = Inbox(component.session, component.keys.stream("obs", source), "obs")
         self.close = self._batches.close
 
     def wait_for(self, stamp_ns: int, wait: Callable[[float], object]) -> None:
@@ -56,7 +47,7 @@ class Carrier:
         end = time.monotonic() + MAX_LAG_S
         while True:
             for batch in self._batches.messages():
-                add_poses(self._poses, cast("ObservationBatch", batch), self._name.feature)
+                add_poses(self._poses, cast("ObservationBatch", batch), self._feature)
             newest = self._poses.newest_ns
             if (newest is not None and newest >= stamp_ns) or time.monotonic() >= end:
                 return

@@ -20,14 +20,10 @@ class TrackerConfig(BaseModel):
     """Frames between two searches for new corners."""
     spawn_limit: Annotated[int, Field(ge=1)] | None = None
     """Most new features per search; None: up to `max_features`. The thesis uses 100."""
-    cell: Annotated[int, Field(ge=4)] = 16
-    """Edge of a grid cell, px; a new feature needs an empty cell."""
-    tiles: Annotated[int, Field(ge=1, le=64)] = 4
-    """The image is divided into tiles x tiles parts with equal shares of `max_features`."""
+    distance: Annotated[int, Field(ge=1)] = 8
+    """Least distance of a new feature from the others, px."""
     quality: Annotated[float, Field(gt=0, le=1)] = 0.005
     """Least corner quality (smaller eigenvalue) as a share of the best one in the image."""
-    quality_floor: NotNegative = 2e-4
-    """Least corner quality (smaller eigenvalue): the quality of image noise of two grey levels."""
     window: Annotated[int, Field(ge=5, le=101)] = 15
     """Edge of the Lucas-Kanade window, px."""
     levels: Annotated[int, Field(ge=0, le=8)] = 3
@@ -47,8 +43,6 @@ class TrackerConfig(BaseModel):
     """
     likeness: Annotated[float, Field(ge=-1, le=1)] = 0.8
     """Least correlation of the template of a feature (its patch at birth) with the image."""
-    anchor_reach: Positive = 2.0
-    """Longest distance between the aligned template and the result of Lucas-Kanade, px."""
     birth_sigma: Positive | None = None
     """Most position noise of a new feature in any direction, px, under noise of two grey levels. None: 0.05,
     and 0.025 with `moving`.
@@ -58,16 +52,10 @@ class TrackerConfig(BaseModel):
     the table may slide along it: at 0.05, 21 and 15 % of the features at rest slide by more than 5 mm, at
     0.025 2 and 1 % (workcell ``eye-in-hand``, seeds 0 and 2).
     """
-    min_distance: NotNegative = 4.0
-    """Of two features closer than this, px, the younger one ends."""
     pixel_sigma: Positive = 0.1
-    """One-sigma noise of a feature that is tracked without residual, px."""
-    residual_gain: NotNegative = 1.0
-    """Factor on the noise that is estimated from the tracking residual."""
-    max_step: Positive = 0.05
-    """Longest accepted 3-D step between two frames 1/30 s apart, m."""
+    """One-sigma noise of a feature in the image, px."""
     moving: bool = False
-    """The camera is carried: the 3-D step is measured against the motion that most features share."""
+    """The camera is carried: of `birth_sigma` the smaller default holds."""
     depth_noise: NotNegative = 1.5e-3
     """One-sigma noise of the depth at 1 m; it grows with the square of the depth. m per m²."""
     depth_floor: Positive = 5e-4

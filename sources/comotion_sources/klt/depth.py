@@ -5,8 +5,6 @@ is linear in the pixel coordinates for every tilt; a deviation from it is a dept
 feature and the depth may belong to different surfaces.
 """
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,20 +15,13 @@ from .flow import Pixels
 DepthImage = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
-LOOKUP_RADIUS = 2
-"""Neighbourhood of an existing feature, px to each side."""
-BIRTH_RADIUS = 5
-"""Neighbourhood of a new feature, px to each side: wider, so that none starts beside a depth edge."""
+_RADIUS = 2  # of the neighbourhood, px to each side
 _MIN_VALID_SHARE = 0.5  # of the neighbourhood: fewer valid pixels do not determine a plane well
+_DY, _DX = (part.ravel() for part in np.mgrid[-_RADIUS : _RADIUS + 1, -_RADIUS : _RADIUS + 1])
+_DESIGN = np.column_stack([np.ones(_DX.size), _DX, _DY])
 
 
-@cache
-def _offsets(radius: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
-    return y.ravel(), x.ravel()
-
-
-def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: int) -> Floats:
+def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig) -> Floats:
     """Look up the depth of features by a plane fit.
 
     Parameters
@@ -41,25 +32,22 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: in
         float32 [N, 2].
     config
         Thresholds.
-    radius
-        The plane is fitted to (2·radius + 1)² pixels.
 
     Returns
     -------
     float64 [N], metres, NaN where missing or at an edge.
     """
-    dy, dx = _offsets(radius)
     height, width = depth.shape
     near = np.rint(pixels).astype(np.int64)
-    rows = np.clip(near[:, 1, None] + dy, 0, height - 1)
-    columns = np.clip(near[:, 0, None] + dx, 0, width - 1)
+    rows = np.clip(near[:, 1, None] + _DY, 0, height - 1)
+    columns = np.clip(near[:, 0, None] + _DX, 0, width - 1)
     z = depth[rows, columns].astype(np.float64)
     valid = np.isfinite(z) & (z > 0)
-    enough = valid.sum(axis=1) >= _MIN_VALID_SHARE * dy.size
+    enough = valid.sum(axis=1) >= _MIN_VALID_SHARE * _DY.size
     inverse = np.divide(1.0, z, out=np.zeros_like(z), where=valid)
     # Evaluate the plane at the exact position, up to half a pixel from the centre of the patch.
     sub = pixels.astype(np.float64) - near
-    fitted, residual = _plane(inverse, valid, sub, dx, dy)
+    fitted, residual = _plane(inverse, valid, sub)
     with np.errstate(divide="ignore", invalid="ignore"):
         at = np.where(enough & (fitted > 0), 1.0 / fitted, np.nan)
     departure = (np.abs(residual) * valid).max(axis=1, initial=0.0) * at**2  # dz = z² d(1/z)
@@ -67,18 +55,15 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig, radius: in
     return np.where(edge, np.nan, at)
 
 
-def _plane(
-    inverse: Floats, valid: NDArray[np.bool_], sub: Floats, dx: NDArray[np.int64], dy: NDArray[np.int64]
-) -> tuple[Floats, Floats]:
+def _plane(inverse: Floats, valid: NDArray[np.bool_], sub: Floats) -> tuple[Floats, Floats]:
     """Fit 1/z = a + b·dx + c·dy to each patch; return its value at `sub` and the residuals [N, P]."""
-    design = np.column_stack([np.ones(dx.size), dx, dy]).astype(np.float64)
     weights = valid.astype(np.float64)
-    products = (design[:, :, None] * design[:, None, :]).reshape(dx.size, 9)
+    products = (_DESIGN[:, :, None] * _DESIGN[:, None, :]).reshape(-1, 9)
     normal = (weights @ products).reshape(-1, 3, 3) + 1e-9 * np.eye(3)
-    right = (weights * inverse) @ design
+    right = (weights * inverse) @ _DESIGN
     plane = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
     value = plane[:, 0] + (plane[:, 1:] * sub).sum(axis=1)
-    return value, inverse - plane @ design.T
+    return value, inverse - plane @ _DESIGN.T
 
 
 def depth_sigma(z: Floats, config: TrackerConfig) -> Floats:

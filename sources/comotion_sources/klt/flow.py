@@ -1,6 +1,5 @@
-"""Tracks features from one image to the next by pyramidal Lucas-Kanade, forward and backward."""
+"""Finds new features, and tracks them from one image to the next by pyramidal Lucas-Kanade and back."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,61 +11,15 @@ from .config import TrackerConfig
 
 Pixels = NDArray[np.float32]
 
-_MIN_EIGENVALUE = 1e-6  # keeps the division finite on a window without texture
-# Converts OpenCV's residual and eigenvalue to px: measured on shifted textures of known noise, where
-# windows of 11, 15 and 21 px gave 0.043, 0.050 and 0.056.
-_NOISE_SCALE = 0.05
 
-
-@dataclass(frozen=True, slots=True)
-class Flow:
-    """Result of tracking N features into the next image.
-
-    Attributes
-    ----------
-    pixels
-        float32 [N, 2], positions in the next image.
-    noise
-        float32 [N], estimated one-sigma noise of the step, px: from the residual and texture of the
-        window, and from the forward-backward error.
-    kept
-        bool [N], found in both directions, and the two agree.
-    """
-
-    pixels: Pixels
-    noise: NDArray[np.float32]
-    kept: NDArray[np.bool_]
-
-
-def forward_backward(
-    start: Pixels, there: Pixels, back: Pixels, relative: float, absolute: float
-) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Forward-backward check (thesis 4.2, after Sundaram, Brox and Keutzer 2010).
+def track(
+    earlier: Image, later: Image, pixels: Pixels, config: TrackerConfig
+) -> tuple[Pixels, NDArray[np.bool_]]:
+    """Track features from one grey image to the next and back.
 
     A feature is kept while ‖w + ŵ‖² < relative·(‖w‖² + ‖ŵ‖²) + absolute, with w = x_{t+1} − x_t and
-    ŵ = x̂_t − x_{t+1}. The thesis prints this inequality for "stop", and x̂_t − x_t as ŵ; both are errata.
-
-    Parameters
-    ----------
-    start, there, back
-        float32 [N, 2], px: positions before, tracked forward, and tracked back again.
-    relative
-        Share of the squared motions that is allowed.
-    absolute
-        Constant part of the limit, px².
-
-    Returns
-    -------
-    bool [N], kept; float32 [N], the error ‖w + ŵ‖ in px.
-    """
-    w, w_back = there - start, back - there
-    error_sq = ((w + w_back) ** 2).sum(axis=1)
-    allowed = relative * ((w**2).sum(axis=1) + (w_back**2).sum(axis=1)) + absolute
-    return error_sq < allowed, np.sqrt(error_sq)
-
-
-def track(earlier: Image, later: Image, pixels: Pixels, config: TrackerConfig) -> Flow:
-    """Track features from one grey image to the next and back.
+    ŵ = x̂_t − x_{t+1} (thesis 4.2, after Sundaram, Brox and Keutzer 2010). The thesis prints this inequality
+    for "stop", and x̂_t − x_t as ŵ; both are errata.
 
     Parameters
     ----------
@@ -74,40 +27,30 @@ def track(earlier: Image, later: Image, pixels: Pixels, config: TrackerConfig) -
         uint8 [H, W], of the same size.
     pixels
         float32 [N, 2], positions in `earlier`.
+
+    Returns
+    -------
+    float32 [N, 2], positions in `later`; bool [N], kept.
     """
-    if not len(pixels):
-        return Flow(pixels, np.empty(0, np.float32), np.empty(0, bool))
-    there, tracked, difference = _lucas_kanade(earlier, later, pixels, config)
-    back, tracked_back, texture = _lucas_kanade(
-        later, earlier, there, config, cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
-    )
-    kept, error = forward_backward(pixels, there, back, config.fb_relative, config.fb_absolute)
-    kept &= tracked & tracked_back & inside(there, later.shape, config.window // 2)
-    # Cramér-Rao: σ = σ_image / sqrt(n λ_min), λ_min of the mean structure tensor.
-    share = _NOISE_SCALE / config.window * difference / np.sqrt(np.maximum(texture, _MIN_EIGENVALUE))
-    return Flow(there, np.hypot(share, error / 2).astype(np.float32), kept)
+    forward, tracked = _lucas_kanade(earlier, later, pixels, config)
+    back, tracked_back = _lucas_kanade(later, earlier, forward, config)
+    moved = ((forward - pixels) ** 2).sum(axis=1) + ((back - forward) ** 2).sum(axis=1)
+    kept = ((back - pixels) ** 2).sum(axis=1) < config.fb_relative * moved + config.fb_absolute
+    return forward, kept & tracked & tracked_back & inside(forward, later.shape, config.window // 2)
 
 
 def _lucas_kanade(
-    start: Image, end: Image, pixels: Pixels, config: TrackerConfig, flags: int = 0
-) -> tuple[Pixels, NDArray[np.bool_], NDArray[np.float32]]:
+    start: Image, end: Image, pixels: Pixels, config: TrackerConfig
+) -> tuple[Pixels, NDArray[np.bool_]]:
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, config.iterations, config.epsilon)
-    points = np.ascontiguousarray(pixels[:, None])
-    moved, status, measure = cv2.calcOpticalFlowPyrLK(
-        start,
-        end,
-        points,
-        np.empty_like(points),
-        winSize=(config.window, config.window),
-        maxLevel=config.levels,
-        criteria=criteria,
-        flags=flags,
+    window, points = (config.window, config.window), np.ascontiguousarray(pixels[:, None])
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        start, end, points, np.empty_like(points), winSize=window, maxLevel=config.levels, criteria=criteria
     )
     positions = moved.reshape(-1, 2)
     # OpenCV leaves arbitrary numbers for a lost feature; replace them.
     tracked = (status.ravel() == 1) & np.isfinite(positions).all(axis=1)
-    residual = np.where(tracked, measure.ravel(), 0.0).astype(np.float32)
-    return np.where(tracked[:, None], positions, pixels).astype(np.float32), tracked, residual
+    return np.where(tracked[:, None], positions, pixels).astype(np.float32), tracked
 
 
 def inside(pixels: NDArray[Any], shape: tuple[int, ...], border: int) -> NDArray[np.bool_]:
@@ -115,3 +58,24 @@ def inside(pixels: NDArray[Any], shape: tuple[int, ...], border: int) -> NDArray
     height, width = shape[:2]
     x, y = pixels[:, 0], pixels[:, 1]
     return (x >= border) & (y >= border) & (x <= width - 1 - border) & (y <= height - 1 - border)
+
+
+def new_corners(grey: Image, present: Pixels, config: TrackerConfig) -> Pixels:
+    """Find corners that keep a distance from the features and from each other, float32 [M, 2], best first.
+
+    Parameters
+    ----------
+    grey
+        uint8 [H, W].
+    present
+        float32 [N, 2], existing features.
+    config
+        Distance and quality.
+    """
+    taken = np.zeros(grey.shape, np.uint8)
+    for place in np.rint(present).astype(int).tolist():
+        cv2.circle(taken, place, config.distance, 1, -1)
+    corners = cv2.goodFeaturesToTrack(grey, 0, config.quality, config.distance)
+    pixels = np.empty((0, 2), np.float32) if corners is None else corners.reshape(-1, 2)
+    free = taken[tuple(pixels.astype(int).T[::-1])] == 0
+    return np.asarray(pixels[free & inside(pixels, grey.shape, config.window // 2 + 1)], np.float32)

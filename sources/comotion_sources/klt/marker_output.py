@@ -5,8 +5,8 @@ from typing import Unpack
 import numpy as np
 
 from comotion_schemas.component import Where
+from comotion_schemas.errors import InputError
 
-from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
 from ..markers.detector import MarkerDetector, MarkerOptions
@@ -19,7 +19,7 @@ class MarkerOutput:
 
     Raises
     ------
-    CalibrationError
+    InputError
         If there are no intrinsics.
     """
 
@@ -34,7 +34,7 @@ class MarkerOutput:
         **where: Unpack[Where],
     ) -> None:
         if intrinsics is None:
-            raise CalibrationError("markers need the camera's intrinsics: --calibration FILE")
+            raise InputError("markers need the camera's intrinsics: --calibration FILE")
         self._detector = MarkerDetector(markers, intrinsics)
         self._extrinsics = extrinsics
         self.source = SourcePublisher(
@@ -52,10 +52,10 @@ class MarkerOutput:
 
         The empty batch keeps the watermark of the scene moving.
         """
-        found = self._detector.detect(frame.image)
-        seen = {number: pose for number, pose in found.items() if pose is not None}
+        markers = self._detector.detect(frame.image)
+        seen = {number: pose for number, pose in markers.items() if pose is not None}
         poses = [self._extrinsics.after(pose) for pose, _ in seen.values()]
-        self.source.count("refused", len(found) - len(seen))
+        self.source.count("refused", len(markers) - len(seen))
         self.source.name_features({number: f"marker {number}" for number in seen})
         self.source.observe(
             stamp_ns=frame.stamp_ns,

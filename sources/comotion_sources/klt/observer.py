@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, TruthBatch
+from comotion_schemas.errors import InputError
 from comotion_schemas.types import Unit
 
 from ..calibration.model import Extrinsics, Intrinsics
-from ..cameras.types import CameraError, Frame
+from ..cameras.types import Frame
 from ..frames import AMBIGUOUS, MessageBuilder
 from ..poses import PoseBuffer
 from .tracker import Tracks
@@ -69,13 +70,13 @@ def choose_space(
 
     Raises
     ------
-    CameraError
+    InputError
         If there is depth but no intrinsics.
     """
     if not has_depth:
         return CameraSpace(name or f"{source}/pixels", "px", 2)
     if intrinsics is None:
-        raise CameraError("a camera with depth needs its intrinsics: --calibration FILE (or --no-depth)")
+        raise InputError("a camera with depth needs its intrinsics: --calibration FILE (or --no-depth)")
     if extrinsics is None:
         return CameraSpace(name or f"{source}/optical", "m", 3, intrinsics)
     return CameraSpace(name or extrinsics.frame, "m", 3, intrinsics, extrinsics)
@@ -119,12 +120,12 @@ class Observer:
             yield self._builder.truth(ids=ids, objects=objects, names=self._objects)
         positions, sigma = self._states(tracks)
         shown = np.isfinite(positions).all(axis=1)
-        known = bool(np.isfinite(sigma[shown]).all())
+        has_sigma = bool(np.isfinite(sigma[shown]).all())
         yield self._builder.observation(
             stamp_ns=tracks.stamp_ns,
             ids=tracks.ids[shown],
             positions=positions[shown],
-            sigma=sigma[shown].astype(np.float32) if known else None,
+            sigma=sigma[shown].astype(np.float32) if has_sigma else None,
             ended=tracks.ended if len(tracks.ended) else None,
         )
 

@@ -1,13 +1,145 @@
-"""Options of a camera source."""
+"""Options of a camera source: of its tracker, and of which frames are due when, with which stamps."""
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..calibration.files import Calibration
 from ..markers.detector import MarkerOptions
-from .carrier import CarrierName
+from ..schedule import Stamps
 from .config import TrackerConfig
-from .pacing import Pacing
+
+LATE_NS = 200_000_000
+"""A frame of a recording that is late by more is left out."""
+
+CLOCK_STEP_NS = 1_000_000_000
+"""If a device's stamp goes back by more than this, its clock was set back."""
+
+_COUNTERS = ("late", "duplicates", "thinned", "overruns", "slips", "clock_steps")
+MAX_SKIPPED = 5
+"""Most consecutive frames left out to catch up; then the recording is played more slowly instead."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pacing:
+    """Which frames are published, when, and with which stamps.
+
+    Attributes
+    ----------
+    realtime
+        Play recordings at their recorded rate, or slower if the machine cannot; False: as fast as
+        they can be tracked, with every frame.
+    stamps
+        Of recordings: ``now``, as if taken while played, or ``original``, those of the file (media
+        time from 0 if it has none).
+    rate
+        Most frames per second; None: all.
+    offset_ns
+        Added to every stamp, for a device with a known clock offset.
+    """
+
+    realtime: bool = True
+    stamps: Stamps = "now"
+    rate: float | None = None
+    offset_ns: int = 0
+
+
+@dataclass
+class Pacer:
+    """Decides for each frame when it is due, or that it is left out.
+
+    Parameters
+    ----------
+    pacing
+        Options of the user.
+    live
+        Whether the camera is a device: its frames are due on arrival and keep their stamps.
+    wait
+        Waits for a number of seconds.
+    wall, monotonic
+        Clocks, in nanoseconds.
+    """
+
+    pacing: Pacing
+    live: bool
+    wait: Callable[[float], object]
+    wall: Callable[[], int] = time.time_ns
+    monotonic: Callable[[], int] = time.monotonic_ns
+    counters: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTERS, 0))
+    _last_ns: int | None = None
+    _next_ns: int | None = None
+    _first_ns: int | None = None
+    _pass_first_ns: int | None = None
+    _elapsed_ns: int = 0
+    _start_wall_ns: int = 0
+    _start_ns: int = 0
+    _missed: int = 0
+
+    def admit(self, stamp_ns: int) -> int | None:
+        """Wait until a frame is due and return its published stamp; None if it is left out.
+
+        A frame that is not newer than the one before cannot be tracked and is left out.
+        """
+        if self.live and self._last_ns is not None and stamp_ns < self._last_ns - CLOCK_STEP_NS:
+            # The clock of the device was set back: waiting for the old stamps could last for ever.
+            self.counters["clock_steps"] += 1
+            self._last_ns = self._next_ns = None
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            self.counters["duplicates" if stamp_ns == self._last_ns else "late"] += 1
+            return None
+        self._last_ns = stamp_ns
+        if self._thinned(stamp_ns):
+            self.counters["thinned"] += 1
+            return None
+        published = stamp_ns if self.live else self._recorded(stamp_ns)
+        return None if published is None else published + self.pacing.offset_ns
+
+    def rewind(self, period_ns: int) -> None:
+        """Start a new pass of the recording, one period after the last frame of this pass."""
+        if self._last_ns is not None and self._pass_first_ns is not None:
+            self._elapsed_ns += self._last_ns - self._pass_first_ns + period_ns
+        self._last_ns = self._next_ns = self._pass_first_ns = None
+
+    def _recorded(self, stamp_ns: int) -> int | None:
+        if self._first_ns is None:
+            self._first_ns, self._start_wall_ns, self._start_ns = stamp_ns, self.wall(), self.monotonic()
+        if self._pass_first_ns is None:
+            self._pass_first_ns = stamp_ns
+        played = stamp_ns - self._pass_first_ns + self._elapsed_ns
+        if self.pacing.realtime and not self._in_time(played):
+            return None
+        return played + (self._start_wall_ns if self.pacing.stamps == "now" else self._first_ns)
+
+    def _in_time(self, played: int) -> bool:
+        """Wait until a frame is due; False if it is left out."""
+        early = self._start_ns + played - self.monotonic()
+        if early >= -LATE_NS:
+            self._missed = 0
+            if early > 0:
+                self.wait(early / 1e9)
+            return True
+        # Original stamps allow late playing; stamps of now require catching up.
+        if self.pacing.stamps == "now" and self._missed < MAX_SKIPPED:
+            self._missed += 1
+            self.counters["overruns"] += 1
+            return False
+        self._missed = 0
+        self.counters["slips"] += 1
+        self._start_ns -= early
+        self._start_wall_ns -= early
+        return True
+
+    def _thinned(self, stamp_ns: int) -> bool:
+        if self.pacing.rate is None:
+            return False
+        period = 1e9 / self.pacing.rate
+        # Tolerate jitter of a tenth of a period.
+        if self._next_ns is not None and stamp_ns < self._next_ns - period / 10:
+            return True
+        due = stamp_ns if self._next_ns is None else self._next_ns
+        self._next_ns = round(max(due + period, stamp_ns + period / 2))
+        return False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +173,8 @@ class CameraOptions:
     markers
         Fiducial markers to detect; None: none.
     poses, carrier
-        A trajectory file with the pose of every frame, or the 6-DoF feature that carries the camera; the
-        extrinsics then lead from the camera to what these are poses of.
+        A trajectory file with the pose of every frame, or source and id of the 6-DoF feature that carries the
+        camera; the extrinsics then lead from the camera to what these are poses of.
     """
 
     name: str = "klt"
@@ -58,7 +190,7 @@ class CameraOptions:
     share_preview: float = 5.0
     markers: MarkerOptions | None = None
     poses: Path | None = None
-    carrier: CarrierName | None = None
+    carrier: tuple[str, int] | None = None
 
     @property
     def posed(self) -> bool:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.types import CameraError
+from comotion_schemas.errors import InputError
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov"})
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -40,7 +40,7 @@ class PictureFile:
 
     Raises
     ------
-    CameraError
+    InputError
         If the path cannot be written.
     """
 
@@ -52,7 +52,7 @@ class PictureFile:
         try:
             (path.parent if self._is_video else path).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise CameraError(f"{path}: {error.strerror}") from None
+            raise InputError(f"{path}: {error.strerror}") from None
 
     def write(self, image: NDArray[np.uint8]) -> None:
         """Append an image, uint8 [H, W, 3] (BGR)."""
@@ -62,7 +62,7 @@ class PictureFile:
                 self._writer = kind(self._path, self._rate, image.shape[:2])
             self._writer.write(image)
         elif not cv2.imwrite(str(self._path / f"{self._count:06d}.png"), image, _FAST_PNG):
-            raise CameraError(f"{self._path}: the picture cannot be written")
+            raise InputError(f"{self._path}: the picture cannot be written")
         self._count += 1
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class _Av:
         try:
             self._container = av.open(str(path), "w")
         except OSError as error:
-            raise CameraError(f"{path}: {error.strerror or 'cannot be written'}") from None
+            raise InputError(f"{path}: {error.strerror or 'cannot be written'}") from None
         exact = Fraction(rate).limit_denominator(1001)  # 30000/1001 of television too
         self._stream: Any = self._container.add_stream("libx264", rate=exact)
         # Chroma has half the resolution, so both sides are even.
@@ -119,7 +119,7 @@ class _OpenCV:
         code = cv2.VideoWriter.fourcc(*("MJPG" if path.suffix.lower() == ".avi" else "mp4v"))
         self._video = cv2.VideoWriter(str(path), code, rate, (shape[1], shape[0]))
         if not self._video.isOpened():
-            raise CameraError(f"{path}: the video cannot be written")
+            raise InputError(f"{path}: the video cannot be written")
 
     def write(self, image: NDArray[np.uint8]) -> None:
         self._video.write(image)

@@ -58,13 +58,13 @@ class DelayedPreview:
 
     def _poll(self) -> None:
         """Take the newest update, and the hypothesis of each feature of the source in it."""
-        own = self._source.name, self._source.component.session_id
+        source = self._source.name, self._source.component.session_id
         for message in self._updates.messages():
             update = cast("HypothesisUpdate", message)
             if self._newest is None or update.stamp_ns >= self._newest.stamp_ns:
                 self._newest = update
-                mine = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == own]
-                rows = np.isin(update.track_source, mine)
+                indices = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == source]
+                rows = np.isin(update.track_source, indices)
                 ids, hypotheses = update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist()
                 self._hypotheses = dict(zip(ids, hypotheses, strict=True))
 

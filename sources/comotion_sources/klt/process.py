@@ -10,11 +10,11 @@ from typing import Unpack
 import cv2
 
 from comotion_schemas.component import Where
+from comotion_schemas.errors import InputError
 
-from ..calibration.files import CalibrationError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
-from ..cameras.types import Camera, CameraError, Frame
+from ..cameras.types import Camera, Frame
 from ..markers.detector import MarkerOptions
 from ..poses import PoseBuffer, read_trajectory
 from ..runtime import SourcePublisher
@@ -22,8 +22,7 @@ from .carrier import Carrier
 from .drawing import Annotator
 from .marker_output import MarkerOutput
 from .observer import CameraSpace, Observer, choose_space
-from .options import CameraOptions
-from .pacing import Pacer
+from .options import CameraOptions, Pacer
 from .picture_file import NO_ENCODER, PictureFile
 from .preview import DelayedPreview, PreviewStream
 from .tracker import Tracker, Tracks
@@ -48,10 +47,8 @@ def run(what: str, options: CameraOptions, **where: Unpack[Where]) -> None:
 
     Raises
     ------
-    CameraError
-        If the camera or recording cannot be opened or read.
-    CalibrationError
-        If the calibration is missing or does not fit the images.
+    InputError
+        If the camera or recording cannot be opened or read, or the calibration is missing or does not fit.
     ValueError
         If the name of the scene or source is not valid.
     """
@@ -99,10 +96,10 @@ class CameraProcess:
         options, has_depth = self._options, self._camera.has_depth and self._options.use_depth
         if options.posed:
             if not has_depth or self._intrinsics is None:
-                raise CalibrationError("poses need a camera with depth and intrinsics: --calibration FILE")
+                raise InputError("poses need a camera with depth and intrinsics: --calibration FILE")
             return CameraSpace(options.space or "world", "m", 3, self._intrinsics)
         if options.fixed and self._extrinsics is None and (has_depth or options.markers is not None):
-            raise CalibrationError(
+            raise InputError(
                 "an external camera needs its extrinsics: --extrinsics FILE ('comotion calibrate' makes it)"
             )
         return choose_space(
@@ -133,7 +130,7 @@ class CameraProcess:
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
         self._publisher.more_counters = self._counters
         if options.carrier is not None and self._poses is not None:
-            self._carrier = Carrier(self._publisher.component, options.carrier, self._poses)
+            self._carrier = Carrier(self._publisher.component, *options.carrier, self._poses)
             stack.callback(self._carrier.close)
         if options.share_preview > 0:
             stream = PreviewStream(self._publisher, options.share_preview)
@@ -191,7 +188,7 @@ class CameraProcess:
                     self._process(frame)
                     if stop.is_set():
                         return
-            except CameraError as error:
+            except InputError as error:
                 if not (self._camera.live and self._options.reconnect):
                     raise
                 self._recover(error)
@@ -232,7 +229,7 @@ class CameraProcess:
         self._size = size
         needed = self._space.intrinsics or (self._intrinsics if self._options.markers else None)
         if needed is not None and (needed.height, needed.width) != size:
-            raise CalibrationError(
+            raise InputError(
                 f"{self._what}: images of {size[1]} x {size[0]}, "
                 f"but the calibration is for {needed.width} x {needed.height}"
             )
@@ -258,7 +255,7 @@ class CameraProcess:
         if self._stamp_ns is not None and len(ended):
             self._publisher.put(self._observer.ending(ended, self._stamp_ns))
 
-    def _recover(self, error: CameraError) -> None:
+    def _recover(self, error: InputError) -> None:
         """Reopen a lost device, or return when the process is stopped."""
         _log.warning("%s; trying again every %g s", error, _RETRY_S)
         self._publisher.fault = f"lost: {error}"
@@ -267,7 +264,7 @@ class CameraProcess:
         while not self._publisher.stop.wait(_RETRY_S):
             try:
                 self._camera = open_frames(self._what, self._options.pacing.rate)
-            except CameraError:
+            except InputError:
                 continue
             self._attach()
             self._publisher.fault = ""

@@ -9,6 +9,7 @@ Baker 2004, "The template update problem"). The correlation shows whether the im
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Self
 
 import cv2
 import numpy as np
@@ -20,16 +21,25 @@ from .flow import Pixels
 Floats = NDArray[np.float32]
 
 _ITERATIONS = 3
-# Regularisation of the four shape parameters as a share of their mean information: in a patch with little
-# texture they are otherwise undetermined.
-_STIFFNESS = 0.02
 _EPSILON = 1e-6  # keeps the divisions and the inverse finite on a patch without texture
-_MAX_SHAPE_STEP = 0.3  # largest change of an entry of the shape matrix per iteration
 _MIN_GAIN = 0.1  # smallest contrast relative to the template that still scales a step
 
 
-@dataclass(frozen=True)
-class Templates:
+class Columns:
+    """A dataclass of columns with a row per feature: arrays, or other columns."""
+
+    def __getitem__(self, keep: NDArray[np.bool_]) -> Self:
+        return type(self)(**{name: column[keep] for name, column in vars(self).items()})
+
+    def __add__(self, new: Self) -> Self:
+        pairs = {name: (column, getattr(new, name)) for name, column in vars(self).items()}
+        return type(self)(
+            **{n: a + b if isinstance(a, Columns) else np.concatenate([a, b]) for n, (a, b) in pairs.items()}
+        )
+
+
+@dataclass
+class Templates(Columns):
     """Templates (patches at birth) of N features, P pixels each.
 
     Attributes
@@ -54,43 +64,6 @@ class Templates:
     variance_scale: Floats
     shape: Floats
 
-    def __len__(self) -> int:
-        return len(self.patch)
-
-    def __getitem__(self, keep: NDArray[np.bool_]) -> "Templates":
-        if keep.all():
-            return self
-        return Templates(*(column[keep] for column in vars(self).values()))
-
-    def extended(self, new: "Templates") -> "Templates":
-        """Append the templates of other features."""
-        if not len(self) or not len(new):
-            return self if len(self) else new
-        both = zip(vars(self).values(), vars(new).values(), strict=True)
-        return Templates(*(np.concatenate(columns) for columns in both))
-
-
-@dataclass(frozen=True, slots=True)
-class Alignment:
-    """Result of the alignment of N templates.
-
-    Attributes
-    ----------
-    pixels
-        float32 [N, 2], aligned positions.
-    shape
-        float32 [N, 2, 2], as in :class:`Templates`.
-    correlation
-        float32 [N], of the template with the warped image, -1 to 1.
-    noise
-        float32 [N], one-sigma noise of `pixels` estimated from the residual, px.
-    """
-
-    pixels: Pixels
-    shape: Floats
-    correlation: Floats
-    noise: Floats
-
 
 @cache
 def _offsets(window: int) -> Floats:
@@ -114,12 +87,6 @@ def _detrended(values: Floats, window: int) -> Floats:
     return np.asarray(values - (values @ ramps.T) @ ramps, np.float32)
 
 
-def no_templates() -> Templates:
-    """Return the templates of no features."""
-    sizes = ((0, 1), (0,), (0, 6, 1), (0,), (0, 2, 2))
-    return Templates(*(np.empty(size, np.float32) for size in sizes))
-
-
 def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
     """Extract the templates of features from an image.
 
@@ -132,8 +99,6 @@ def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
     window
         Edge of a template in px; an even number is raised by one.
     """
-    if not len(pixels):
-        return no_templates()
     window |= 1
     upright = np.tile(np.eye(2, dtype=np.float32), (len(pixels), 1, 1))
     wide = _sampled(grey.astype(np.float32), pixels, upright, _offsets(window + 2))
@@ -143,9 +108,7 @@ def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
     share = (steepest @ patch[:, :, None]) / power[:, None, None]
     steepest -= share * patch[:, None]
     normal = steepest @ steepest.transpose(0, 2, 1)
-    stiff = _STIFFNESS * np.trace(normal[:, :4, :4], axis1=1, axis2=2) / 4
-    normal += stiff[:, None, None] * np.diag([1.0, 1, 1, 1, 0, 0]) + _EPSILON * np.eye(6)
-    inverse = np.linalg.inv(normal).astype(np.float32)
+    inverse = np.linalg.inv(normal + _EPSILON * np.eye(6)).astype(np.float32)
     variance_scale = np.maximum(np.linalg.eigvalsh(inverse[:, 4:, 4:])[:, 1], 0)
     return Templates(patch, power, inverse @ steepest, variance_scale, upright)
 
@@ -153,13 +116,15 @@ def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
 def _slopes(wide: Floats, window: int) -> tuple[Floats, Floats]:
     """Detrended patches [N, P] and their gradients by the six parameters [N, 6, P], from wider patches."""
     x, y = _offsets(window).T
-    dx = ((wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]) / 2).reshape(len(wide), -1)
-    dy = ((wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]) / 2).reshape(len(wide), -1)
+    dx = ((wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]) / 2).reshape(-1, window**2)
+    dy = ((wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]) / 2).reshape(-1, window**2)
     steepest = np.stack([dx * x, dx * y, dy * x, dy * y, dx, dy], 1)
-    return _detrended(wide[:, 1:-1, 1:-1].reshape(len(wide), -1), window), _detrended(steepest, window)
+    return _detrended(wide[:, 1:-1, 1:-1].reshape(-1, window**2), window), _detrended(steepest, window)
 
 
-def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Alignment:
+def align(
+    grey: Image, pixels: Pixels, templates: Templates, window: int
+) -> tuple[Pixels, Floats, NDArray[np.float32]]:
     """Align templates with an image.
 
     Parameters
@@ -172,6 +137,11 @@ def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Ali
         Templates of the same features, with the shape of the frame before.
     window
         Edge of a template in px, as in :func:`extract`.
+
+    Returns
+    -------
+    float32 [N, 2], aligned positions; float32 [N, 2, 2], shape as in :class:`Templates`; float32 [N],
+    correlation of the template with the warped image, -1 to 1.
     """
     window |= 1
     x, image = _offsets(window), grey.astype(np.float32)
@@ -179,23 +149,21 @@ def align(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Ali
     for iteration in range(_ITERATIONS + 1):
         seen = _detrended(_sampled(image, centre, shape, x), window)
         gain = np.einsum("np,np->n", seen, templates.patch) / templates.power
-        residual = seen - gain[:, None] * templates.patch
-        bounded_gain = np.maximum(gain, _MIN_GAIN)
         if iteration < _ITERATIONS:
-            step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0] / bounded_gain[:, None]
-            change = np.eye(2, dtype=np.float32) + np.clip(
-                step[:, :4], -_MAX_SHAPE_STEP, _MAX_SHAPE_STEP
-            ).reshape(-1, 2, 2)
+            residual = seen - gain[:, None] * templates.patch
+            step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0]
+            step /= np.maximum(gain, _MIN_GAIN)[:, None]
+            change = np.eye(2, dtype=np.float32) + step[:, :4].reshape(-1, 2, 2)
             shape = shape @ np.linalg.inv(change)  # W <- W o dW^-1
             centre = centre - np.einsum("nij,nj->ni", shape, step[:, 4:])
-    square = np.einsum("np,np->n", residual, residual)
     correlation = gain * np.sqrt(templates.power / np.maximum(np.einsum("np,np->n", seen, seen), _EPSILON))
-    variance = square / residual.shape[1] / bounded_gain**2 * templates.variance_scale
-    return Alignment(centre, shape, correlation, np.sqrt(variance))
+    return centre, shape, correlation
 
 
 def _sampled(image: Floats, centre: Pixels, shape: Floats, offsets: Floats) -> Floats:
     """Interpolate grey values float32 [N, P] at centre + shape · offset."""
     x, y = (shape @ offsets.T + centre[:, :, None]).transpose(1, 0, 2).astype(np.float32)
+    if not len(centre):
+        return np.empty((0, len(offsets)), np.float32)
     values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(values, np.float32)

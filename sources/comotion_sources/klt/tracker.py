@@ -4,11 +4,11 @@ Steps per frame (thesis, section 4.2):
 
 1. Track every feature by Lucas-Kanade; end those that fail the forward-backward check.
 2. Align the templates of the features; end those that no longer match.
-3. Lift the features to 3-D where there is depth; end those that jump.
+3. Lift the features to 3-D where there is depth; end those without depth for too long.
 4. Every `respawn_every` frames detect new corners.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,19 +18,14 @@ from comotion_schemas.errors import KnownError
 
 from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
-from .common_motion import common_motion
 from .config import TrackerConfig
-from .corners import crowded, new_corners
-from .depth import BIRTH_RADIUS, LOOKUP_RADIUS, depth_sigma, look_up, point_sigma
-from .flow import Pixels, track
-from .template import Templates, align, extract, no_templates
+from .depth import look_up, point_sigma
+from .flow import Pixels, new_corners, track
+from .template import Columns, Templates, align, extract
 
 Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
 
-_NOMINAL_PERIOD_NS = 1e9 / 30
-_LONGEST_GAP_NS = 0.5e9  # the allowed 3-D step grows with the time since the last point, up to this
-_NOISE_DECAY = 0.7  # per frame, of the variance of a feature
 _GREY_NOISE = 2.0  # grey levels, one sigma, as in TrackerConfig.birth_sigma
 
 
@@ -70,32 +65,17 @@ class Tracks:
 
 
 @dataclass
-class _Features:
+class _Features(Columns):
     """Columns of the current features, oldest first.
 
-    `noise` is the estimated noise in px, `points` the last known point, observed at `seen_ns`,
-    `missing` the number of consecutive frames without depth, `lifted` whether this frame gave the point.
+    `points` are NaN without depth in this frame, `missing` is the number of consecutive frames without depth.
     """
 
-    ids: Ids = field(default_factory=lambda: np.empty(0, np.uint64))
-    pixels: Pixels = field(default_factory=lambda: np.empty((0, 2), np.float32))
-    noise: Floats = field(default_factory=lambda: np.empty(0))
-    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
-    seen_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    missing: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    lifted: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
-    templates: Templates = field(default_factory=no_templates)
-
-    def select(self, keep: NDArray[np.bool_]) -> "_Features":
-        return _Features(**{name: column[keep] for name, column in vars(self).items()})
-
-    def extended(self, new: "_Features") -> "_Features":
-        both = {
-            name: np.concatenate([column, getattr(new, name)])
-            for name, column in vars(self).items()
-            if name != "templates"
-        }
-        return _Features(**both, templates=self.templates.extended(new.templates))
+    ids: Ids
+    pixels: Pixels
+    points: Floats
+    missing: NDArray[np.int64]
+    templates: Templates
 
 
 class Tracker:
@@ -112,11 +92,13 @@ class Tracker:
     def __init__(self, config: TrackerConfig | None = None, intrinsics: Intrinsics | None = None) -> None:
         self._config = config or TrackerConfig()
         self._intrinsics = intrinsics
-        self._features = _Features()
+        self._next_id = 0
+        self._features = self._born(
+            np.zeros((1, 1), np.uint8), np.empty((0, 2), np.float32), np.empty((0, 3))
+        )
         self._grey: Image | None = None
         self._stamp_ns: int | None = None
         self._frames = 0
-        self._next_id = 0
 
     @property
     def count(self) -> int:
@@ -149,7 +131,7 @@ class Tracker:
 
     def reset(self) -> Ids:
         """End all features, as after a cut, and return their ids."""
-        ended, self._features = self._features.ids, _Features()
+        ended, self._features = self._features.ids, self._features[np.zeros(len(self._features.ids), bool)]
         self._grey, self._stamp_ns, self._frames = None, None, 0
         return ended
 
@@ -157,86 +139,54 @@ class Tracker:
         features = self._features
         if self._grey is None or not len(features.ids):
             return
-        flow = track(self._grey, grey, features.pixels, self._config)
-        aligned = align(grey, flow.pixels, features.templates, self._config.window)
-        strayed = np.abs(aligned.pixels - flow.pixels).max(axis=1) > self._config.anchor_reach
-        features.pixels = aligned.pixels
-        features.templates = replace(features.templates, shape=aligned.shape)
-        noise = np.hypot(flow.noise, aligned.noise)
-        features.noise = np.sqrt(_NOISE_DECAY * features.noise**2 + (1 - _NOISE_DECAY) * noise**2)
-        features = features.select(flow.kept & ~strayed & (aligned.correlation > self._config.likeness))
-        self._features = features.select(~crowded(features.pixels, self._config.min_distance))
+        pixels, kept = track(self._grey, grey, features.pixels, self._config)
+        features.pixels, shape, correlation = align(grey, pixels, features.templates, self._config.window)
+        features.templates = replace(features.templates, shape=shape)
+        self._features = features[kept & (correlation > self._config.likeness)]
 
     def _lift(self, frame: Frame) -> None:
-        """Compute the 3-D points; end features that jump or have no depth for too long."""
+        """Compute the 3-D points; end features that have no depth for too long."""
         features = self._features
-        features.lifted = np.zeros(len(features.ids), bool)
+        features.points = self._points(frame, features.pixels)
         # A frame without any depth image does not count as missing depth.
-        if self._intrinsics is None or frame.depth is None or not len(features.ids):
-            return
-        z = look_up(frame.depth, features.pixels, self._config, LOOKUP_RADIUS)
-        points = self._intrinsics.lift(features.pixels, z)
-        features.lifted = np.isfinite(z)
-        keep = ~self._jumped(points, z, frame.stamp_ns)
-        features.points = np.where(features.lifted[:, None], points, features.points)
-        features.seen_ns = np.where(features.lifted, frame.stamp_ns, features.seen_ns)
-        features.missing = np.where(features.lifted, 0, features.missing + 1)
-        self._features = features.select(keep & (features.missing <= self._config.max_missing))
+        if self._intrinsics is not None and frame.depth is not None:
+            features.missing = np.where(np.isnan(features.points[:, 2]), features.missing + 1, 0)
+            self._features = features[features.missing <= self._config.max_missing]
 
-    def _jumped(self, points: Floats, z: Floats, stamp_ns: int) -> NDArray[np.bool_]:
-        """Mask of features whose step since the last known point is longer than allowed."""
-        gap = np.clip(stamp_ns - self._features.seen_ns, _NOMINAL_PERIOD_NS, _LONGEST_GAP_NS)
-        limit = self._config.max_step * gap / _NOMINAL_PERIOD_NS + 4.0 * depth_sigma(z, self._config)
-        last = self._features.points
-        if self._config.moving:
-            # A longer gap than one frame means another common motion.
-            fresh = self._features.seen_ns == self._features.seen_ns.max()
-            last = common_motion(last, points, fresh)
-        step = np.linalg.norm(points - last, axis=1)
-        return np.asarray(step > limit)  # False where there is no point
+    def _points(self, frame: Frame, pixels: Pixels) -> Floats:
+        if self._intrinsics is None or frame.depth is None:
+            return np.full((len(pixels), 3), np.nan)
+        return self._intrinsics.lift(pixels, look_up(frame.depth, pixels, self._config))
 
     def _spawn(self, grey: Image, frame: Frame) -> None:
-        depth = frame.depth
-        if self._intrinsics is not None and depth is None:
+        if self._intrinsics is not None and frame.depth is None:
             return
+        pixels = new_corners(grey, self._features.pixels, self._config)
+        noise = _GREY_NOISE * np.sqrt(extract(grey, pixels, self._config.window).variance_scale)
+        points = self._points(frame, pixels)
+        lifted = np.isfinite(points[:, 2]) | (self._intrinsics is None)
+        free = self._config.max_features - len(self._features.ids)
+        free = min(free, self._config.spawn_limit or free)
+        chosen = np.flatnonzero((noise < self._config.corner_sigma) & lifted)[:free]
+        self._features += self._born(grey, pixels[chosen], points[chosen])
 
-        def usable(pixels: Pixels) -> NDArray[np.bool_]:
-            noise = _GREY_NOISE * np.sqrt(extract(grey, pixels, self._config.window).variance_scale)
-            chosen = np.asarray(noise < self._config.corner_sigma)
-            if self._intrinsics is not None and depth is not None:
-                chosen &= np.isfinite(look_up(depth, pixels, self._config, BIRTH_RADIUS))
-            return chosen
-
-        pixels = new_corners(grey, self._features.pixels, self._config, usable)
-        points = np.full((len(pixels), 3), np.nan)
-        if self._intrinsics is not None and depth is not None and len(pixels):
-            z = look_up(depth, pixels, self._config, LOOKUP_RADIUS)
-            pixels, z = pixels[np.isfinite(z)], z[np.isfinite(z)]
-            points = self._intrinsics.lift(pixels, z)
-        self._add(grey, pixels, points, frame.stamp_ns)
-
-    def _add(self, grey: Image, pixels: Pixels, points: Floats, stamp_ns: int) -> None:
-        count = len(pixels)
-        self._features = self._features.extended(
-            _Features(
-                ids=np.arange(self._next_id, self._next_id + count, dtype=np.uint64),
-                pixels=pixels,
-                noise=np.zeros(count),
-                points=points,
-                seen_ns=np.full(count, stamp_ns),
-                missing=np.zeros(count, np.int64),
-                lifted=np.asarray(np.isfinite(points).all(axis=1)),
-                templates=extract(grey, pixels, self._config.window),
-            )
-        )
+    def _born(self, grey: Image, pixels: Pixels, points: Floats) -> _Features:
+        first, count = self._next_id, len(pixels)
         self._next_id += count
+        return _Features(
+            ids=np.arange(first, first + count, dtype=np.uint64),
+            pixels=pixels,
+            points=points,
+            missing=np.zeros(count, np.int64),
+            templates=extract(grey, pixels, self._config.window),
+        )
 
     def _tracks(self, stamp_ns: int, kept: int, ended: Ids) -> Tracks:
         features, config = self._features, self._config
-        pixel_sigma = np.hypot(config.pixel_sigma, config.residual_gain * features.noise)
+        pixel_sigma = np.full(len(features.ids), config.pixel_sigma)
         points = sigma = None
         if self._intrinsics is not None:
-            points = np.where(features.lifted[:, None], features.points, np.nan)
+            points = features.points
             sigma = point_sigma(points[:, 2], pixel_sigma, self._intrinsics, config)
         return Tracks(
             stamp_ns=stamp_ns,

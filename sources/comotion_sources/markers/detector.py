@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.model import Extrinsics, Intrinsics
-from ..calibration.planar import planar_poses
+from comotion_schemas.errors import InputError
+
+from ..calibration.model import Extrinsics, Intrinsics, planar_poses
 from ..cameras.types import Image
-from ..errors import InputError
 
 Floats = NDArray[np.float64]
 
@@ -36,13 +36,6 @@ class MarkerOptions:
         find_dictionary(self.dictionary)
 
 
-def dictionary_names() -> list[str]:
-    """List the names of the available dictionaries, e.g. ``4x4_50`` and ``apriltag_36h11``."""
-    return sorted(
-        {name.removeprefix(_PREFIX).lower() for name in vars(cv2.aruco) if name.startswith(_PREFIX)}
-    )
-
-
 def find_dictionary(name: str) -> Any:
     """Look up an OpenCV dictionary by its name, with or without ``DICT_``, ignoring case.
 
@@ -51,11 +44,13 @@ def find_dictionary(name: str) -> Any:
     InputError
         If there is no dictionary of that name.
     """
-    wanted = name.upper().removeprefix(_PREFIX)
-    for known, value in vars(cv2.aruco).items():
-        if known.startswith(_PREFIX) and known.upper().removeprefix(_PREFIX) == wanted:
-            return cv2.aruco.getPredefinedDictionary(value)
-    raise InputError(f"no marker dictionary {name!r}; one of {', '.join(dictionary_names())}")
+    numbers = {
+        key.removeprefix(_PREFIX).lower(): n for key, n in vars(cv2.aruco).items() if key.startswith(_PREFIX)
+    }
+    number = numbers.get(name.upper().removeprefix(_PREFIX).lower())
+    if number is None:
+        raise InputError(f"no marker dictionary {name!r}; one of {', '.join(sorted(numbers))}")
+    return cv2.aruco.getPredefinedDictionary(number)
 
 
 def make_detector(dictionary: Any) -> Any:
@@ -69,10 +64,10 @@ def outlines(detector: Any, image: Image) -> dict[int, NDArray[np.float32] | Non
     """Corners [4, 2], px, of markers in an image by their number, ascending; None where it occurs twice."""
     corners, numbers, _ = detector.detectMarkers(image)
     flat = [] if numbers is None else np.ravel(numbers).tolist()
-    found = {
+    by_number = {
         number: np.asarray(four, np.float32).reshape(4, 2) for number, four in zip(flat, corners, strict=True)
     }
-    return {number: found[number] if flat.count(number) == 1 else None for number in sorted(found)}
+    return {number: by_number[number] if flat.count(number) == 1 else None for number in sorted(by_number)}
 
 
 def corners_of(size: float) -> Floats:
@@ -106,8 +101,8 @@ class MarkerDetector:
         of its face), and the isotropic one-sigma noise of its position, m. None for a marker that occurs
         twice or whose two mirrored poses are ambiguous.
         """
-        found = outlines(self._detector, image)
-        return {n: None if corners is None else self._pose(n, corners) for n, corners in found.items()}
+        markers = outlines(self._detector, image)
+        return {n: None if corners is None else self._pose(n, corners) for n, corners in markers.items()}
 
     def _pose(self, number: int, corners: NDArray[np.float32]) -> tuple[Extrinsics, float] | None:
         candidates = planar_poses(self.intrinsics, self._square, corners.astype(np.float64))

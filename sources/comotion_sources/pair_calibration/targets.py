@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import InputError, KnownError
 
 from ..cameras.types import Image
-from ..errors import InputError
 from ..markers.detector import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector, outlines
 
 Floats = NDArray[np.float64]
@@ -40,7 +39,7 @@ def parse_target(text: str) -> Target:
     kind, *values = text.split(":")
     try:
         if kind == "chessboard" and len(values) == 2:
-            return _Chessboard(*_grid(values[0]), _length(values[1])).find
+            return _chessboard(_grid(values[0]), _length(values[1]))
         if kind == "charuco" and len(values) in {3, 4}:
             return _charuco(_grid(values[0]), _length(values[1]), _length(values[2]), *values[3:])
         if kind == "marker" and len(values) in {1, 2}:
@@ -66,44 +65,41 @@ def _length(text: str) -> float:
     return value
 
 
-class _Chessboard:
+def _chessboard(size: tuple[int, int], square: float) -> Target:
     """A chessboard with one even and one odd number of inner corners.
 
     A board with two even or two odd numbers looks the same upside down. Two cameras could then number
     its corners from opposite ends, and the result would not show the error.
     """
+    columns, rows = size
+    if (columns + rows) % 2 == 0:
+        raise InputError(
+            f"a chessboard of {columns} x {rows} inner corners looks the same upside down; "
+            "use one even and one odd number, or a ChArUco board"
+        )
+    if min(size) < 3:
+        raise InputError("a chessboard needs at least 3 inner corners each way")
+    y, x = np.mgrid[:rows, :columns]
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * square
 
-    def __init__(self, columns: int, rows: int, square: float) -> None:
-        if (columns + rows) % 2 == 0:
-            raise InputError(
-                f"a chessboard of {columns} x {rows} inner corners looks the same upside down; "
-                "use one even and one odd number, or a ChArUco board"
-            )
-        if min(columns, rows) < 3:
-            raise InputError("a chessboard needs at least 3 inner corners each way")
-        self._size = (columns, rows)
-        y, x = np.mgrid[:rows, :columns]
-        self._points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * square
-
-    def find(self, image: Image) -> TargetPoints:
+    def find(image: Image) -> TargetPoints:
         """Find the inner corners; empty unless all are visible."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-        detected, corners = cv2.findChessboardCorners(grey, self._size, flags=flags)
+        detected, corners = cv2.findChessboardCorners(grey, size, flags=flags)
         if not detected:
             return {}
-        fine = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _SUBPIX)
-        pixels = self._upright(np.asarray(grey, np.uint8), fine.reshape(-1, 2).astype(np.float64))
-        return {"board": {i: (self._points[i], pixels[i]) for i in range(len(pixels))}}
-
-    def _upright(self, grey: Image, pixels: Floats) -> Floats:
-        """Order the corners so that the square at the first one is dark and at the last one light."""
-        grid = pixels.reshape(*self._size[::-1], 2)
+        pixels = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), _SUBPIX).reshape(-1, 2).astype(np.float64)
+        grid = pixels.reshape(rows, columns, 2)
         first, last = (
             float(cv2.getRectSubPix(grey, (3, 3), corners.mean(axis=(0, 1)).tolist()).mean())
             for corners in (grid[:2, :2], grid[-2:, -2:])
         )
-        return pixels[::-1].copy() if first > last else pixels
+        # The square at the first corner is dark, that at the last one light.
+        ordered = pixels[::-1] if first > last else pixels
+        return {"board": dict(enumerate(zip(points, ordered, strict=True)))}
+
+    return find
 
 
 def _charuco(

@@ -1,13 +1,1 @@
 """Proprioception: the links of a robot as 6-DoF features, from its joint positions."""
-
-from .kinematics import Encoders, Kinematics, LinkPoses
-from .model import load_model
-from .samples import JointSample
-
-__all__ = [
-    "Encoders",
-    "JointSample",
-    "Kinematics",
-    "LinkPoses",
-    "load_model",
-]

@@ -1,19 +1,67 @@
-"""Forward kinematics: poses of chosen links with their noise. Pure."""
+"""Forward kinematics of a robot in an MJCF or URDF file: poses of chosen links with their noise."""
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..calibration.model import Extrinsics
-from ..errors import InputError
-from ..workcell.extra import couplings, require_mujoco
-from .samples import JointSample, Vector
+from comotion_schemas.errors import InputError
 
+from ..calibration.model import Extrinsics
+from ..workcell.extra import couplings, require_mujoco
+from .joints import JointSample, Vector
+
+_MAX_BYTES = 16_000_000
 Vectors = NDArray[np.float64]
+
+
+def load_model(path: Path) -> Any:
+    """Load an ``mjModel`` from an MJCF or URDF file.
+
+    Meshes of a URDF are removed: kinematics does not need them, and their paths are often wrong. Links
+    on fixed joints, such as tool frames, are kept.
+
+    Raises
+    ------
+    InputError
+        If the file is neither, or MuJoCo is not installed; the message is one line.
+    """
+    mujoco = require_mujoco()
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: more than {_MAX_BYTES} bytes")
+        root = ET.parse(path).getroot()  # noqa: S314 - a file the user names; expat limits expansion
+        if root.tag == "robot":
+            return mujoco.MjModel.from_xml_string(_kinematics_only(root))
+        return mujoco.MjModel.from_xml_path(str(path))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except RecursionError:
+        raise InputError(f"{path}: its elements are nested too deeply") from None
+    except InputError:
+        raise
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+
+
+def _kinematics_only(robot: ET.Element) -> str:
+    for link in robot.iter("link"):
+        for tag in ("visual", "collision", "inertial"):
+            for element in link.findall(tag):
+                link.remove(element)
+    for old in robot.findall("mujoco"):
+        robot.remove(old)
+    extension = ET.SubElement(robot, "mujoco")
+    # MuJoCo refuses moving links without mass; the value does not affect kinematics.
+    ET.SubElement(
+        extension, "compiler", fusestatic="false", boundmass="1", boundinertia="1", balanceinertia="true"
+    )
+    return ET.tostring(robot, encoding="unicode")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +83,7 @@ class Encoders:
     floor: float = 1e-4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinkPoses:
+class LinkPoses(NamedTuple):
     """Poses of the chosen links.
 
     `positions` float64 [L, 3] in metres; `quaternions` float64 [L, 4] (x, y, z, w); `sigma` float64 [L],
@@ -54,7 +101,7 @@ class Kinematics:
     Parameters
     ----------
     model
-        An ``mjModel`` (see :func:`comotion_sources.proprioception.model.load_model`).
+        An ``mjModel`` (see :func:`load_model`).
     links
         Bodies to report; None: every link that a joint moves.
     base
@@ -99,14 +146,10 @@ class Kinematics:
         self._needed = self._find_joints()
         self.joints = tuple(model.joint(i).name for i in self._needed)
         hinge = int(self._mujoco.mjtJoint.mjJNT_HINGE)
-        steps = (self._encoders.linear, self._encoders.angular)
-        self._steps = {
-            name: steps[int(model.jnt_type[joint]) == hinge]
-            for name, joint in zip(self.joints, self._needed, strict=True)
-        }
+        steps = np.where(model.jnt_type[self._needed] == hinge, self._encoders.angular, self._encoders.linear)
+        # One sigma of a rounding error, by degree of freedom.
         self._counts = np.zeros(model.nv)
-        # One sigma of a rounding error.
-        self._counts[model.jnt_dofadr[self._needed]] = np.array(list(self._steps.values())) / np.sqrt(12.0)
+        self._counts[model.jnt_dofadr[self._needed]] = steps / np.sqrt(12.0)
 
     def poses(self, sample: JointSample) -> LinkPoses:
         """Compute the poses of the links for a joint sample; other joints in it are ignored.
@@ -121,16 +164,6 @@ class Kinematics:
         rotations = Rotation.from_quat(self._data.xquat[self._bodies][:, [1, 2, 3, 0]])
         turned = Rotation.from_matrix(self._base.rotation) * rotations
         return LinkPoses(self._base.apply(places), turned.as_quat(canonical=True), self._sigma())
-
-    def encoded(self, sample: JointSample) -> JointSample:
-        """Round a sample to whole encoder counts, as a real robot reports them.
-
-        Joints that move none of the links are not changed.
-        """
-        steps = np.array([self._steps.get(name, 0.0) for name in sample.names])
-        safe = np.where(steps > 0, steps, 1.0)
-        rounded = np.where(steps > 0, np.rint(sample.positions / safe) * safe, sample.positions)
-        return JointSample(sample.stamp_ns, sample.names, rounded)
 
     def _place(self, sample: JointSample) -> None:
         positions: Mapping[str, float] = dict(zip(sample.names, sample.positions.tolist(), strict=True))
@@ -161,13 +194,14 @@ class Kinematics:
 
     def _find_joints(self) -> list[int]:
         """Indices of the joints between the world and the links, coupled ones replaced by their driver."""
-        model, joints = self._model, set[int]()
-        for body in self._bodies:
+        model, carriers = self._model, set[int]()
+        for link in self._bodies:
+            body = link
             while body:
-                first = int(model.body_jntadr[body])
-                joints.update(range(first, first + int(model.body_jntnum[body])))
-                body = int(model.body_parentid[body])  # noqa: PLW2901 - walking up the tree
+                carriers.add(body)
+                body = int(model.body_parentid[body])
         drivers = {target: driver for target, driver, _ in self._couplings}
+        joints = [joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in carriers]
         needed = sorted({drivers.get(joint, joint) for joint in joints})
         single = (int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE))
         for joint in needed:

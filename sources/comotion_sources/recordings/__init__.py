@@ -4,12 +4,12 @@ import logging
 from pathlib import Path
 
 from comotion_schemas.doubts import doubts
+from comotion_schemas.errors import InputError, RecordingError
 from comotion_schemas.recording import SUFFIX
 
-from ..errors import RecordingError
-from .recording import Recording, recording_batches, recording_streams
+from .recording import Recording, recording_streams
 
-__all__ = ["Recording", "RecordingError", "read_recording", "recording_batches", "recording_streams"]
+__all__ = ["Recording", "RecordingError", "read_recording", "recording_streams"]
 
 _log = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
     """
     from .c3d import read_c3d
     from .npz import read_npy, read_npz
-    from .track_table import read_csv
+    from .tracks import read_csv
 
     path = Path(path)
     readers = {".c3d": read_c3d, ".npz": read_npz, ".npy": read_npy, ".csv": read_csv}
@@ -45,7 +45,7 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
         recording = reader(path, fps)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
-    except RecordingError as error:
+    except InputError as error:
         raise RecordingError(f"{path}: {error}") from None
     for text in doubts(recording.positions, recording.unit):
         _log.warning("%s: %s", path, text)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from comotion_schemas.errors import RecordingError
 from comotion_schemas.time_units import LONGEST_STEP_S
 
-from ..errors import RecordingError
 from .npz import METRES
 from .recording import Recording, clean
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_schemas.errors import RecordingError
 from comotion_schemas.types import Unit
 
-from ..errors import RecordingError
 from ..frames import AMBIGUOUS, Frame
-from ..parts import Part, rate_of
-from ..streams import Published, Stream, merged, numbered
+from ..streams import Part, Stream, numbered, rate_of
 
 DEFAULT_NAME = "replay"
 
@@ -102,7 +101,7 @@ def _decimate(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp
     return np.flatnonzero(np.diff(ticks, prepend=-1.0) > 0)
 
 
-class RecordedFrames:
+class RecordedStream(Stream):
     """The frames of some markers of a recording at some of its instants; may be iterated repeatedly.
 
     The id of a feature is that of the recording, else the number of its marker. A feature ends with its last
@@ -110,24 +109,34 @@ class RecordedFrames:
 
     Parameters
     ----------
-    recording
-        The recording.
+    recording, name, rate
+        The recording, name of the source, and frames per second.
     markers
         intp [M], numbers of the markers.
     instants
         intp [K], numbers of the instants.
     """
 
+    publish_sigma = True
+
     def __init__(
-        self, recording: Recording, *, markers: NDArray[np.intp], instants: NDArray[np.intp]
+        self,
+        recording: Recording,
+        name: str,
+        rate: float,
+        markers: NDArray[np.intp],
+        instants: NDArray[np.intp],
     ) -> None:
+        self.name, self.rate, self.length = name, rate, recording.length
+        self.space, self.unit, self.dim = recording.space, recording.unit, recording.dim
+        self.objects = recording.label_names
         self._times = recording.times[instants]
         self._positions = recording.positions[np.ix_(instants, markers)]
         self._seen: NDArray[np.bool_] = np.isfinite(self._positions[..., 0])
         self._ids = (markers if recording.ids is None else recording.ids[markers]).astype(np.uint64)
         self._sigma = None if recording.sigma is None else recording.sigma[np.ix_(instants, markers)]
         labels = recording.labels
-        self._objects = None if labels is None else labels[markers].astype(np.int32)
+        self._labels = None if labels is None else labels[markers].astype(np.int32)
         # Index of the last observation; -2 where there is none, so that the feature never ends.
         last = len(instants) - 1 - np.argmax(self._seen[::-1], axis=0)
         self._last = np.where(self._seen.any(axis=0), last, -2)
@@ -142,7 +151,7 @@ class RecordedFrames:
                 t=t,
                 ids=self._ids[seen],
                 positions=self._positions[k, seen],
-                objects=None if self._objects is None else self._objects[seen],
+                objects=None if self._labels is None else self._labels[seen],
                 ended=self._ids[self._last == k - 1],
                 sigma=None if self._sigma is None else self._sigma[k, seen],
             )
@@ -152,8 +161,8 @@ def clean(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Replace rows with a coordinate that is not finite, or beyond float32, by rows of NaN."""
     limit = np.finfo(np.float32).max
     with np.errstate(invalid="ignore"):
-        known: NDArray[np.bool_] = np.all(np.abs(positions) <= limit, axis=2)
-    return np.where(known[..., None], positions, np.nan)
+        finite: NDArray[np.bool_] = np.all(np.abs(positions) <= limit, axis=2)
+    return np.where(finite[..., None], positions, np.nan)
 
 
 def clean_labels(labels: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -189,39 +198,11 @@ def recording_streams(
     ValueError
         If the number of rates is neither one nor the number of sources.
     """
-    streams = []
+    streams: list[Stream] = []
     for part in range(split):
         rate = recording.rate / (part + 1) if rates is None else rate_of(Part(part, split), rates)
         # The first source has every frame, however uneven the times are.
         instants = _decimate(recording.times, None if rates is None and part == 0 else rate)
         markers = np.arange(part, recording.positions.shape[1], split)
-        streams.append(
-            Stream(
-                name=numbered(source, part, split),
-                space=recording.space,
-                unit=recording.unit,
-                dim=recording.dim,
-                objects=recording.label_names,
-                rate=rate,
-                length=recording.length,
-                frames=RecordedFrames(recording, markers=markers, instants=instants),
-            )
-        )
+        streams.append(RecordedStream(recording, numbered(source, part, split), rate, markers, instants))
     return streams
-
-
-def recording_batches(
-    recording: Recording,
-    *,
-    split: int = 1,
-    rates: Sequence[float] | None = None,
-    epoch_ns: int = 0,
-) -> Iterator[Published]:
-    """Yield the messages that a replay of the recording publishes, in time order.
-
-    `recording`, `split`, `rates` and the errors are those of :func:`recording_streams`; `epoch_ns` is the
-    stamp of the first instant.
-    """
-    return merged(
-        recording_streams(recording, split=split, rates=rates), epoch_ns=epoch_ns, publish_sigma=True
-    )

@@ -1,4 +1,4 @@
-"""Reads what point trackers (CoTracker, TAPIR, TAP-Vid and the like) say of their tracks.
+"""Reads what point trackers (CoTracker, TAPIR, TAP-Vid and the like) say of their tracks: arrays, and tables.
 
 Arrays have the names that the trackers give them: positions ``tracks``, ``pred_tracks``, ``points``,
 ``trajs_2d`` or ``tracks_XYZ``, [T, N, 2 or 3] or [N, T, 2 or 3]; whether a point is seen ``visibility``,
@@ -8,15 +8,17 @@ out. Positions with two coordinates are in pixels, those with three in metres.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas.errors import KnownError
+from comotion_schemas.errors import KnownError, RecordingError
 from comotion_schemas.time_units import seconds
 
-from ..errors import RecordingError
+from ..bounded import read_cells
 from .recording import Recording, clean
 
 POSITIONS = ("positions", "tracks", "pred_tracks", "points", "trajs_2d", "tracks_XYZ")
@@ -40,6 +42,12 @@ _LEAST_SIGMA_PX = 0.1
 _THIRD, _CHI2_MEDIAN = 20.0, 1.386
 
 Arrays = Mapping[str, NDArray[Any]]
+# Names of a column: the first that is there of each.
+_ID = ("track", "track_id", "feature", "feature_id", "point", "point_id", "particle", "id")
+_FRAME, _TIME = ("frame", "frame_id"), ("time", "times", "t", "timestamp")
+# Cells of frames and tracks; a gigabyte of positions.
+_MOST_CELLS = 1 << 26
+_WORDS = {"": "nan", "true": "1", "false": "0"}
 
 
 def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
@@ -65,12 +73,12 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     place = _points(_first(arrays, POSITIONS))
     if place is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
-    known = place[np.isfinite(place)]
+    finite = place[np.isfinite(place)]
     if (
         place.shape[2] == 2
         and "positions" not in arrays
-        and known.size
-        and 0 <= known.min() <= known.max() <= 1
+        and finite.size
+        and 0 <= finite.min() <= finite.max() <= 1
     ):
         raise RecordingError("its positions lie within 0 to 1: multiply them by width and height in px")
     probability = _per_point(arrays, SEEN, place) * (1 - _per_point(arrays, HIDDEN, place, missing=0.0))
@@ -143,8 +151,8 @@ def _points_first(arrays: Arrays, place: NDArray[np.float64], seen: NDArray[np.b
         return False
     if any(name in arrays for name in _POINTS_FIRST):
         return True
-    known = np.where(seen[..., None], place, np.nan)
-    down, across = (_typical_step(known, axis) for axis in (0, 1))
+    visible = np.where(seen[..., None], place, np.nan)
+    down, across = (_typical_step(visible, axis) for axis in (0, 1))
     return across < down
 
 
@@ -193,9 +201,93 @@ def _noise(place: NDArray[np.float64], confidence: NDArray[np.float64]) -> NDArr
     enough = np.isfinite(square).any(axis=0) if len(square) else np.zeros(place.shape[1], np.bool_)
     right = np.full(place.shape[1], _LEAST_SIGMA_PX**2)
     if enough.any():
-        own = np.nanmedian(square[:, enough], axis=0) / _CHI2_MEDIAN
-        right[enough] = np.maximum(own, right[enough])
+        of_track = np.nanmedian(square[:, enough], axis=0) / _CHI2_MEDIAN
+        right[enough] = np.maximum(of_track, right[enough])
         right[~enough] = np.median(right[enough])
     seen = place[np.isfinite(place[..., 0])]
     wrong = _WRONG * float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
     return np.asarray(np.sqrt(confidence * right + (1 - confidence) * wrong**2 / 2))
+
+
+def read_csv(path: Path, fps: float | None = None) -> Recording:
+    """Read a table with a row per point and frame, and the names of its columns in the first line.
+
+    Columns: ``frame`` or ``time`` (s), or both; ``track`` (or ``feature``, ``point``, ``particle``, ``id``);
+    ``x``, ``y`` and in space ``z``, empty where not seen; and as arrays have them, visibility, confidence and
+    ``sigma``. Others are left out. A table of ``comotion segment`` is one, too.
+
+    Raises
+    ------
+    RecordingError
+        If it lacks a column, or a cell is no number.
+    OSError
+        If it cannot be opened.
+    """
+    columns = _read(path)
+    track = _column(columns, _ID, "track")
+    instant = _column(columns, (*_FRAME, *_TIME), "frame")
+    ids, column = np.unique(track, return_inverse=True)
+    stamps, row = np.unique(instant, return_inverse=True)
+    _check(ids, stamps)
+    cells = row * len(ids) + column
+    if len(np.unique(cells)) < len(cells):
+        raise RecordingError("a frame has a track twice")
+    place = np.stack([columns[name] for name in "xyz" if name in columns], axis=1)
+    arrays = {"pred_tracks": _grid(cells, place, len(stamps), len(ids))}
+    for name in (*SEEN, *HIDDEN, *CONFIDENCE, *UNCERTAIN, *SIGMA):
+        if name in columns:
+            arrays[name] = _grid(cells, columns[name], len(stamps), len(ids))
+    times = next((columns[name] for name in _TIME if name in columns), None)
+    if times is not None:
+        arrays["times"] = np.zeros(len(stamps))
+        arrays["times"][row] = times
+    elif fps is not None:
+        arrays["times"] = stamps / fps  # frames without a row are a gap
+    return replace(tracks_recording(path.stem, arrays, fps), ids=ids.astype(np.uint64))
+
+
+def _read(path: Path) -> dict[str, NDArray[np.float64]]:
+    """The columns by name."""
+    lines = read_cells(path)
+    _, header = next(lines, (0, []))
+    table = np.array([[_number(cell, line) for cell in cells] for line, cells in lines]).reshape(
+        -1, len(header)
+    )
+    columns = dict(zip(header, table.T, strict=True))
+    if "hypothesis" in columns:
+        # Of comotion segment: its confidence is that of the hypothesis.
+        columns = {name: column for name, column in columns.items() if name not in CONFIDENCE}
+    if not {"x", "y"} <= columns.keys():
+        raise RecordingError("it has no columns x and y")
+    return columns
+
+
+def _check(ids: NDArray[np.float64], stamps: NDArray[np.float64]) -> None:
+    """Refuse ids that are none, and more than fits into memory."""
+    if np.isnan(ids).any() or np.isnan(stamps).any():
+        raise RecordingError("a row has neither frame nor track")
+    if (ids < 0).any() or (ids != np.floor(ids)).any():
+        raise RecordingError("its tracks are not whole numbers from 0 on")
+    if len(ids) * len(stamps) > _MOST_CELLS:
+        raise RecordingError(f"{len(stamps)} frames with {len(ids)} tracks are too many for one recording")
+
+
+def _number(cell: str, line: int) -> float:
+    try:
+        return float(_WORDS.get(cell.lower(), cell))
+    except ValueError:
+        raise RecordingError(f"line {line}: {cell[:20]!r} is not a number") from None
+
+
+def _column(columns: Mapping[str, NDArray[np.float64]], names: Sequence[str], what: str) -> NDArray[Any]:
+    column = next((columns[name] for name in names if name in columns), None)
+    if column is None:
+        raise RecordingError(f"it has no column {what!r}; its first line names the columns")
+    return column
+
+
+def _grid(cells: NDArray[np.intp], values: NDArray[np.float64], frames: int, tracks: int) -> NDArray[Any]:
+    """Values of rows as an array [T, N, ...], NaN where there is no row."""
+    grid = np.full((frames * tracks, *values.shape[1:]), np.nan)
+    grid[cells] = values
+    return grid.reshape(frames, tracks, *values.shape[1:])

@@ -1,33 +1,117 @@
-"""Draws the features of a scene: body, position, birth and death of each.
+"""Draws the features of a scene, body, position, birth and death of each, and moves the bodies.
 
 The draw depends on the seed alone. Sources that observe parts of one scene in separate processes
 therefore simulate the same world, including replaced features.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from .motion import Array, Path
-from .spec import Body, Gaps, Range, Respawn, SceneSpec
+from .spec import Body, Gaps, KeyStates, Motion, Range, Respawn, Rest, SceneSpec, Sines
 
+Array: TypeAlias = NDArray[np.float64]
+_SINES = 2  # per axis, as the class Sines documents
+_AMPLITUDE_FACTOR = (0.7, 1.3)
 # One stream of random numbers per purpose: a change of one draw does not change the others.
 _PATH, _FEATURES, _GAPS, _CAMERA, _OUTLIERS, NOISE = range(6)
+_COLUMNS = {"body": np.intp, "object": np.int32, "slot": np.intp} | dict.fromkeys(
+    ("local", "birth", "death", "sigma", "pose_sigma"), np.float64
+)
+_Actor = tuple[int, int, int, Array, float, float, float, float]
+"""One feature, by these columns."""
 
 
-def stream(seed: int, *key: int) -> np.random.Generator:
-    """Return the generator of one stream of random numbers.
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses of one body at T times: x = rotations @ body coordinates + translations.
+
+    Attributes
+    ----------
+    rotations
+        float64 [T, dim, dim].
+    translations
+        float64 [T, dim].
+    """
+
+    rotations: Array
+    translations: Array
+
+
+class Path:
+    """The motion of one body; random parameters are drawn at construction.
 
     Parameters
     ----------
-    seed
-        Seed of the scene.
-    key
-        Purpose and, where there are several, index.
+    motion
+        Specification of the motion.
+    dim
+        2 or 3.
+    rng
+        Generator for places, frequencies, phases and amplitudes.
     """
-    return np.random.default_rng([seed, *key])
+
+    def __init__(self, motion: Motion, dim: int, rng: np.random.Generator) -> None:
+        self._motion = motion
+        self._dim = dim
+        self._turn = 1 if dim == 2 else 3
+        if isinstance(motion, KeyStates):
+            self._states = np.array(motion.states, np.float64)
+            return
+        drawn = rng.uniform(-motion.within, motion.within, dim)
+        self._place = drawn if motion.at is None else np.array(motion.at, np.float64)
+        if isinstance(motion, Sines):
+            self._draw_sines(motion, rng)
+
+    def at(self, times: Array) -> Poses:
+        """Compute the poses at times float64 [T], seconds of the scene."""
+        times = np.atleast_1d(np.asarray(times, np.float64))
+        state = self._state(times)
+        return Poses(_rotations(state[:, self._dim :]), state[:, : self._dim])
+
+    def _state(self, times: Array) -> Array:
+        """Position and rotation coordinates: [T, 2 + 1] or [T, 3 + 3]."""
+        if isinstance(self._motion, KeyStates):
+            knots = self._states[:, 0]
+            return np.stack([np.interp(times, knots, column) for column in self._states.T[1:]], axis=1)
+        rest = np.concatenate([self._place, np.zeros(self._turn)])
+        if isinstance(self._motion, Rest):
+            return np.tile(rest, (len(times), 1))
+        shift = self._swing(np.maximum(times - self._motion.start, 0.0))
+        if self._motion.start > 0:  # the motion starts at the place of rest
+            shift = shift - self._swing(np.zeros(1))
+        return rest + shift
+
+    def _draw_sines(self, motion: Sines, rng: np.random.Generator) -> None:
+        shape = (_SINES, self._dim + self._turn)
+        reach = np.r_[np.full(self._dim, motion.amplitude), np.full(self._turn, motion.rotation)]
+        self._frequency = rng.uniform(motion.frequency.min, motion.frequency.max, shape)
+        self._phase = rng.uniform(0.0, 2.0 * np.pi, shape)
+        self._amplitude = rng.uniform(*_AMPLITUDE_FACTOR, shape) * reach / _SINES
+
+    def _swing(self, times: Array) -> Array:
+        angle = 2.0 * np.pi * self._frequency * times[:, None, None] + self._phase
+        return np.asarray((self._amplitude * np.sin(angle)).sum(axis=1), np.float64)
+
+
+def _rotations(turn: Array) -> Array:
+    """Convert angles [T, 1] or rotation vectors [T, 3] to rotation matrices."""
+    if turn.shape[1] == 3:
+        return np.asarray(Rotation.from_rotvec(turn).as_matrix(), np.float64)
+    cos, sin = np.cos(turn[:, 0]), np.sin(turn[:, 0])
+    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+
+
+def seen_from(body: Poses, camera: Poses) -> Poses:
+    """Transform poses of a body to the frame of a moving camera; both at the same T times."""
+    back = np.swapaxes(camera.rotations, 1, 2)
+    return Poses(
+        back @ body.rotations,
+        np.einsum("tij,tj->ti", back, body.translations - camera.translations),
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,13 +172,6 @@ class Actors(Features):
     names: dict[int, str]
 
 
-_COLUMNS = {"body": np.intp, "object": np.int32, "slot": np.intp} | dict.fromkeys(
-    ("local", "birth", "death", "sigma", "pose_sigma"), np.float64
-)
-_Actor = tuple[int, int, int, Array, float, float, float, float]
-"""One feature, by these columns."""
-
-
 def draw_actors(spec: SceneSpec, seed: int) -> Actors:
     """Draw the features of a scene; the same seed gives the same features."""
     names = dict(enumerate(spec.object_names))
@@ -103,16 +180,20 @@ def draw_actors(spec: SceneSpec, seed: int) -> Actors:
     drawn: list[_Actor] = []
     slots = 0
     for index, body in enumerate(spec.bodies):
-        paths.append(Path(body.motion, spec.dim, stream(seed, _PATH, index)))
+        paths.append(Path(body.motion, spec.dim, np.random.default_rng([seed, _PATH, index])))
         number = numbers[body.object or body.name]
-        drawn += _body_actors(spec, body, index, number, slots, stream(seed, _FEATURES, index))
+        drawn += _body_actors(
+            spec, body, index, number, slots, np.random.default_rng([seed, _FEATURES, index])
+        )
         slots += body.features + body.poses
     _add_outliers(spec, seed, slots, paths, drawn, names)
     rows = np.array(drawn, [(name, kind, (spec.dim,)[: name == "local"]) for name, kind in _COLUMNS.items()])
     rows = rows[np.argsort(rows["birth"], kind="stable")]
     columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in _COLUMNS}
-    camera = Path(spec.camera, spec.dim, stream(seed, _CAMERA)) if spec.camera else None
-    gap = _gaps(spec.gaps, columns["birth"], columns["death"], spec.duration, stream(seed, _GAPS))
+    camera = Path(spec.camera, spec.dim, np.random.default_rng([seed, _CAMERA])) if spec.camera else None
+    gap = _gaps(
+        spec.gaps, columns["birth"], columns["death"], spec.duration, np.random.default_rng([seed, _GAPS])
+    )
     return Actors(paths=paths, camera=camera, gap=gap, names=names, **columns)
 
 
@@ -146,7 +227,7 @@ def _add_outliers(
     if spec.outliers is None:
         return
     for k in range(round(spec.outliers.share * slots)):
-        paths.append(Path(spec.outliers.motion, spec.dim, stream(seed, _OUTLIERS, k)))
+        paths.append(Path(spec.outliers.motion, spec.dim, np.random.default_rng([seed, _OUTLIERS, k])))
         number = len(names)
         names[number] = f"outlier {k + 1}"
         local = np.zeros(spec.dim)

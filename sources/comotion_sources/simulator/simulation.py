@@ -3,18 +3,17 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from ..frames import Frame
-from ..parts import WHOLE, Part, rate_of
-from ..streams import Published, Stream, merged, numbered
-from .actors import NOISE, Actors, draw_actors, stream
-from .motion import Array, Poses, seen_from
+from ..streams import Part, Stream, numbered, rate_of
+from .actors import NOISE, Actors, Array, Poses, draw_actors, seen_from
 from .spec import SceneSpec
 
 Split = Literal["features", "objects"]
@@ -25,7 +24,7 @@ _PHASE_STEP = 0.37
 
 
 @dataclass(kw_only=True, eq=False)
-class Simulation:
+class Simulation(Stream):
     """The frames that one source observes of a simulated scene.
 
     The same specification and seed give every source the same world. Each source samples it at its
@@ -47,6 +46,10 @@ class Simulation:
         Which of several sources this is; each feature belongs to exactly one.
     split
         Divide single ``features``, so that every source observes every body, or whole ``objects``.
+    name
+        Name of the source; empty: ``simulator``, or ``simulator-k`` for part k of several.
+    publish_sigma
+        Whether the noise is published.
 
     Raises
     ------
@@ -59,36 +62,32 @@ class Simulation:
     rate: float = None  # type: ignore[assignment] # that of the scene
     noise: float = 1.0
     time_scale: float = 1.0
-    part: Part = WHOLE
+    part: Part = field(default_factory=Part)
     split: Split = "features"
+    name: str = ""
+    publish_sigma: bool = False
 
     def __post_init__(self) -> None:
         self.rate = self.spec.rate if self.rate is None else self.rate
+        self.name = self.name or numbered(DEFAULT_NAME, self.part.index, self.part.count)
         self._check()
+        self.space, self.unit, self.dim = self.spec.space, self.spec.unit, self.spec.dim
+        self.length = self.spec.duration / self.time_scale
         self._phase = (_PHASE_STEP * self.part.index) % 1.0
         self._actors = draw_actors(self.spec, self.seed)
+        self.objects = self._actors.names
         divided = self._actors.slot if self.split == "features" else self._actors.object
-        self._mine = np.flatnonzero(divided % self.part.count == self.part.index)
-        self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._mine]).any())
-
-    @property
-    def duration(self) -> float:
-        """Length of the recording in seconds of the source's clock."""
-        return self.spec.duration / self.time_scale
-
-    @property
-    def object_names(self) -> dict[int, str]:
-        """Name of each object by its number."""
-        return dict(self._actors.names)
+        self._rows = np.flatnonzero(divided % self.part.count == self.part.index)
+        self._has_poses = bool(np.isfinite(self._actors.pose_sigma[self._rows]).any())
 
     def __len__(self) -> int:
-        # The instants (k + phase) / rate, k = 0, 1, ..., within the duration.
-        return math.floor(self.duration * self.rate - self._phase + 1e-9) + 1
+        # The instants (k + phase) / rate, k = 0, 1, ..., within the length.
+        return math.floor(self.length * self.rate - self._phase + 1e-9) + 1
 
     def __iter__(self) -> Iterator[Frame]:
-        alive_before = np.zeros(len(self._mine), bool)
+        alive_before = np.zeros(len(self._rows), bool)
         for number in range(len(self)):
-            alive = self._actors.alive(self._mine, self._time(number) * self.time_scale)
+            alive = self._actors.alive(self._rows, self._time(number) * self.time_scale)
             yield self._frame(number, alive, alive_before & ~alive)
             alive_before = alive
 
@@ -126,11 +125,11 @@ class Simulation:
 
     def _frame(self, number: int, alive: NDArray[np.bool_], ended: NDArray[np.bool_]) -> Frame:
         t = self._time(number)
-        rows = self._mine[alive]
+        rows = self._rows[alive]
         gap = self._actors.gap[rows]
         at = t * self.time_scale
         rows = rows[(at < gap[:, 0]) | (gap[:, 1] <= at)]
-        rng = stream(self.seed, NOISE, self.part.index, number)
+        rng = np.random.default_rng([self.seed, NOISE, self.part.index, number])
         rotations, exact = self._exact(rows, t)
         sigma = self._actors.sigma[rows] * self.noise
         return Frame(
@@ -138,7 +137,7 @@ class Simulation:
             ids=rows.astype(np.uint64),
             positions=exact + rng.normal(size=exact.shape) * sigma[:, None],
             objects=self._actors.object[rows],
-            ended=self._mine[ended].astype(np.uint64),
+            ended=self._rows[ended].astype(np.uint64),
             sigma=sigma,
             quaternions=self._quaternions(rows, rotations, rng) if self._has_poses else None,
         )
@@ -147,7 +146,7 @@ class Simulation:
         """Rotations [n, dim, dim] of the bodies and positions [n, dim] of features, without noise."""
         actors: Actors = self._actors
         bodies, of_body = np.unique(actors.body[rows], return_inverse=True)
-        dim = self.spec.dim
+        dim = self.dim
         if not bodies.size:
             return np.empty((0, dim, dim)), np.empty((0, dim))
         poses = [self.poses(body, np.array([t])) for body in bodies.tolist()]
@@ -169,23 +168,25 @@ class Simulation:
 def simulate(
     spec: SceneSpec,
     *,
-    seed: int = 0,
     rates: Sequence[float] | None = None,
-    noise: float = 1.0,
-    time_scale: float = 1.0,
-    split: Split = "features",
     part: Part | None = None,
+    name: str | None = None,
+    **options: Any,
 ) -> list[Simulation]:
     """Build the sources that together observe a scene, or one of them.
 
     Parameters
     ----------
-    spec, seed, noise, time_scale, split
-        As in :class:`Simulation`.
+    spec
+        The scene.
     rates
         Frames per second, one per source; None: those of the scene. With a `part` one, or one per part.
     part
         Build only this source; None: all.
+    name
+        Name of the source; with several, the k-th is ``<name>-k``. None: as in :class:`Simulation`.
+    options
+        Seed, noise, time scale, split and so on, as in :class:`Simulation`.
 
     Raises
     ------
@@ -196,45 +197,10 @@ def simulate(
         given = spec.rates if rates is None else rates
         chosen = [(Part(index, len(given)), rate) for index, rate in enumerate(given)]
     else:
-        known = spec.rates if len(spec.rates) == part.count else [spec.rate]
-        chosen = [(part, rate_of(part, rates or known))]
+        of_scene = spec.rates if len(spec.rates) == part.count else [spec.rate]
+        chosen = [(part, rate_of(part, rates or of_scene))]
+    names = ["" if name is None else numbered(name, k, len(chosen)) for k in range(len(chosen))]
     return [
-        Simulation(spec, seed=seed, rate=rate, noise=noise, time_scale=time_scale, part=each, split=split)
-        for each, rate in chosen
+        Simulation(spec, rate=rate, part=each, name=called, **options)
+        for (each, rate), called in zip(chosen, names, strict=True)
     ]
-
-
-def streams(simulations: Sequence[Simulation], name: str | None = None) -> list[Stream]:
-    """Build the streams of simulated sources, to be played live or offline.
-
-    Parameters
-    ----------
-    simulations
-        The sources.
-    name
-        Name of the source; with several sources, the k-th is ``<name>-k``. None: ``simulator``, or
-        ``simulator-k`` for part k of several.
-    """
-    return [
-        Stream(
-            name=numbered(DEFAULT_NAME, simulation.part.index, simulation.part.count)
-            if name is None
-            else numbered(name, k, len(simulations)),
-            space=simulation.spec.space,
-            unit=simulation.spec.unit,
-            dim=simulation.spec.dim,
-            objects=simulation.object_names,
-            rate=simulation.rate,
-            length=simulation.duration,
-            frames=simulation,
-        )
-        for k, simulation in enumerate(simulations)
-    ]
-
-
-def batches(
-    simulations: Simulation | Sequence[Simulation], *, epoch_ns: int = 0, publish_sigma: bool = False
-) -> Iterator[Published]:
-    """Yield the messages of one simulated source, or of several of a scene, as :func:`merged` does."""
-    chosen = [simulations] if isinstance(simulations, Simulation) else simulations
-    return merged(streams(chosen), epoch_ns=epoch_ns, publish_sigma=publish_sigma)

@@ -11,10 +11,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.errors import InputError, KnownError, describe
 
 from ..bounded import parse_toml, read_text
-from ..errors import InputError
 
 _MAX_BYTES = 1_000_000
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -203,14 +202,12 @@ def _check_motion(what: str, motion: Rest | KeyStates | Sines, dim: int) -> None
         raise KnownError(f"{what}: at needs {dim} numbers")
 
 
-_SHIPPED = resources.files("comotion_sources") / "scenes"
+_SHIPPED = Path(str(resources.files("comotion_sources") / "scenes"))
 
 
 def scene_names() -> list[str]:
     """List the names of the scenes in the package, sorted."""
-    return sorted(
-        file.name.removesuffix(".toml") for file in _SHIPPED.iterdir() if file.name.endswith(".toml")
-    )
+    return sorted(path.stem for path in _SHIPPED.glob("*.toml"))
 
 
 def load_scene(scene: str | Path) -> SceneSpec:
@@ -221,15 +218,10 @@ def load_scene(scene: str | Path) -> SceneSpec:
     InputError
         If the scene does not exist or is malformed; the message is one line.
     """
-    try:
-        if str(scene) in scene_names():
-            text = (_SHIPPED / f"{scene}.toml").read_text(encoding="utf-8")
-        elif Path(scene).is_file():
-            text = read_text(Path(scene), _MAX_BYTES)
-        else:
-            raise InputError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
-    except OSError as error:
-        raise InputError(f"{scene}: {error.strerror}") from None
+    path = _SHIPPED / f"{scene}.toml" if str(scene) in scene_names() else Path(scene)
+    if not path.is_file():
+        raise InputError(f"no scene {str(scene)!r}: neither a file nor one of {', '.join(scene_names())}")
+    text = read_text(path, _MAX_BYTES)
     try:
         return SceneSpec.model_validate(parse_toml(text))
     except ValidationError as error:

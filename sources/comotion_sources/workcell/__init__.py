@@ -1,15 +1,7 @@
 """The simulated workcell: MuJoCo scenes with RGB-D cameras, rendered on the CPU, with truth."""
 
-from .camera import CameraSpec, WorkcellCamera, open_camera
-from .scene import Scene, scene_names
-from .viewpoint import Viewpoint, calibration
+from .camera import WorkcellCamera
+from .scene import Scene
+from .viewpoint import Viewpoint
 
-__all__ = [
-    "CameraSpec",
-    "Scene",
-    "Viewpoint",
-    "WorkcellCamera",
-    "calibration",
-    "open_camera",
-    "scene_names",
-]
+__all__ = ["Scene", "Viewpoint", "WorkcellCamera"]

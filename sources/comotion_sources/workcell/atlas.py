@@ -1,45 +1,100 @@
-"""Packs the textures of all faces of a model into one image with mipmaps.
+"""Draws the textures of all faces of a model, with mipmaps, and finds the places of points on them."""
 
-With a single image one call of cv2.remap samples every pixel.
-"""
-
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from .drawing import Image
 from .extra import require_mujoco
+from .scene import Vector
 from .textures import TEXTURES
 
+Points = NDArray[np.float32]
+Surface = tuple[NDArray[np.intp], Points, Points, Points]
 LEVELS = 4
 """Mipmap levels, each half the size of the one before."""
-_PAD = 8  # texels of repeated border: one at the coarsest level
-_WIDTH = 4096  # texels; cv2.remap accepts at most 32767
+_ROW = 512  # places per row of a map: cv2.remap accepts rows of at most 32767
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom without one
 
 
-@dataclass(frozen=True, eq=False)
-class Atlas:
-    """The image with its mipmap levels, and the faces of each geom.
+def surface(kind: int, size: Vector, local: Points, to_light: Points) -> Surface:
+    """Locate points on the surface of a geom.
 
-    Attributes
+    Parameters
     ----------
-    image
-        uint8 [H, W, 3], BGR: the levels one below the other.
-    level_tops
-        float32 [LEVELS], first row of each level.
-    faces
-        Per geom float32 [faces, 5] (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one):
-        texel x, y of the upper left corner, half width and half height in m, texels per metre.
-    """
+    kind, size
+        MuJoCo's geom type and size.
+    local
+        float32 [N, 3], points in the frame of the geom, m.
+    to_light
+        float32 [3], unit vector in the frame of the geom.
 
-    image: Image
-    level_tops: NDArray[np.float32]
-    faces: list[NDArray[np.float32]]
+    Returns
+    -------
+    Face intp [N]; u, v float32 [N], metres right of and below the centre of the face, as observed from
+    outside with z up; cosine of the angle between normal and light, float32 [N].
+    """
+    geom = require_mujoco().mjtGeom
+    if kind == geom.mjGEOM_BOX:
+        return _box(size, local, to_light)
+    if kind == geom.mjGEOM_CYLINDER:
+        return _cylinder(size, local, to_light)
+    return _sphere(size, local, to_light)
+
+
+def _box(size: Vector, local: Points, to_light: Points) -> Surface:
+    axis = np.argmax(np.abs(local) / size.astype(np.float32), axis=1)
+    outward = np.where(local[np.arange(len(local)), axis] > 0, 1, 0)
+    sign = np.where(outward, 1, -1).astype(np.float32)
+    x, y, z = local.T
+    u = np.where(axis == 0, sign * y, np.where(axis == 1, -sign * x, sign * x))
+    v = np.where(axis == 2, -y, -z)
+    return 2 * axis + outward, u, v, sign * to_light[axis]
+
+
+def _cylinder(size: Vector, local: Points, to_light: Points) -> Surface:
+    radius, half = np.float32(size[0]), np.float32(size[1])
+    x, y, z = local.T
+    cap = np.abs(z) / half > np.hypot(x, y) / radius
+    face = np.where(cap, np.where(z > 0, 2, 1), 0)
+    u = np.where(cap, np.where(z > 0, x, -x), radius * np.arctan2(y, x))
+    side = (x * to_light[0] + y * to_light[1]) / radius
+    return face, u, np.where(cap, -y, -z), np.where(cap, np.sign(z) * to_light[2], side)
+
+
+def _sphere(size: Vector, local: Points, to_light: Points) -> Surface:
+    radius = np.float32(size[0])
+    x, y, z = local.T
+    u = radius * np.arctan2(y, x)
+    v = -radius * np.arcsin(np.clip(z / radius, -1, 1))
+    return np.zeros(len(local), np.intp), u, v, local @ to_light / radius
+
+
+class Face(NamedTuple):
+    """Texture of a face: images uint8 [H, W, 3] (BGR) by level, width and height in m, texels per metre."""
+
+    levels: list[Image]
+    width: float
+    height: float
+    scale: float
+
+    def texels(self, level: int, u: NDArray[np.float32], v: NDArray[np.float32]) -> Image:
+        """Interpolate texels uint8 [N, 3] at (u, v) float32 [N], m right of and below the centre."""
+        image, rows = self.levels[level], -(-len(u) // _ROW)
+        places = np.zeros((2, rows * _ROW), np.float32)
+        places[0, : len(u)] = (u / self.width + 0.5) * image.shape[1] - 0.5
+        places[1, : len(u)] = (v / self.height + 0.5) * image.shape[0] - 0.5
+        x, y = places.reshape(2, rows, _ROW)
+        texels = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(texels, np.uint8).reshape(-1, 3)[: len(u)]
+
+
+Atlas = list[list[Face]]
+"""The faces of each geom (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one)."""
 
 
 def _face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
@@ -56,26 +111,28 @@ def _face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float
 
 
 def build_atlas(model: Any, seed: int) -> Atlas:
-    """Draw the textures of all faces of a model and pack them.
+    """Draw the textures of all faces of a model.
 
     Raises
     ------
     InputError
         If a geom or material has no texture.
     """
-    images: list[Image] = []
-    sizes: list[list[tuple[float, float, float]]] = []
-    for geom in range(model.ngeom):
-        material, colour = _material_of(model, geom)
-        faces = _face_sizes(int(model.geom_type[geom]), model.geom_size[geom])
-        sizes.append([(width / 2, height / 2, _resolution(width, height)) for width, height in faces])
-        for index, (half_w, half_h, scale) in enumerate(sizes[-1]):
-            shape = max(2, round(2 * half_h * scale)), max(2, round(2 * half_w * scale))
-            images.append(material(np.random.default_rng([seed, geom, index]), *shape, colour, scale))
-    image, corners = _pack(images)
-    corner = iter(corners)
-    placed = [np.array([(*next(corner), *face) for face in faces], np.float32) for faces in sizes]
-    return Atlas(*_with_levels(image), placed)
+    return [_faces(model, geom, seed) for geom in range(model.ngeom)]
+
+
+def _faces(model: Any, geom: int, seed: int) -> list[Face]:
+    material, colour = _material_of(model, geom)
+    faces = []
+    for index, (width, height) in enumerate(_face_sizes(int(model.geom_type[geom]), model.geom_size[geom])):
+        scale = _resolution(width, height)
+        shape = max(2, round(height * scale)), max(2, round(width * scale))
+        levels = [material(np.random.default_rng([seed, geom, index]), *shape, colour, scale)]
+        while len(levels) < LEVELS:
+            half = tuple(max(1, size // 2) for size in levels[-1].shape[1::-1])
+            levels.append(np.asarray(cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA), np.uint8))
+        faces.append(Face(levels, width, height, scale))
+    return faces
 
 
 def _material_of(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
@@ -93,33 +150,3 @@ def _resolution(width: float, height: float) -> float:
     """Texels per metre: the resolution of a camera at 1 m for small faces, less for large ones."""
     largest = max(width, height)
     return 1200.0 if largest < 0.6 else 900.0 if largest < 1.6 else 320.0
-
-
-def _pack(images: list[Image]) -> tuple[Image, list[tuple[int, int]]]:
-    """Pack images in rows, tallest first; repeated borders keep interpolation within a face."""
-    padded = [cv2.copyMakeBorder(i, _PAD, _PAD, _PAD, _PAD, cv2.BORDER_REPLICATE) for i in images]
-    corners: list[tuple[int, int]] = [(0, 0)] * len(images)
-    x = y = row = 0
-    for index in sorted(range(len(images)), key=lambda i: -padded[i].shape[0]):
-        height, width = padded[index].shape[:2]
-        if x + width > _WIDTH:
-            x, y, row = 0, y + row, 0
-        corners[index] = (x, y)
-        x, row = x + width, max(row, height)
-    bottom = -(-(y + row) // 2**LEVELS) * 2**LEVELS
-    atlas = np.zeros((bottom, _WIDTH, 3), np.uint8)
-    for (left, top), image in zip(corners, padded, strict=True):
-        atlas[top : top + image.shape[0], left : left + image.shape[1]] = image
-    return atlas, [(left + _PAD, top + _PAD) for left, top in corners]
-
-
-def _with_levels(image: Image) -> tuple[Image, NDArray[np.float32]]:
-    levels = [image]
-    for _ in range(LEVELS - 1):
-        half = (levels[-1].shape[1] // 2, levels[-1].shape[0] // 2)
-        levels.append(np.asarray(cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA), np.uint8))
-    tops = np.cumsum([0] + [level.shape[0] for level in levels[:-1]]).astype(np.float32)
-    tall = np.zeros((sum(level.shape[0] for level in levels), _WIDTH, 3), np.uint8)
-    for top, level in zip(tops.astype(int), levels, strict=True):
-        tall[top : top + level.shape[0], : level.shape[1]] = level
-    return tall, tops

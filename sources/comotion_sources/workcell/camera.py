@@ -26,14 +26,13 @@ from pydantic.dataclasses import dataclass
 
 from comotion_schemas import JointStates
 from comotion_schemas.component import Component
-from comotion_schemas.errors import KnownError, describe
+from comotion_schemas.errors import InputError, KnownError, describe
 from comotion_schemas.types import Name
 
-from ..cameras.tum import TumWriter
+from ..cameras.tum import write_folder
 from ..cameras.types import Camera, Frame
-from ..errors import InputError
+from ..poses import Timed
 from ..received import Inbox
-from ..timed import Timed
 from .scene import Scene, Vector
 from .viewpoint import Viewpoint
 
@@ -121,17 +120,17 @@ def parse(text: str) -> CameraSpec:
 
 
 class WorkcellCamera(Camera):
-    """A simulated RGB-D camera.
+    """A simulated RGB-D camera, by its name as in :func:`parse` or by what that says.
 
     Raises
     ------
     InputError
-        If the scene or camera does not exist, or MuJoCo is not installed.
+        If the name is malformed, the scene or camera does not exist, or MuJoCo is not installed.
     """
 
-    def __init__(self, spec: CameraSpec) -> None:
-        self.spec = spec
-        self.scene = Scene.named(spec.scene, spec.seed)
+    def __init__(self, spec: CameraSpec | str) -> None:
+        self.spec = spec = parse(spec) if isinstance(spec, str) else spec
+        self.scene = Scene(spec.scene, spec.seed)
         self.viewpoint = Viewpoint(self.scene, spec.camera, spec.size)
         super().__init__(spec.rate)
         self.has_depth = True
@@ -238,21 +237,6 @@ def write_tum(camera: WorkcellCamera, folder: Path) -> int:
     OSError
         If it cannot be written.
     """
-    count = 0
-    with TumWriter(folder, camera.intrinsics, camera.extrinsics, camera.objects) as writer:
-        for frame in camera:
-            configuration = camera.scene.configuration(frame.stamp_ns * 1e-9)
-            writer.write(frame, camera.viewpoint.pose(configuration))
-            count += 1
-    return count
-
-
-def open_camera(text: str) -> WorkcellCamera:
-    """Open ``workcell:SCENE/CAMERA[?option=value&...]``.
-
-    Raises
-    ------
-    InputError
-        If the name is malformed or the camera does not exist; the message is one line.
-    """
-    return WorkcellCamera(parse(text))
+    scene, viewpoint = camera.scene, camera.viewpoint
+    poses = ((frame, viewpoint.pose(scene.configuration(frame.stamp_ns * 1e-9))) for frame in camera)
+    return write_folder(folder, poses, camera.intrinsics, camera.objects)

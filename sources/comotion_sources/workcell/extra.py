@@ -5,7 +5,7 @@ from typing import Any
 
 from numpy.polynomial import Polynomial
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
 
 
 def require_mujoco() -> ModuleType:

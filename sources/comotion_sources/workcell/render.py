@@ -2,21 +2,19 @@
 
 ``mujoco.mj_multiRay`` casts one ray per pixel without OpenGL, GPU or display. Hit points are
 transformed to the frame of their geom, so that textures are fixed to the bodies, and looked up in the
-texture atlas at the mipmap level for their distance.
+texture of the face at the mipmap level for their distance.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.model import Extrinsics, Intrinsics
-from .atlas import LEVELS, Atlas, build_atlas
+from .atlas import LEVELS, Atlas, Points, build_atlas, surface
 from .extra import require_mujoco
 from .scene import MOVING, STILL, Scene, Vector
-from .shapes import Points, surface
 
 Rows = NDArray[np.intp]
 _Layer = dict[str, NDArray[Any]]
@@ -32,8 +30,7 @@ _PENUMBRA = 0.012  # one-sigma blur, as a share of the image width
 _SHADOW_DEPTH = 0.45  # share of the light that a shadow takes
 
 
-@dataclass(frozen=True, eq=False)
-class Rendering:
+class Rendering(NamedTuple):
     """The images of an ideal camera.
 
     Attributes
@@ -101,32 +98,25 @@ class Renderer:
             Time of the scene in seconds, for the moving shadow.
         """
         self.scene.place(self._data, configuration)
-        rows, geoms, depth = self._cast_moving()
         layer = {name: values.copy() for name, values in self._still.items()}
-        layer["points"][rows] = self._points(rows, depth)
-        layer["depth"][rows], layer["geoms"][rows] = depth, geoms
-        self._shade(layer, rows)
+        self._shade(layer, *self._cast_moving())
         light = _AMBIENT + layer["light"].reshape(self._shape) * self._illumination(layer)
         light = (light * self._shadow_gain(layer["points"], t)).astype(np.float32)
         texels = layer["texels"].reshape(*self._shape, 3)
         image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
-        return Rendering(
-            np.asarray(image, np.uint8),
-            layer["depth"].reshape(self._shape),
-            layer["geoms"].reshape(self._shape),
-        )
+        depth, geoms = (layer[name].reshape(self._shape) for name in ("depth", "geoms"))
+        return Rendering(np.asarray(image, np.uint8), depth, geoms)
 
     def _render_still(self) -> _Layer:
         geoms, depth = _cast(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
-        everywhere, count = np.arange(len(geoms)), len(geoms)
-        layer: _Layer = {"geoms": geoms, "depth": depth, "points": self._points(everywhere, depth)}
-        layer |= {"light": np.zeros(count, np.float32), "texels": np.zeros((count, 3), np.uint8)}
-        self._shade(layer, everywhere)
+        kinds = {"geoms": np.int32, "depth": np.float32, "light": np.float32}
+        layer: _Layer = {name: np.zeros(len(geoms), kind) for name, kind in kinds.items()}
+        layer |= {
+            "points": np.zeros((len(geoms), 3), np.float32),
+            "texels": np.zeros((len(geoms), 3), np.uint8),
+        }
+        self._shade(layer, np.arange(len(geoms)), geoms, depth)
         return layer
-
-    def _points(self, rows: Rows, depth: Points) -> Points:
-        rays = self._rays[rows].astype(np.float32)
-        return rays * depth[:, None] + self.extrinsics.translation.astype(np.float32)
 
     def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
         """Pixels [n] that show a moving body, with geom and depth."""
@@ -158,21 +148,19 @@ class Renderer:
             mask[low[1] : high[1], low[0] : high[0]] = True
         return mask.ravel()
 
-    def _shade(self, layer: _Layer, rows: Rows) -> None:
-        """Compute texels and direct light of the given pixels, geom by geom."""
-        map_x, map_y = np.zeros((2, len(rows)), np.float32)
-        geoms = layer["geoms"][rows]
+    def _shade(self, layer: _Layer, rows: Rows, geoms: NDArray[np.int32], depth: Points) -> None:
+        """Put what pixels show into a layer, with their texels and direct light, geom by geom."""
+        layer["geoms"][rows], layer["depth"][rows], layer["texels"][rows] = geoms, depth, 0
+        rays = self._rays[rows].astype(np.float32)
+        layer["points"][rows] = rays * depth[:, None] + self.extrinsics.translation.astype(np.float32)
         order = np.argsort(geoms.astype(np.int16), kind="stable")
         starts = np.searchsorted(geoms[order], np.arange(self.scene.model.ngeom + 1))
         for geom in np.unique(geoms[geoms >= 0]).tolist():
-            part = order[starts[geom] : starts[geom + 1]]
-            points, depth = layer["points"][rows[part]], layer["depth"][rows[part]]
-            map_x[part], map_y[part], layer["light"][rows[part]] = self._shade_geom(geom, points, depth)
-        texels = _fetch(self._atlas.image, map_x, map_y)
-        texels[geoms < 0] = 0
-        layer["texels"][rows] = texels
+            part = rows[order[starts[geom] : starts[geom + 1]]]
+            shaded = self._shade_geom(geom, layer["points"][part], layer["depth"][part])
+            layer["texels"][part], layer["light"][part] = shaded
 
-    def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[Points, Points, Points]:
+    def _shade_geom(self, geom: int, points: Points, depth: Points) -> tuple[NDArray[np.uint8], Points]:
         rotation = self._data.geom_xmat[geom].reshape(3, 3).astype(np.float32)
         centre = self._data.geom_xpos[geom]
         local = (points - centre.astype(np.float32)) @ rotation
@@ -181,21 +169,14 @@ class Renderer:
         face, u, v, cosine = surface(
             int(self.scene.model.geom_type[geom]), self.scene.model.geom_size[geom], local, to_light
         )
-        x, y = self._locate(self._atlas.faces[geom], face, u, v, depth)
-        return x, y, np.float32(_DIFFUSE) * np.maximum(cosine, 0)
-
-    def _locate(
-        self, faces: NDArray[np.float32], face: NDArray[np.intp], u: Points, v: Points, depth: Points
-    ) -> tuple[Points, Points]:
-        """Convert (u, v), metres right of and below the centre of a face, to atlas coordinates."""
-        left, top, half_w, half_h, scale = faces[face].T
-        # Stay half a texel inside: interpolation must not reach over the border of the face.
-        x = left + np.clip((u + half_w) * scale - 0.5, 0, 2 * half_w * scale - 1)
-        y = top + np.clip((v + half_h) * scale - 0.5, 0, 2 * half_h * scale - 1)
-        footprint = depth * scale / np.float32(self.intrinsics.fx)
+        faces = self._atlas[geom]
+        footprint = depth * np.array([each.scale for each in faces])[face] / self.intrinsics.fx
         level = np.clip(np.rint(np.log2(np.maximum(footprint, 1e-6))), 0, LEVELS - 1).astype(np.intp)
-        shrink = np.float32(0.5) ** level.astype(np.float32)
-        return (x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5 + self._atlas.level_tops[level]
+        texels, image = np.empty((len(points), 3), np.uint8), face * LEVELS + level
+        for number in np.unique(image).tolist():
+            part = image == number
+            texels[part] = faces[number // LEVELS].texels(number % LEVELS, u[part], v[part])
+        return texels, np.float32(_DIFFUSE) * np.maximum(cosine, 0)
 
     def _illumination(self, layer: _Layer) -> Points:
         """Share of the light that reaches each pixel, float32 [H, W], with soft shadow borders."""
@@ -224,17 +205,6 @@ class Renderer:
         y = points[:, 1] - np.float32(shadow.amplitude * 0.5 * np.cos(phase))
         r2 = (x * x + y * y) / np.float32(2 * shadow.radius**2)
         return (1.0 - np.float32(shadow.depth) * np.exp(-r2)).astype(np.float32).reshape(self._shape)
-
-
-def _fetch(image: NDArray[np.uint8], map_x: Points, map_y: Points) -> NDArray[np.uint8]:
-    """Interpolate texels at N places, uint8 [N, 3]; cv2.remap accepts rows of at most 32767."""
-    count, width = len(map_x), 512
-    rows = max(1, -(-count // width))
-    padded = np.zeros((2, rows * width), np.float32)
-    padded[0, :count], padded[1, :count] = map_x, map_y
-    maps = padded.reshape(2, rows, width)
-    texels = np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)
-    return texels.reshape(-1, 3)[:count]
 
 
 def _cast(

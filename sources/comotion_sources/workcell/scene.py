@@ -16,16 +16,16 @@ machine therefore computes the same configuration bit for bit.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from ..errors import InputError
+from comotion_schemas.errors import InputError
+
 from ..frames import AMBIGUOUS
 from .extra import couplings, require_mujoco
 
@@ -38,6 +38,7 @@ Vector = NDArray[np.float64]
 
 _FRAGMENTS = {"room", "clutter", "gripper", "toy_truck"}
 _WARP_S = 0.35  # largest shift of the motion in time that a seed draws
+_PLACEMENT_M = 0.04  # largest shift of a camera per axis that a seed draws
 _MOTION = "motion:"
 
 
@@ -84,6 +85,10 @@ class Scene:
         int32: object number of each geom and body; -1 where it is not scored.
     robot
         Links of the robot: bodies whose poses proprioception may report.
+    cameras
+        Names of the cameras.
+    shadow
+        The moving shadow of the clutter variants; None: without.
 
     Raises
     ------
@@ -97,26 +102,24 @@ class Scene:
         self.model = self._load(name)
         self._check_joints()
         self.joints: tuple[str, ...] = tuple(self.model.joint(i).name for i in range(self.model.njnt))
-        self.period = float(self._numeric("period", [0.0])[0])
+        self.cameras = tuple(self.model.camera(i).name for i in range(self.model.ncam))
+        self.robot = tuple(self._text("robot").split())
+        self.period, *_ = self._numeric("period") or [0.0]
+        self.shadow = Shadow(*shadow) if (shadow := self._numeric("shadow")) else None
         self._curves = self._read_motion()
         self._couplings = couplings(self.model)
         self._warp = self._draw_warp()
         self.objects, self.body_objects = self._number_objects()
         self.geom_objects = self.body_objects[self.model.geom_bodyid]
         self.model.geom_group[:] = np.where(self.model.body_weldid[self.model.geom_bodyid] > 0, MOVING, STILL)
+        for camera in range(self.model.ncam) if seed else ():
+            if not self.is_carried(camera):
+                shift = np.random.default_rng([seed, 4, camera]).uniform(-_PLACEMENT_M, _PLACEMENT_M, 3)
+                self.model.cam_pos[camera] += shift
 
-    @classmethod
-    def named(cls, name: str, seed: int = 0) -> Self:
-        """Load a scene of the package by its name.
-
-        Raises
-        ------
-        InputError
-            If there is no scene of that name.
-        """
-        if name not in scene_names():
-            raise InputError(f"no workcell scene {name!r}; one of {', '.join(scene_names())}")
-        return cls(name, seed)
+    def is_carried(self, camera: int) -> bool:
+        """Whether a camera, by its number, is on a body that can move."""
+        return bool(self.model.body_weldid[self.model.cam_bodyid[camera]] > 0)
 
     def configuration(self, t: float) -> Vector:
         """Compute the joint positions float64 [joints], rad or m, at time t in seconds."""
@@ -127,31 +130,16 @@ class Scene:
         return q
 
     def place(self, data: Any, configuration: Vector) -> None:
-        """Set an ``MjData`` to a configuration float64 [joints] and compute the poses of its bodies."""
+        """Set an ``MjData`` to a configuration float64 [joints] and compute where bodies and cameras are."""
         data.qpos[:] = configuration
         self._mujoco.mj_kinematics(self.model, data)
+        self._mujoco.mj_camlight(self.model, data)
 
-    def new_data(self) -> Any:
-        """Return an ``MjData`` of this scene in its configuration at time 0."""
+    def new_data(self, configuration: Vector | None = None) -> Any:
+        """Return an ``MjData`` of this scene in a configuration float64 [joints]; None: that at time 0."""
         data = self._mujoco.MjData(self.model)
-        self.place(data, self.configuration(0.0))
+        self.place(data, self.configuration(0.0) if configuration is None else configuration)
         return data
-
-    @cached_property
-    def robot(self) -> tuple[str, ...]:
-        """Names of the links whose poses proprioception reports."""
-        return tuple(self._text("robot").split())
-
-    @cached_property
-    def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras."""
-        return tuple(self.model.camera(i).name for i in range(self.model.ncam))
-
-    @cached_property
-    def shadow(self) -> Shadow | None:
-        """The moving shadow of the clutter variants."""
-        values = self._numeric("shadow", [])
-        return Shadow(*values) if len(values) else None
 
     def object_of(self, body: str) -> int:
         """Object number of a body.
@@ -180,11 +168,9 @@ class Scene:
         if not set(self.model.jnt_type.tolist()) <= kinds:
             raise InputError(f"{self.name}: only hinge and slide joints can be driven")
 
-    def _numeric(self, name: str, default: list[float]) -> list[float]:
-        try:
-            return [float(v) for v in self.model.numeric(name).data]
-        except KeyError:
-            return default
+    def _numeric(self, name: str) -> list[float]:
+        names = [self.model.numeric(i).name for i in range(self.model.nnumeric)]
+        return [float(v) for v in self.model.numeric(name).data] if name in names else []
 
     def _text(self, name: str) -> str:
         index = self._mujoco.mj_name2id(self.model, self._mujoco.mjtObj.mjOBJ_TEXT, name)
@@ -201,7 +187,7 @@ class Scene:
         return [self._curve(_MOTION + joint) for joint in self.joints]
 
     def _curve(self, name: str) -> PchipInterpolator | None:
-        keys = np.array(self._numeric(name, [])).reshape(-1)
+        keys = np.array(self._numeric(name))
         if not keys.size:
             return None
         times, values = keys[0::2], keys[1::2]

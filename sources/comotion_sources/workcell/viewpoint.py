@@ -1,25 +1,87 @@
-"""Cameras of a scene: their true calibration, and frames with sensor noise and truth."""
+"""Cameras of a scene: their true calibration, and frames with the noise of an RGB-D sensor, and truth."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from comotion_schemas.errors import InputError
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
-from ..errors import InputError
 from ..frames import AMBIGUOUS
 from .atlas import Atlas
-from .render import Renderer
+from .render import Renderer, Rendering
 from .scene import Scene, Vector
-from .sensor import Sensor
 
+Depth = NDArray[np.float32]
+
+_TILE_MARGIN = 251  # noise is a random crop of tiles that are this many pixels larger than the image
+_SPECKLE = 0.002  # share of depth pixels that are missing at random
+
+
+# Of a structured-light RGB-D camera, the first Kinect. 1/m: the one-sigma noise of the depth is this times z²
+# (Khoshelham and Elberink, Sensors 2012).
+_DEPTH_NOISE = np.float32(1.425e-3)
+# Share of depth pixels that are missing within so many pixels of a discontinuity; some others lie between.
+_EDGE_DROPOUT, _EDGE_WIDTH = 0.6, 2
+_BLUR = 0.55  # px, one sigma, of the lens
+_NEAR, _FAR = 0.35, 5.0  # range of the depth, m
 # MuJoCo's cameras look along -z with y up, optical axes along z with y down.
 _OPTICAL = np.diag([1.0, -1.0, -1.0])
-_PLACEMENT_M = 0.04  # largest shift of a camera per axis that a seed draws
+
+
+class Sensor:
+    """Adds sensor noise; the same seed and stamp give the same noise.
+
+    Parameters
+    ----------
+    shape
+        (height, width) of the images.
+    seed
+        Seed of the noise, at least 0.
+    grain
+        One-sigma noise of the image, grey levels.
+    """
+
+    def __init__(self, shape: tuple[int, int], seed: int, grain: float = 1.5) -> None:
+        self._shape, self._seed = shape, seed
+        rng = np.random.default_rng([seed, 2])
+        size = (shape[0] + _TILE_MARGIN, shape[1] + _TILE_MARGIN)
+        # Depth errors of neighbouring pixels are correlated: the sensor matches blocks of pixels.
+        blurred = cv2.GaussianBlur(rng.standard_normal(size).astype(np.float32), (0, 0), 0.8)
+        self._depth_tile = blurred / blurred.std()
+        self._image_tile = rng.normal(0.0, grain, size).astype(np.float32)
+        self._chance_tile = rng.random(size, dtype=np.float32)
+
+    def observe(self, ideal: Rendering, stamp_ns: int) -> tuple[NDArray[np.uint8], Depth]:
+        """Return image uint8 [H, W, 3] and depth float32 [H, W], m (0: missing), with sensor noise."""
+        rng = np.random.default_rng([self._seed, 3, stamp_ns % 2**63])
+        return self._image(ideal.image, rng), self._depth(ideal.depth, rng)
+
+    def _image(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+        soft = cv2.GaussianBlur(image, (0, 0), _BLUR)
+        grain = self._cut(self._image_tile, rng)
+        return np.asarray(cv2.add(soft, cv2.merge([grain] * 3), dtype=cv2.CV_8U))
+
+    def _depth(self, depth: Depth, rng: np.random.Generator) -> Depth:
+        noisy = depth + _DEPTH_NOISE * depth * depth * self._cut(self._depth_tile, rng)
+        chance = self._cut(self._chance_tile, rng)
+        kernel = np.ones((2 * _EDGE_WIDTH + 1,) * 2, np.uint8)
+        back, front = cv2.dilate(depth, kernel), cv2.erode(depth, kernel)
+        edge = back - front > 0.02 + 0.02 * depth
+        # Below the share a pixel is missing; up to 0.1 above it lies between front and back.
+        flying = edge & (chance < _EDGE_DROPOUT + 0.1)
+        mix = front + (back - front) * self._cut(self._chance_tile, rng)
+        noisy = np.where(flying, mix, noisy)
+        gone = (edge & (chance < _EDGE_DROPOUT)) | (chance > 1 - _SPECKLE)
+        gone |= (depth < _NEAR) | (depth > _FAR)
+        return np.where(gone, np.float32(0), noisy).astype(np.float32)
+
+    def _cut(self, tile: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+        top, left = rng.integers(0, _TILE_MARGIN, 2)
+        return np.ascontiguousarray(tile[top : top + self._shape[0], left : left + self._shape[1]])
 
 
 def calibration(
@@ -30,7 +92,7 @@ def calibration(
     Parameters
     ----------
     scene
-        The scene; its seed shifts the cameras by up to 4 cm per axis (seed 0: as in the file).
+        The scene; its seed shifts fixed cameras by up to 4 cm per axis (seed 0: as in the file).
     camera
         Name of the camera.
     size
@@ -43,47 +105,16 @@ def calibration(
     """
     if camera not in scene.cameras:
         raise InputError(f"{scene.name} has no camera {camera!r}; one of {', '.join(scene.cameras)}")
-    model, index = scene.model, scene.cameras.index(camera)
-    width, height = size
-    focal = height / 2 / np.tan(np.deg2rad(model.cam_fovy[index]) / 2)
+    index, (width, height) = scene.cameras.index(camera), size
+    focal = height / 2 / np.tan(np.deg2rad(scene.model.cam_fovy[index]) / 2)
     intrinsics = Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-    position = model.cam_pos[index].copy()
-    if scene.seed:
-        rng = np.random.default_rng([scene.seed, 4, index])
-        position += rng.uniform(-_PLACEMENT_M, _PLACEMENT_M, 3)
-    if _is_carried(scene, camera):
-        return intrinsics, _carried_pose(scene, scene.new_data(), index)
-    target = model.body_pos[model.cam_targetbodyid[index]]
-    return intrinsics, _looking_at(position, target)
+    return intrinsics, _pose(scene, index)
 
 
-def _is_carried(scene: Scene, camera: str) -> bool:
-    """Whether a camera is on a body that can move."""
-    body = scene.model.cam_bodyid[scene.cameras.index(camera)]
-    return bool(scene.model.body_weldid[body] > 0)
-
-
-def _mount(scene: Scene, camera: str) -> Extrinsics:
-    """Camera to the body that carries it, optical axes."""
-    index = scene.cameras.index(camera)
-    quaternion = scene.model.cam_quat[index][[1, 2, 3, 0]]
-    turn = Rotation.from_quat(quaternion).as_matrix() @ _OPTICAL
-    return Extrinsics(turn, scene.model.cam_pos[index].copy())
-
-
-def _carried_pose(scene: Scene, data: Any, index: int) -> Extrinsics:
-    """Pose of a carried camera in the configuration of an ``MjData``."""
-    body = scene.model.cam_bodyid[index]
-    carrier = Extrinsics(data.xmat[body].reshape(3, 3), data.xpos[body].copy())
-    return carrier.after(_mount(scene, scene.cameras[index]))
-
-
-def _looking_at(position: Vector, target: Vector) -> Extrinsics:
-    """Return the extrinsics of an upright camera at `position` [3] that points at `target` [3], m."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    return Extrinsics(np.stack([right, np.cross(forward, right), forward], axis=1), np.asarray(position))
+def _pose(scene: Scene, index: int, configuration: Vector | None = None) -> Extrinsics:
+    """Pose of a camera, by its number, in a configuration float64 [joints]; None: that at time 0."""
+    data = scene.new_data(configuration)
+    return Extrinsics(data.cam_xmat[index].reshape(3, 3) @ _OPTICAL, data.cam_xpos[index].copy())
 
 
 class Viewpoint:
@@ -121,9 +152,8 @@ class Viewpoint:
         self.objects: Mapping[int, str] = scene.objects
         self._renderer = Renderer(scene, self.intrinsics, self.extrinsics, atlas)
         self._camera = scene.cameras.index(camera)
-        self._data = scene.new_data()
-        self.carried = _is_carried(scene, camera)
-        self._sensor = Sensor(size[::-1], 16 * scene.seed + scene.cameras.index(camera), grain)
+        self.carried = scene.is_carried(self._camera)
+        self._sensor = Sensor(size[::-1], 16 * scene.seed + self._camera, grain)
 
     def frame(self, configuration: Vector, stamp_ns: int) -> Frame:
         """Render the frame of a configuration float64 [joints] with a stamp.
@@ -138,10 +168,7 @@ class Viewpoint:
 
     def pose(self, configuration: Vector) -> Extrinsics:
         """True pose of the camera in a configuration float64 [joints]."""
-        if not self.carried:
-            return self.extrinsics
-        self.scene.place(self._data, configuration)
-        return _carried_pose(self.scene, self._data, self._camera)
+        return _pose(self.scene, self._camera, configuration) if self.carried else self.extrinsics
 
     def covered(self, stamp_ns: int) -> Frame:
         """Return the frame of a covered lens: black, without depth and objects."""
