@@ -32,11 +32,11 @@ class Column:
     dtype
         NumPy type string with byte order, e.g. ``<u8``.
     width
-        Values per row; None for a vector, ``"dim"`` for the field ``dim`` of the message.
+        Values per row; None for a vector, a text for what follows from the field ``dim`` of the message.
     finite
         Reject NaN and infinity.
-    least, most
-        Bounds of the values, inclusive; None: none.
+    least, most, above
+        Bounds of the values, the last one exclusive; None: none.
     distinct
         Reject a value that occurs twice.
     """
@@ -46,6 +46,7 @@ class Column:
     finite: bool = True
     least: float | None = None
     most: float | None = None
+    above: float | None = None
     distinct: bool = False
 
     def validate(self, value: object, info: ValidationInfo) -> Array:
@@ -54,16 +55,21 @@ class Column:
         Raises
         ------
         PydanticCustomError
-            ``length`` for bytes that are not a whole number of rows, or an array of another rank;
+            ``length`` for bytes that are not a whole number of rows, or an array of another shape;
             ``non-finite`` for numbers that must be finite; ``range`` for integers that do not fit and
             values beyond a bound; ``duplicate-id`` for values that occur twice; ``schema`` for anything that
             is not an array of numbers.
         """
         if info.context is WIRE and not isinstance(value, bytes):
             raise reject("schema", f"a column is bin, not {type(value).__name__}")
-        array = self._from_bytes(value) if isinstance(value, bytes) else self._from_array(value)
+        dim = (info.data or {}).get("dim", 3)
+        texts = {"dim": dim, "dim (dim + 1) / 2": dim * (dim + 1) // 2}
+        width = texts[self.width] if isinstance(self.width, str) else self.width
+        array = self._from_bytes(value, width) if isinstance(value, bytes) else self._from_array(value, width)
         if self.finite and array.dtype.kind == "f" and not np.isfinite(array).all():
             raise reject("non-finite", "numbers must be finite")
+        if self.above is not None and (array <= self.above).any():
+            raise reject("range", f"a value is not above {self.above:g}")
         if self.least is not None and (array < self.least).any():
             raise reject("range", f"a value is below {self.least:g}")
         if self.most is not None and (array > self.most).any():
@@ -72,55 +78,34 @@ class Column:
             raise reject("duplicate-id", "an id occurs twice")
         return array
 
-    def _from_bytes(self, raw: bytes) -> Array:
+    def _from_bytes(self, raw: bytes, width: int | None) -> Array:
         dtype = np.dtype(self.dtype)
-        if len(raw) % dtype.itemsize:
-            raise reject("length", f"{len(raw)} bytes are not a whole number of {dtype.name} values")
+        if len(raw) % (dtype.itemsize * (width or 1)):
+            raise reject("length", f"{len(raw)} bytes are not a whole number of rows of {width or 1} {dtype}")
         flat = np.frombuffer(raw, dtype)
-        if not isinstance(self.width, int):
-            return flat
-        if flat.size % self.width:
-            raise reject("length", f"{flat.size} numbers are not a whole number of rows of {self.width}")
-        return flat.reshape(-1, self.width)
+        return flat.reshape(-1, width) if width else flat
 
-    def _from_array(self, value: object) -> Array:
+    def _from_array(self, value: object, width: int | None) -> Array:
+        target = np.dtype(self.dtype)
         try:
             given = np.asarray(value)
             if given.dtype.kind == "f" and isinstance(value, list) and all(type(v) is int for v in value):
-                given = np.array(value, self.dtype)  # NumPy converts lists beyond int64 to floats
-            self._check_kind(given)
+                given = np.array(value, target)  # NumPy converts lists beyond int64 to floats
+            if given.size and given.dtype.kind not in ("iuf" if target.kind == "f" else "iu"):
+                raise reject("schema", f"{given.dtype} for a column of {target}")
             # The finite check reports an overflow to infinity.
             with np.errstate(over="ignore"):
-                array = np.array(given, dtype=self.dtype, order="C")
+                array = np.array(given, target, order="C")
         except (TypeError, ValueError, OverflowError) as error:
             raise reject("schema", f"not an array of {self.dtype}: {error}") from None
+        if target.kind != "f" and (array != given).any():
+            raise reject("range", f"an integer does not fit in {target}")
         if not array.size:
-            array = array.reshape(0, self.width) if isinstance(self.width, int) else array.reshape(0)
-        self._check_rank(array)
+            array = array.reshape((0, width) if width else 0)
+        if array.shape[1:] != ((width,) if width else ()):
+            raise reject("length", f"an array of shape {array.shape}, expected rows of {width or 1}")
         array.flags.writeable = False
         return array
-
-    def _check_rank(self, array: Array) -> None:
-        rank = 1 if self.width is None or not array.size else 2
-        if array.size and array.ndim != rank:
-            raise reject("length", f"expected {rank} dimensions, got {array.ndim}")
-        if isinstance(self.width, int) and array.shape[-1] != self.width:
-            raise reject("length", f"expected rows of {self.width}, got {array.shape[-1]}")
-
-    def _check_kind(self, given: Array) -> None:
-        """Reject values that are not numbers, and floats in an integer column."""
-        target = np.dtype(self.dtype)
-        if not given.size:
-            return
-        if given.dtype.kind not in "iuf":
-            raise reject("schema", f"expected numbers, got {given.dtype}")
-        if target.kind == "f":
-            return
-        if given.dtype.kind not in "iu":
-            raise reject("schema", f"expected integers, got {given.dtype}")
-        info = np.iinfo(target)
-        if int(given.min()) < info.min or int(given.max()) > info.max:
-            raise reject("range", f"an integer does not fit in {target.name}")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Validate through :meth:`validate`."""

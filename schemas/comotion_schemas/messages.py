@@ -5,16 +5,15 @@ arrays. Construction validates the message completely; the receiver checks what 
 clock.
 """
 
-import math
 from dataclasses import field
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, ValidationInfo, WithJsonSchema
+from pydantic import AfterValidator, Field, StringConstraints
 from pydantic.dataclasses import dataclass
 
-from .columns import Array, Column, Rowwise, has_duplicates, increasing, reject
+from .columns import Rowwise, has_duplicates, increasing, reject
 from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
@@ -33,45 +32,11 @@ from .types import (
     Record,
     SessionId,
     ShortText,
+    Sigma,
     SpaceName,
     StampColumn,
     Unit,
 )
-
-_SIGMA = Column("<f4")
-
-
-def _sigma(value: object, info: ValidationInfo) -> float | Array:
-    """Validate one number for all rows, or one per row, above zero and finite."""
-    if isinstance(value, bool | str):
-        raise reject("schema", "sigma is a number or a column")
-    if isinstance(value, int | float | np.number):
-        number = float(value)
-        if not math.isfinite(number):
-            raise reject("non-finite", "sigma must be finite")
-        sigma: float | Array = number
-        positive = number > 0
-    else:
-        sigma = _SIGMA.validate(value, info)
-        positive = bool((sigma > 0).all())
-    if not positive:
-        raise reject("range", "sigma must be above zero")
-    return sigma
-
-
-Sigma = Annotated[
-    float | NDArray[np.float32],
-    BeforeValidator(_sigma),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "number", "exclusiveMinimum": 0},
-                {"type": "string", "contentEncoding": "binary", "x-dtype": "<f4", "x-shape": ["N"]},
-            ]
-        }
-    ),
-]
-
 
 # Share of the largest eigenvalue of a matrix in single precision that may be missing from the least.
 _ROUNDING = 1e-5
@@ -141,21 +106,10 @@ class ObservationBatch(Rowwise):
     moving: Annotated[bool, Field(strict=True)] | None = None
 
     def __post_init__(self) -> None:
-        self._shape("positions", self.dim)
-        self._shape("covariance", self.dim * (self.dim + 1) // 2)
         super().__post_init__()
         self._check_stamps()
         self._check_covariance()
         self._check_quaternions()
-
-    def _shape(self, name: str, width: int) -> None:
-        column, rows = getattr(self, name), len(self.ids)
-        if column is None:
-            return
-        if column.size != rows * width or (column.ndim == 2 and column.shape[1] != width):
-            raise reject("length", f"{name}: {column.size} numbers, expected {rows} x {width}")
-        # Assign although frozen: the width is known only here.
-        object.__setattr__(self, name, column.reshape(rows, width))
 
     def _check_stamps(self) -> None:
         if self.stamps_ns is None:

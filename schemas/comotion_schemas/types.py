@@ -1,13 +1,11 @@
 """Field types shared by several messages."""
 
 import re
-from collections.abc import Iterator
-from dataclasses import fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, StringConstraints, Tag
 
 from .columns import Column, reject
 from .text import MOST, shown
@@ -64,6 +62,12 @@ CovarianceColumn = Annotated[NDArray[np.float32], Column("<f4", "dim (dim + 1) /
 PixelColumn = Annotated[NDArray[np.float32], Column("<f4", 2)]
 PointColumn = Annotated[NDArray[np.float32], Column("<f4", 3, finite=False)]
 QuaternionColumn = Annotated[NDArray[np.float32], Column("<f4", 4, finite=False)]
+Sigma = Annotated[
+    Annotated[Finite, Field(gt=0), Tag("number")]
+    | Annotated[NDArray[np.float32], Column("<f4", above=0), Tag("column")],
+    Discriminator(lambda value: "number" if isinstance(value, int | float | np.number) else "column"),
+]
+"""One number for all rows, or one for each."""
 
 
 def is_name(value: str) -> bool:
@@ -72,21 +76,18 @@ def is_name(value: str) -> bool:
 
 
 class Record:
-    """A map inside a message, with access to fields as attributes or by key."""
+    """A map inside a message; the fields that `_spatial` names, where they are set, are of one dimension."""
 
-    def __getitem__(self, key: str) -> Any:
-        if key in self:
-            return getattr(self, key)
-        raise KeyError(key)
+    _spatial: ClassVar[tuple[str, ...]] = ()
 
-    def __contains__(self, key: object) -> bool:
-        return key in tuple(self.keys())
+    def __post_init__(self) -> None:
+        values = (getattr(self, name) for name in self._spatial)
+        if len({dimension(value) for value in values if value is not None}) > 1:
+            raise reject("length", f"{', '.join(self._spatial)} differ in dimension")
 
-    def keys(self) -> Iterator[str]:
-        """Names of the fields that are set."""
-        return (f.name for f in fields(self) if getattr(self, f.name) is not None)  # type: ignore[arg-type]
 
-    def get(self, key: str, default: Any = None) -> Any:
-        """Value of a field, or `default` if it is not set."""
-        value = getattr(self, key) if key in self else None
-        return default if value is None else value
+def dimension(value: "list[float] | float | Record") -> int:
+    """Dimension of a vector, a turn (a quaternion, or in 2-D an angle), or a record of them."""
+    if isinstance(value, Record):
+        return dimension(getattr(value, value._spatial[0]))
+    return min(len(value), 3) if isinstance(value, list) else 2
