@@ -309,7 +309,7 @@ class Timeline:
         timeout_ns = self._source_timeout_ns
         live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
         if not live:
-            sending = [s.newest_ns for s in self.sources.sending(self.at_ns)]
+            sending = [s.newest_ns for s in self.sources.sending(self.at_ns).values()]
             live, now_ns = self.steps.pace(sending, now_ns)
         if not live:
             return

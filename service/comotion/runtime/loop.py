@@ -11,7 +11,6 @@ import gc
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
@@ -21,7 +20,7 @@ from comotion_schemas.component import Component
 from ..config import to_ns
 from ..fusion import Fusion
 from .clocks import EventClock, HeadStart, Ticker, WallClock
-from .health import Health, Watchdog
+from .health import Health
 from .intake import Intake
 from .log_limit import DefectLog
 from .output import Output
@@ -50,14 +49,14 @@ class Loop:
         fusion: Fusion,
         component: Component,
         leadership: Presence | Election,
-        watchdog: Watchdog,
+        health: Health,
         keeper: StateKeeper,
         clocks: SourceClocks,
         *,
         recorded: bool,
     ) -> None:
         self._fusion, self._component, self._leadership = fusion, component, leadership
-        self._watchdog, self._keeper, self._source_clocks = watchdog, keeper, clocks
+        self._health, self._keeper, self._source_clocks = health, keeper, clocks
         period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
         self._overload, self._head_start = Overload(period_ns), HeadStart(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
@@ -67,7 +66,7 @@ class Loop:
         if recorded:
             self._clock = EventClock(fusion.timeline.watermark_ns)
             fusion.timeline.follow_recordings()
-        self._defects, self._health = DefectLog(), Health()
+        self._defects = DefectLog()
         self._due_ns: dict[str, int] = {}
         labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
@@ -170,7 +169,7 @@ class Loop:
         for fault in self._fusion.faults.take():
             self._defects.write(fault)
         at_ns = time.monotonic_ns()
-        self._watchdog.alive(at_ns)
+        self._health.alive(at_ns)
         if self._is_due("report", at_ns, _REPORT_NS):
             self._report(at_ns)
         if self._is_due("collect", at_ns, _COLLECT_NS):
@@ -187,18 +186,9 @@ class Loop:
         return due
 
     def _report(self, at_ns: int) -> None:
-        state_error, clocks, timeline = self._keeper.error, self._source_clocks, self._fusion.timeline
-        fields = self._health.report(
-            at_ns,
-            intake=self._intake,
-            sources=timeline.sources.health(self._now()[0], at_ns),
-            stats=self._fusion.stats,
-            notes=[*([state_error] if state_error else []), *self._overload.notes(), *clocks.notes()],
-            noticed=timeline.troubles.lately(),
-        )
-        own = {"clock_steps": clocks.steps, "refused_statuses": self._intake.statuses.refused}
-        counters = {**fields.counters, **own}
-        self._watchdog.report(replace(fields, counters=counters, clock_offsets=clocks.offsets()))
+        error, clocks = self._keeper.error, self._source_clocks
+        notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
+        self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
 
 
 def _return_memory() -> None:

@@ -14,14 +14,11 @@ from typing import Any
 from comotion_schemas.messages import Problem, ProblemKind
 from comotion_schemas.time_units import unix_unit
 
-from ..event_time.sources import SourceHealth
 from ..event_time.troubles import ClockTrouble
 from .log_limit import LogLimit
 
 # A problem ends when it has not been seen for so long: one that comes and goes is logged once.
 _LASTS_NS = 10_000_000_000
-# A process that has just started may take so long to its first batch.
-_START_NS = 3_000_000_000
 # Problems that a Status lists at most, also in a hostile scene; and of one kind.
 _MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
@@ -146,20 +143,8 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "its process is there but no batch of it was accepted; see that it publishes on "
         f"obs/{name} and what is rejected"
     ),
-    "silent": lambda source: (
-        f"no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see whether its "
+    "silent": lambda age_s: (
+        f"no data for {max(age_s, 0.0):.0f} s though its process is there; see whether its "
         "sensor or its loop hangs"
     ),
 }
-
-
-def silence(
-    present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int
-) -> dict[ProblemKind, dict[str, Any]]:
-    """Sources whose process is there but whose data is not."""
-    by_name = {source.name: source for source in sources}
-    started = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
-    return {
-        "no-data": {name: name for name in started if name not in by_name},
-        "silent": {name: by_name[name] for name in present if name in by_name and not by_name[name].sending},
-    }
