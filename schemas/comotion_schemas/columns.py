@@ -102,8 +102,11 @@ class Column:
             raise reject("range", f"an integer does not fit in {target}")
         if not array.size:
             array = array.reshape((0, width) if width else 0)
-        if array.shape[1:] != ((width,) if width else ()):
-            raise reject("length", f"an array of shape {array.shape}, expected rows of {width or 1}")
+        rank = 2 if width else 1
+        if array.ndim != rank:
+            raise reject("length", f"expected {rank} dimensions, got {array.ndim}")
+        if width and array.shape[1] != width:
+            raise reject("length", f"expected rows of {width}, got {array.shape[1]}")
         array.flags.writeable = False
         return array
 
