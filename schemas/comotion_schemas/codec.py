@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from .columns import WIRE
-from .errors import KnownError
+from .errors import KnownError, describe
 from .hypotheses import HypothesisUpdate
 from .keys import kind_of, publisher_of
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
@@ -185,12 +185,9 @@ class _Containers:
 
 
 def _decode_error(error: ValidationError) -> DecodeError:
-    first = error.errors(include_url=False, include_input=False)[0]
-    kind = first["type"]
+    kind = error.errors(include_url=False, include_input=False)[0]["type"]
     reason = kind if kind in _REASONS else _PYDANTIC_REASONS.get(kind, "schema")
-    where = shown(".".join(str(part) for part in first["loc"]), 200)
-    detail = f"{where}: {first['msg']}" if where else first["msg"]
-    return DecodeError(cast("RejectionReason", reason), detail[:500])
+    return DecodeError(cast("RejectionReason", reason), shown(describe(error), 500))
 
 
 def _to_wire(value: Any) -> Any:

@@ -1,7 +1,6 @@
 """Bounds of docs/limits.md that no other test shows, and that every sentence there has a test."""
 
 import json
-import logging
 import re
 from collections import Counter
 from pathlib import Path
@@ -14,7 +13,7 @@ from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
 from comotion.runtime import queries
-from comotion.runtime.log_limit import LogLimit
+from comotion.runtime.log_limit import limited
 from comotion.runtime.problems import Problems
 from comotion.runtime.queries import Queryables
 from comotion.trajectories.track_index import MAX_ENDED, TrackIndex
@@ -193,10 +192,11 @@ def test_of_many_problems_64_are_listed():
 
 def test_lines_are_left_out_and_one_says_how_many(caplog):
     times = [0.0]
-    limit = LogLimit(3, 10.0, lambda: times[0])
-    logger = logging.getLogger("comotion.test")
-    for _ in range(8):
-        limit.log(logger, 30, "again")
-    times[0] = 11.0
-    limit.log(logger, 30, "later")
-    assert caplog.messages == ["again"] * 3 + ["5 more lines like these were left out", "later"]
+    logger = limited("comotion.test", lambda: times[0])
+    for k in range(25):
+        logger.warning("again %d", k)
+    logger.warning("of another kind")
+    times[0] = 61.0
+    logger.warning("again %d", 25)
+    last = ["of another kind", "5 more lines like these were left out", "again 25"]
+    assert caplog.messages == [*(f"again {k}" for k in range(20)), *last]

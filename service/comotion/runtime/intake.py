@@ -10,7 +10,6 @@ neither a subscription nor a query. Nothing limits how many a source declares, a
 goes through all matches of a wildcard for each of them.
 """
 
-import logging
 import threading
 import time
 from collections import deque
@@ -26,7 +25,7 @@ from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Ledger
-from .log_limit import LogLimit
+from .log_limit import limited
 from .queues import OTHERS, Payload, Queues
 
 # Between two queries of one token, at least; and queries without an answer.
@@ -38,7 +37,7 @@ _RING, _READ_AGAIN_NS = 1024, 500_000_000
 _READ_AT_ONCE = 16
 # That of a service with a thousand sources is as large.
 _MOST_BYTES = 256 * 1024
-_log = logging.getLogger(__name__)
+_log = limited(__name__)
 
 
 class Intake:
@@ -55,7 +54,6 @@ class Intake:
     def __init__(self, session: zenoh.Session, keys: Keys, ledger: Ledger, most: int = 1024) -> None:
         self._ledger = ledger
         self._most = most
-        self._limit = LogLimit(10, 10.0)
         self.rejection = ""
         self.tokens = Tokens(session, keys, most)
         self.queues = Queues(session, keys, most)
@@ -138,7 +136,7 @@ class Intake:
         if source:
             self._ledger.overlooked(source, 1)
         self.rejection = f"obs/{name}: {error}"
-        self._limit.log(_log, logging.WARNING, "rejected a batch on obs/%s: %s", name[:64], error)
+        _log.warning("rejected a batch on obs/%s: %s", name[:64], error)
 
 
 class Statuses:
@@ -155,7 +153,6 @@ class Statuses:
         self._unread: dict[str, tuple[bytes, float]] = {}
         self._read_ns: dict[str, int] = {}
         self._sources: set[str] = set()
-        self._limit = LogLimit(5, 60.0)
         self._receiver = Receiver(session, keys.streams("status"), "status", _RING, self._add)
 
     def close(self) -> None:
@@ -198,7 +195,7 @@ class Statuses:
                 raise DecodeError("source-mismatch", f"it is about {status.component!r}")
         except DecodeError as error:
             self.refused += 1
-            self._limit.log(_log, logging.WARNING, "refused a Status on status/%s: %s", name, error)
+            _log.warning("refused a Status on status/%s: %s", name, error)
             return None
         return status
 
@@ -211,7 +208,6 @@ class Tokens:
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._session, self._keys, self._most = session, keys, most
-        self._limit = LogLimit(20, 10.0)
         self._due_ns = self._pending = 0
         self._turn: list[str] = []
         # Names, and whether their token is there; None: no router has answered. Zenoh's threads add to it.
@@ -242,7 +238,7 @@ class Tokens:
     def _take_in(self, name: str, alive: bool | None, monotonic_ns: int) -> None:
         if alive and name not in self.present and len(self.present) < self._most:
             self.present[name] = monotonic_ns
-            self._limit.log(_log, logging.INFO, "source %s is here", name)
+            _log.info("source %s is here", name)
         elif alive is False and name in self.present:
             del self.present[name]
-            self._limit.log(_log, logging.INFO, "source %s has left", name)
+            _log.info("source %s has left", name)

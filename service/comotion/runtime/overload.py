@@ -2,19 +2,18 @@
 
 import logging
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ..shedding import MOST, Load, describe
-from .log_limit import LogLimit
+from .log_limit import limited
 
-_log = logging.getLogger(__name__)
+_log = limited(__name__)
 
 
 @dataclass
 class Overload(Load):
     """Finds the level, and logs what is left out. Times are monotonic nanoseconds."""
 
-    _limit: LogLimit = field(default_factory=lambda: LogLimit(10, 60.0))
     _cost_ns: float = 0.0
     _spent_ns: int = 0
 
@@ -30,9 +29,9 @@ class Overload(Load):
         level = super().note(took_ns, spent_ns, at_ns)
         if level > previous:
             kind = logging.INFO if previous else logging.WARNING
-            self._limit.log(_log, kind, "%s", *self.notes())
+            _log.log(kind, "%s", *self.notes())
         elif previous and not level:
-            self._limit.log(_log, logging.INFO, "updates are on time again: nothing is left out")
+            _log.info("updates are on time again: nothing is left out")
         return level
 
     def notes(self) -> list[str]:

@@ -18,7 +18,6 @@ Every query gets a reply, or an error that says what is wrong.
 """
 
 import json
-import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -36,13 +35,14 @@ from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 
 from ..fusion import Fusion
+from .log_limit import limited
 
 AFFINITY_SCHEMA = "comotion.Affinity/1"
 _AFFINITY_ENCODING = f"application/msgpack;{AFFINITY_SCHEMA}"
 _JSON = "application/json"
 # Queries that wait for a turn of the loop; of more, the oldest are dropped.
 _MOST_QUERIES = 64
-_log = logging.getLogger(__name__)
+_log = limited(__name__)
 
 Answer = tuple[bytes, str]
 Handler = Callable[[Mapping[str, str]], Answer]

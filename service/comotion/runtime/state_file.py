@@ -61,9 +61,9 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     first_id = _reserved(path)
     try:
         with path.open("rb") as file:
-            head = snapshot.Header.read(file.read(snapshot.HEADER_BYTES))
-        first_id = head.following
-        fusion = _continued(path, head.total, config, scene, session, now_ns)
+            data = file.read(snapshot.MAX_BYTES + 1)
+        first_id = snapshot.Header.read(data).following
+        fusion = _continued(data, config, scene, session, now_ns)
     except FileNotFoundError:
         pass
     except (ValueError, OSError) as error:
@@ -92,20 +92,16 @@ def _age(path: Path) -> str:
     return f"{seconds:.0f} s ago"
 
 
-def _continued(
-    path: Path, size: int, config: FusionConfig, scene: str, session: str, now_ns: int | None
-) -> Fusion:
-    """A fusion that goes on from a file of a size that its header announces; a twin has tried it out.
+def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
+    """A fusion that goes on from a snapshot; a twin has tried it out.
 
     Raises
     ------
     ValueError
-        If the file is another scene's, of the future or damaged, or no update follows from it.
+        If it is another scene's, of the future or damaged, or no update follows from it.
     """
-    actual = path.stat().st_size
-    if actual != size or actual > snapshot.MAX_BYTES:
-        raise KnownError(f"damaged snapshot: {actual} bytes, its header says {size}")
-    data = path.read_bytes()
+    if len(data) > snapshot.MAX_BYTES:
+        raise KnownError(f"a snapshot has at most {snapshot.MAX_BYTES} bytes")
     twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
     watermark = fusion.timeline.watermark_ns
     try:
