@@ -86,8 +86,9 @@ class TestHealth:
         for name, age_s in dict(sources).items():
             heard_ns = at_ns - int(age_s * SECOND)
             timeline.sources[name] = Source(SESSION, heard_ns, heard_ns=heard_ns)
+        tokens = SimpleNamespace(present=dict.fromkeys(present, 0))
         intake = SimpleNamespace(
-            received={}, present=dict.fromkeys(present, 0), rejection="", statuses=SimpleNamespace(refused=0)
+            received=dict, rejection="", tokens=tokens, statuses=SimpleNamespace(refused=0)
         )
         clocks = SimpleNamespace(steps=0, offsets=dict)
         health.report(at_ns, at_ns, timeline, intake, clocks, [])

@@ -139,7 +139,7 @@ class Timeline:
         """Let a batch wait as its verdict says, or book its fate."""
         match entry.go(verdict):
             case Stage.CLOCK:
-                self.steps.hold(entry)
+                self.steps.held.append(entry)
             case Stage.NAME:
                 self._rival(entry, now_ns)
             case Stage.WATERMARK:
@@ -188,7 +188,8 @@ class Timeline:
         if decision == "follow":
             steps.follow(self._reference(now_ns))
         replayed: set[Key] = set()
-        for entry in steps.let_go():
+        held, steps.held = steps.held, []
+        for entry in held:
             source = self._sender(entry)
             if decision == "judge":
                 # The clock of its session is wrong: others agree.

@@ -76,10 +76,10 @@ class Health:
         The core has counted and noticed problems, the intake has refused, and knows which sources are there;
         `notes` are further troubles in words.
         """
-        present, stats, sources = intake.present, timeline.ledger.total, timeline.sources
+        present, stats, sources = intake.tokens.present, timeline.ledger.total, timeline.sources
         own = {"clock_steps": clocks.steps, "refused_statuses": intake.statuses.refused}
         counters, rejected = stats.counters() | own, dict(stats.rejected)
-        self._samples.append(_Sample(at_ns, dict(intake.received), counters, rejected))
+        self._samples.append(_Sample(at_ns, intake.received(), counters, rejected))
         while self._samples[0].at_ns < at_ns - _RECENT_NS:
             self._samples.popleft()
         ages = {name: (now_ns - source.newest_ns) / 1e9 for name, source in sorted(sources.items())}

@@ -40,38 +40,23 @@ _MOST_BYTES = 256 * 1024
 _log = limited(__name__)
 
 
-class Intake:
+class Intake(Queues):
     """All subscriptions of the service to `most` sources; refusals and overflow go to the ledger.
 
     Attributes
     ----------
     rejection
         Key and reason of the newest payload that was refused; empty before any.
-    tokens, queues, statuses
-        The tokens of the sources, their payloads that wait, and their Statuses.
+    tokens, statuses
+        The tokens of the sources, and their Statuses.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, ledger: Ledger, most: int = 1024) -> None:
         self._ledger = ledger
-        self._most = most
         self.rejection = ""
         self.tokens = Tokens(session, keys, most)
-        self.queues = Queues(session, keys, most)
         self.statuses = Statuses(session, keys, most)
-
-    @property
-    def received(self) -> dict[str, int]:
-        """Valid batches of every source that has lately sent."""
-        return self.queues.received()
-
-    @property
-    def present(self) -> dict[str, int]:
-        """Names whose liveliness token is there, and since when in monotonic ns."""
-        return self.tokens.present
-
-    def silent_ns(self, monotonic_ns: int) -> int:
-        """Time since a payload of any source arrived."""
-        return monotonic_ns - self.queues.heard_ns()
+        super().__init__(session, keys, most)
 
     def receive(self, monotonic_ns: int, budget_ns: int = 2**62) -> Iterator[ObservationBatch]:
         """Yield valid batches that have arrived: of each source in the order of arrival, in turns.
@@ -79,13 +64,13 @@ class Intake:
         The budget is for reading and whatever the caller does with a batch. Beyond it, a source that has had
         its share waits for the next call; any source may have one batch read.
         """
-        self.tokens.look(monotonic_ns, self._heard)
-        active = self.queues.active()
+        self.tokens.look(monotonic_ns, lambda: self.received().keys() | self.statuses.take_sources())
+        active = self.active()
         share_ns, total_ns, spent = budget_ns // max(len(active), 1), 0, dict.fromkeys(active, 0)
         while active:
             for name, queue in list(active.items()):
                 began = time.monotonic_ns()
-                payload, displaced = self.queues.take(queue)
+                payload, displaced = self.take(queue)
                 if displaced:
                     self._ledger.overflow((name, ""), displaced)
                     self._ledger.overlooked(name, displaced)
@@ -99,17 +84,9 @@ class Intake:
                 if not queue.waiting or (total_ns > budget_ns and spent[name] >= share_ns):
                     del active[name]
 
-    def _heard(self) -> set[str]:
-        """Names of which something has come: batches, or Statuses since the last call."""
-        return self.queues.received().keys() | self.statuses.take_sources()
-
-    def drop_idle(self, monotonic_ns: int) -> None:
-        """Forget sources that have left and sent nothing for some seconds."""
-        self.queues.drop_idle(monotonic_ns, set(self.present))
-
     def close(self) -> None:
         """Stop receiving."""
-        self.queues.close()
+        super().close()
         self.statuses.close()
 
     def _batch(self, queue: str, payload: Payload) -> ObservationBatch | None:

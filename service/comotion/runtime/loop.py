@@ -175,7 +175,7 @@ class Loop:
         if self._is_due("collect", at_ns, _COLLECT_NS):
             gc.collect()
         if self._is_due("free", at_ns, _FREE_NS):
-            self._intake.drop_idle(at_ns)
+            self._intake.drop_idle(at_ns, self._intake.tokens.present)
             _return_memory()
         self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
 

@@ -7,6 +7,7 @@ displaces its own data. Payloads without a valid name, or of one source too many
 import threading
 import time
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -111,7 +112,7 @@ class Queues:
         with self._lock:
             return max(queue.used_ns for queue in self.of.values())
 
-    def drop_idle(self, monotonic_ns: int, present: set[str]) -> None:
+    def drop_idle(self, monotonic_ns: int, present: Collection[str]) -> None:
         """Forget sources that have sent nothing for some seconds, but those that are present."""
         with self._lock:
             for name, queue in list(self.of.items()):

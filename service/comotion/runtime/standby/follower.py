@@ -90,7 +90,8 @@ class Follower:
         A replica that hears no source may be cut off itself, with its router, and takes no service for gone.
         """
         session = self._component.session
-        if self._intake.silent_ns(time.monotonic_ns()) > _SILENT_NS or not session.info.routers_zid():
+        silent_ns = time.monotonic_ns() - self._intake.heard_ns()
+        if silent_ns > _SILENT_NS or not session.info.routers_zid():
             return False
         key = self._component.keys.live("service", name)
         alive = any(reply.ok is not None for reply in session.liveliness().get(key, timeout=_TOKEN_TIMEOUT_S))
