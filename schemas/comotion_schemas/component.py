@@ -230,8 +230,8 @@ class Component:
                 token = self.session.liveliness().declare_token(self._live_key)
                 stack.callback(token.undeclare)
             self._start_status(stack)
-            metrics.add(self)
-            stack.callback(metrics.remove, self)
+            metrics.components.append(self)
+            stack.callback(metrics.components.remove, self)
             self._exit = stack.pop_all()
         return self
 

@@ -142,8 +142,8 @@ class Source:
             self._begin_session(message.session)
             self._counters["sent"] += 1
             self._counters["observations"] += len(message.ids)
-            if self._lag is not metrics.OFF:
-                self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
+            if self._lag is not metrics.off:
+                self._lag((time.time_ns() - message.stamp_ns) / 1e9)
 
     def receive(self, key: str, settings: SessionSettings | None = None) -> Iterator[Arrival | None]:
         """Receive what others publish, as :meth:`Inbox.until` the source stops.

@@ -19,7 +19,7 @@ from comotion_schemas.component import Component
 
 from ..config import to_ns
 from ..fusion import Fusion
-from .clocks import EventClock, HeadStart, Ticker, WallClock
+from .clocks import EventClock, Ticker, WallClock
 from .health import Health
 from .intake import Intake
 from .log_limit import DefectLog
@@ -58,7 +58,7 @@ class Loop:
         self._fusion, self._component, self._leadership = fusion, component, leadership
         self._health, self._keeper, self._source_clocks = health, keeper, clocks
         period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
-        self._overload, self._head_start = Overload(period_ns), HeadStart(period_ns)
+        self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
@@ -90,7 +90,7 @@ class Loop:
             ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
             while not self._component.stop.is_set():
                 self._receive()
-                spare_ns = ticker.remaining_ns(time.monotonic_ns()) - self._head_start.ns
+                spare_ns = ticker.remaining_ns(time.monotonic_ns()) - ticker.head_start_ns
                 if spare_ns > 0:
                     self._fuse_ahead(spare_ns)
                     continue
@@ -104,8 +104,8 @@ class Loop:
             update = self._fusion.update(*self._now())
             self._took_ns = time.monotonic_ns() - began_ns
             self._spent_ns = time.thread_time_ns() - spent_ns
-            self._head_start.note(self._took_ns)
-            self._tick_time.observe(self._took_ns / 1e9)
+            ticker.note(self._took_ns)
+            self._tick_time(self._took_ns / 1e9)
             self._wait(ticker.remaining_ns(time.monotonic_ns()))
             self._last = self._publish(update)
         with self._fusion.faults.guard("housekeeping"):
@@ -158,7 +158,7 @@ class Loop:
         """Publish an update with the time of its publication; returns what was published."""
         update = self._output.publish(update)
         if update.stamp_ns > 0:  # not so with the event clock before the first observation
-            self._lag.observe((update.published_ns - update.stamp_ns) / 1e9)
+            self._lag((update.published_ns - update.stamp_ns) / 1e9)
         return update
 
     def _wait(self, duration_ns: int) -> None:
