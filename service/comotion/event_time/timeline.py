@@ -59,7 +59,8 @@ class Timeline:
         self._faults = faults or Faults(stats)
         self.sources = Sources(self._source_timeout_ns)
         self._inbox: list[Entry] = []
-        self._load = Load(config.limits)
+        waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))
+        self._load = Load(config.limits.waiting_batches, *waiting)
         self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
         self.troubles = Troubles()
         self.ledger = Ledger(stats, self.troubles)
@@ -87,12 +88,12 @@ class Timeline:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal)
-        elif not self._load.admits(entry) or (
+        elif not self._load.admits(batch.source, entry.size) or (
             stamps is not None and len(np.unique(stamps)) > self._limits.instants
         ):
             self.ledger.settle(key, "limit")
         else:
-            self._load.add(entry)
+            self._load.add(batch.source, entry.size)
             self._inbox.append(entry)
 
     def advance(self, now_ns: int, at_ns: int | None, store: Store, end: End) -> None:
@@ -150,7 +151,7 @@ class Timeline:
     def _settle(self, entry: Entry, fate: Fate) -> None:
         """Book the fate of a batch."""
         entry.go(fate)
-        self._load.add(entry, -1)
+        self._load.add(entry.batch.source, entry.size, -1)
         self.ledger.settle(entry.key, fate)
 
     def _admit(self, entry: Entry, now_ns: int) -> Verdict:

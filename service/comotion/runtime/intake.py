@@ -70,7 +70,7 @@ class Intake(Queues):
         while active:
             for name, queue in list(active.items()):
                 began = time.monotonic_ns()
-                payload, displaced = self.take(queue)
+                payload, displaced = self.take(name)
                 if displaced:
                     self._ledger.overflow((name, ""), displaced)
                     self._ledger.overlooked(name, displaced)
