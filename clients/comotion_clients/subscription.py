@@ -19,9 +19,8 @@ from comotion_schemas import (
     TruthBatch,
     decode_on,
 )
-from comotion_schemas.epochs import Epochs
 from comotion_schemas.keys import Kind
-from comotion_schemas.sequence import SequenceCounter
+from comotion_schemas.sequence import Epochs, SequenceCounter
 from comotion_schemas.transport import Receiver
 
 from .inbox import Closed, Inbox

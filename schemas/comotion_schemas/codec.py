@@ -14,9 +14,8 @@ from pydantic import TypeAdapter, ValidationError
 from .columns import WIRE
 from .errors import KnownError, describe
 from .hypotheses import HypothesisUpdate
-from .keys import kind_of, publisher_of
+from .keys import QOS, kind_of, publisher_of
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
-from .qos import QOS
 from .text import shown
 from .types import MAX_BYTES
 

@@ -1,4 +1,4 @@
-"""Counts by sequence numbers how many messages were lost before each, and finds repeats.
+"""Counts by sequence numbers how many messages were lost before each, finds repeats, and follows epochs.
 
 Every message with a `seq` counts 0, 1, 2 ... per publisher and session. A number that is skipped is a
 lost message until it comes; a number that comes twice is a repeated one. A reader that joins late has lost
@@ -14,6 +14,11 @@ MAX_SESSIONS = 4096
 MAX_GAPS = 1024
 MAX_JUMP = 2**32
 """A jump by more is no loss, but 50 days of messages at 1 kHz: the numbers begin anew."""
+
+MAX_EPOCH_STEP = 1000
+"""A larger step upwards is not followed: one wrong number would shut out every service to come."""
+EPOCH_LASTS_S = 10.0
+"""After this time without an update the number is forgotten."""
 
 Order = Literal["newest", "overtaken", "repeated"]
 
@@ -129,3 +134,19 @@ class SequenceCounter:
     def forget(self, publisher: str, session: str) -> None:
         """Forget a session that is over; nothing happens where it is not known."""
         self._runs.pop((publisher, session), None)
+
+
+class Epochs:
+    """Follows the epoch of a scene upwards; `newest` is that of the last update heard."""
+
+    def __init__(self) -> None:
+        self.newest = 0
+        self._heard_s = -float("inf")
+
+    def allows(self, epoch: int, now_s: float) -> bool:
+        """Whether an update of this epoch is to be heard; `now_s` is on a monotonic clock."""
+        return now_s - self._heard_s > EPOCH_LASTS_S or 0 <= epoch - self.newest <= MAX_EPOCH_STEP
+
+    def follow(self, epoch: int, now_s: float) -> None:
+        """Take note of an update that is heard."""
+        self.newest, self._heard_s = epoch, now_s

@@ -17,8 +17,7 @@ import zenoh
 import zenoh.ext
 
 from .errors import KnownError
-from .keys import Keys, Kind, StreamKind
-from .qos import HEARTBEAT_S, QOS, PriorityName
+from .keys import HEARTBEAT_S, QOS, Keys, Kind, PriorityName, StreamKind
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"

@@ -1,13 +1,17 @@
-"""Gives the service its "now", the wall clock or the newest event of a replay, and its deadlines.
+"""Gives the service its "now", the wall clock or the newest event of a replay, its deadlines, and its load.
 
 Deadlines neither drift nor bunch; the work for them begins so early that it is done in time.
 """
 
+import logging
 import time
 from collections import deque
+from dataclasses import dataclass
 from typing import Literal
 
 from ..event_time.timeline import FUTURE_NS
+from ..shedding import MOST, Load, describe
+from .log_limit import limited
 
 ClockName = Literal["wall", "event"]
 # Time daemons slew the clock by less between two readings; more is a step.
@@ -20,6 +24,7 @@ _UNFOLLOWED_NS = 1_000_000_000
 _REMEMBERED = 20
 # Single updates, with births or splits, take longer than any of those before them.
 _SLOWER = 1.5
+_log = limited(__name__)
 
 
 class WallClock:
@@ -114,6 +119,37 @@ class Ticker:
         skipped = max(0, (now_ns - self._due_ns) // self._period_ns)
         self._due_ns += (skipped + 1) * self._period_ns
         return skipped
+
+
+@dataclass
+class Overload(Load):
+    """Finds the level of shedding (:mod:`comotion.shedding`), and logs what is left out."""
+
+    _cost_ns: float = 0.0
+    _spent_ns: int = 0
+
+    def cost_ns(self) -> int:
+        """Cost of this thread so far: on a busy machine a second of its processor time takes longer."""
+        before_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
+        self._cost_ns += (self._spent_ns - before_ns) * self.busy
+        return int(self._cost_ns)
+
+    def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
+        """Take note of how long an update took, and its processor time; returns the level from now on."""
+        previous = self.level
+        level = super().note(took_ns, spent_ns, at_ns)
+        if level > previous:
+            kind = logging.INFO if previous else logging.WARNING
+            _log.log(kind, "%s", *self.notes())
+        elif previous and not level:
+            _log.info("updates are on time again: nothing is left out")
+        return level
+
+    def notes(self) -> list[str]:
+        """The reason, in words, for the Status; empty while nothing is left out."""
+        if not self.level:
+            return []
+        return [f"updates take longer than a period (level {self.level} of {MOST}): {describe(self.level)}"]
 
 
 def _offset_ns() -> int:

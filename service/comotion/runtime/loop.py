@@ -19,12 +19,11 @@ from comotion_schemas.component import Component
 
 from ..config import to_ns
 from ..fusion import Fusion
-from .clocks import EventClock, Ticker, WallClock
+from .clocks import EventClock, Overload, Ticker, WallClock
 from .health import Health
 from .intake import Intake
 from .log_limit import DefectLog
 from .output import Output
-from .overload import Overload
 from .presence import Presence
 from .queries import handlers
 from .source_clocks import SourceClocks

@@ -12,8 +12,8 @@ from zenoh.handlers import RingChannel
 
 from comotion_schemas import DecodeError, HypothesisUpdate, decode_as
 from comotion_schemas.component import Component
-from comotion_schemas.epochs import Epochs
 from comotion_schemas.keys import last_chunk
+from comotion_schemas.sequence import Epochs
 from comotion_schemas.transport import declare_subscriber
 
 from ...fusion import Fusion
