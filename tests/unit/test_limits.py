@@ -61,7 +61,8 @@ def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
     ledger = Ledger(Stats())
     ledger.arrive(("waits", ""))
     for k in range(MAX_ACCOUNTS + 10):
-        ledger.refuse(("cam", f"{k:016x}"), "limit")
+        ledger.arrive(key := ("cam", f"{k:016x}"))
+        ledger.settle(key, "limit")
     accounts = ledger.accounts
     assert len(accounts) == MAX_ACCOUNTS
     assert ("waits", "") in accounts

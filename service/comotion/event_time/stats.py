@@ -152,13 +152,16 @@ class Ledger:
         """A batch that was waiting has come to its end."""
         self._book(key, {"waiting": -1, fate: 1})
 
-    def refuse(self, key: Key, reason: RejectionReason) -> None:
-        """A payload was refused before its batch was known."""
-        self._book(key, {"batches": 1, reason: 1})
+    def unread(self, source: str, fate: RejectionReason | Literal["overflow"], count: int = 1) -> None:
+        """Batches of a source were refused or displaced before their sequence numbers were known.
 
-    def overflow(self, key: Key, count: int) -> None:
-        """Batches were displaced before they were read."""
-        self._book(key, {"batches": count, "overflow": count})
+        The source is empty where the name of none is valid.
+        """
+        self._book((source, ""), {"batches": count, fate: count})
+        if source:
+            self._unread[source] = self._unread.pop(source, 0) + count
+            if len(self._unread) > MAX_ACCOUNTS:
+                del self._unread[next(iter(self._unread))]
 
     def _book(self, key: Key, counts: Mapping[str, int]) -> None:
         """Add to the account of a session and to the totals."""
@@ -176,12 +179,6 @@ class Ledger:
         if lost:
             self._book(key, {"lost": lost})
         return order
-
-    def overlooked(self, source: str, count: int) -> None:
-        """Take note of batches of a source that are accounted but whose sequence numbers were not read."""
-        self._unread[source] = self._unread.pop(source, 0) + count
-        if len(self._unread) > MAX_ACCOUNTS:
-            del self._unread[next(iter(self._unread))]
 
     def claim(self, key: Key, count: int, at_ns: int) -> None:
         """Take note that a session says it has sent so many batches, at a time on the clock of arrivals."""

@@ -4,7 +4,7 @@ The rules are in the docstring of :mod:`comotion.event_time`.
 """
 
 from collections.abc import Collection
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -106,10 +106,11 @@ class Timeline:
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
             entry.at_ns = at_ns
+            verdict: Verdict = "defect"
             with self._faults.guard("judging a batch", entry.batch):
-                self._take(entry, self._admit(entry, now_ns), now_ns)
-            if entry.stage is Stage.INBOX:
-                self._settle(entry, "defect")
+                verdict = self._admit(entry, now_ns)
+            with self._faults.guard("taking a batch in", entry.batch):
+                self._take(entry, verdict, now_ns)
         # One decision may allow another: one on a clock moves stamps of rivals, and a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
             pass
@@ -138,19 +139,18 @@ class Timeline:
 
     def _take(self, entry: Entry, verdict: Verdict, now_ns: int) -> None:
         """Let a batch wait as its verdict says, or book its fate."""
-        match entry.go(verdict):
+        match verdict:
             case Stage.CLOCK:
                 self.steps.held.append(entry)
             case Stage.NAME:
                 self._rival(entry, now_ns)
             case Stage.WATERMARK:
                 self._wait(entry, now_ns)
-            case _:
-                self._settle(entry, cast("Fate", verdict))
+            case fate:
+                self._settle(entry, fate)
 
     def _settle(self, entry: Entry, fate: Fate) -> None:
         """Book the fate of a batch."""
-        entry.go(fate)
         self._load.add(entry.batch.source, entry.size, -1)
         self.ledger.settle(entry.key, fate)
 
@@ -164,7 +164,7 @@ class Timeline:
             if steps.may_wait(entry, agreed=agreed, alone=alone):
                 if source is not None and agreed:
                     source.hear(entry.at_ns)
-                return "clock"
+                return Stage.CLOCK
         return self._judge(entry, now_ns)
 
     def _sender(self, entry: Entry) -> Source | None:
@@ -229,9 +229,9 @@ class Timeline:
             source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns, since_ns=at_ns)
         elif batch.session != source.session:
             over = batch.session in source.past and stamp_ns <= source.started_ns
-            return "late" if over else "name"
+            return "late" if over else Stage.NAME
         source.observe(stamp_ns, at_ns)
-        return "watermark"
+        return Stage.WATERMARK
 
     def _rival(self, entry: Entry, now_ns: int) -> None:
         """Let a batch of another session of a source wait until it is clear which one has the name."""
@@ -258,7 +258,7 @@ class Timeline:
                 source.start(first.batch.session, stamp_ns, at_ns)
                 for entry in admitted:
                     source.observe(self.steps.scene_time(entry.batch), at_ns)
-                    self._take(entry, "watermark", now_ns)
+                    self._take(entry, Stage.WATERMARK, now_ns)
             elif at_ns - first.at_ns >= limit_ns:
                 self.troubles.note("duplicate-name", first.batch.source)
                 self._take(source.rivals.pop(0), "duplicate-name", now_ns)

@@ -72,8 +72,7 @@ class Intake(Queues):
                 began = time.monotonic_ns()
                 payload, displaced = self.take(name)
                 if displaced:
-                    self._ledger.overflow((name, ""), displaced)
-                    self._ledger.overlooked(name, displaced)
+                    self._ledger.unread(name, "overflow", displaced)
                 batch = self._batch(name, payload)
                 if batch is not None:
                     queue.received += 1
@@ -108,10 +107,7 @@ class Intake(Queues):
         return None
 
     def _reject(self, name: str, error: DecodeError) -> None:
-        source = name if is_name(name) else ""
-        self._ledger.refuse((source, ""), error.reason)
-        if source:
-            self._ledger.overlooked(source, 1)
+        self._ledger.unread(name if is_name(name) else "", error.reason)
         self.rejection = f"obs/{name}: {error}"
         _log.warning("rejected a batch on obs/%s: %s", name[:64], error)
 
