@@ -117,20 +117,9 @@ def decode_on(key: str, payload: bytes) -> Message:
     kind, message = kind_of(key), decode(payload)
     if kind is None or type(message).__name__ != QOS[kind].message:
         raise DecodeError("schema", f"a {type(message).__name__} on {shown(key, 200)}")
-    if _publisher(message) != publisher_of(key):
+    if getattr(message, QOS[kind].publisher) != publisher_of(key):
         raise DecodeError("source-mismatch", f"published on {shown(key, 200)}")
     return message
-
-
-def _publisher(message: Message) -> str:
-    """Name of the publisher in a message, which must equal the name in its key."""
-    match message:
-        case HypothesisUpdate():
-            return message.scene
-        case Status():
-            return message.component
-        case _:
-            return message.source
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:

@@ -127,6 +127,8 @@ class QoS:
         Request reliable links.
     cache
         Samples that the publisher keeps for late joiners; 0: none.
+    publisher
+        Field of the message with the name of its publisher, which must equal that in its key.
     """
 
     message: str
@@ -134,6 +136,7 @@ class QoS:
     express: bool
     reliable: bool
     cache: int
+    publisher: str = "source"
 
     @property
     def encoding(self) -> str:
@@ -144,9 +147,11 @@ class QoS:
 QOS: dict[Kind, QoS] = {
     "obs": QoS("ObservationBatch", "INTERACTIVE_HIGH", express=True, reliable=True, cache=0),
     "joints": QoS("JointStates", "INTERACTIVE_HIGH", express=True, reliable=True, cache=0),
-    "hypotheses": QoS("HypothesisUpdate", "DATA_HIGH", express=True, reliable=True, cache=1),
+    "hypotheses": QoS(
+        "HypothesisUpdate", "DATA_HIGH", express=True, reliable=True, cache=1, publisher="scene"
+    ),
     "truth": QoS("TruthBatch", "DATA", express=False, reliable=True, cache=4096),
-    "status": QoS("Status", "DATA_LOW", express=False, reliable=True, cache=1),
+    "status": QoS("Status", "DATA_LOW", express=False, reliable=True, cache=1, publisher="component"),
     "preview": QoS("Preview", "BACKGROUND", express=False, reliable=False, cache=0),
 }
 

@@ -158,7 +158,7 @@ class Timeline:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self._sender(entry)
         steps.catch_up(entry.batch, now_ns)
-        if steps.is_off(entry, self._reference(now_ns), self._floor()):
+        if steps.is_off(entry, steps.reference(now_ns, self.watermark_ns), self._floor()):
             agreed, last_ns = source is not None and source.agreed_ns is not None, self.sources.agreed_ns()
             alone = last_ns is None or self.at_ns - last_ns > self._source_timeout_ns
             if steps.may_wait(entry, agreed=agreed, alone=alone):
@@ -176,10 +176,6 @@ class Timeline:
         """Stamp below which all is late; None before the first watermark."""
         return None if self.watermark_ns is None else self.watermark_ns - self._lateness_ns
 
-    def _reference(self, now_ns: int) -> int:
-        """The time that stamps are compared with."""
-        return self.steps.reference(now_ns, self.watermark_ns)
-
     def _decide(self, now_ns: int) -> bool:
         """Judge the batches that wait because of their clock; whether it was clear which clock is wrong."""
         steps, at_ns = self.steps, self.at_ns
@@ -187,7 +183,7 @@ class Timeline:
         if decision == "wait":
             return False
         if decision == "follow":
-            steps.follow(self._reference(now_ns))
+            steps.follow(steps.reference(now_ns, self.watermark_ns))
         replayed: set[Key] = set()
         held, steps.held = steps.held, []
         for entry in held:
