@@ -12,10 +12,10 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
-from comotion.runtime import queries
+from comotion.runtime import output
 from comotion.runtime.log_limit import limited
+from comotion.runtime.output import Queryables
 from comotion.runtime.problems import Problems
-from comotion.runtime.queries import Queryables
 from comotion.trajectories.track_index import MAX_ENDED, TrackIndex
 from comotion.trajectories.window import Window
 from comotion_schemas import Keys
@@ -148,12 +148,12 @@ class TestQueries:
 
     def test_64_of_a_name_wait(self, monkeypatch):
         rings = []
-        monkeypatch.setattr(queries, "RingChannel", rings.append)
+        monkeypatch.setattr(output, "RingChannel", rings.append)
         self.declared(None)
         assert rings == [64, 64]
 
     def test_a_reply_that_is_too_large_is_an_error_that_says_so(self, monkeypatch):
-        monkeypatch.setattr(queries, "MAX_BYTES", 3)
+        monkeypatch.setattr(output, "MAX_BYTES", 3)
         self.declared(lambda _: (b"done", "text/plain")).answer()
         assert set(self.replies) == {b"the answer has 4 bytes, the limit is 3"}
 
@@ -161,10 +161,10 @@ class TestQueries:
         fusion = Fusion()
         fusion.ingest(batch("cam", 0, T0, np.zeros((5, 3))))
         fusion.update(T0)
-        monkeypatch.setattr(queries, "MAX_BYTES", 99)
+        monkeypatch.setattr(output, "MAX_BYTES", 99)
         monkeypatch.setattr(fusion, "affinity", None)
-        answers = queries.handlers(fusion, lambda: fusion.update(T0), lambda: None)
-        with pytest.raises(queries.QueryError, match="5 trajectories exceed"):
+        answers = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)
+        with pytest.raises(output.QueryError, match="5 trajectories exceed"):
             answers["affinity"]({})
 
 
@@ -175,7 +175,7 @@ def test_a_session_of_which_nobody_knows_is_null_in_the_accounts():
     fusion.update(T0)
     fusion = Fusion.restore(FusionConfig(), fusion.snapshot())
     fusion.ingest(batch("stays", 3, T0 + S))
-    payload, _ = queries.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
+    payload, _ = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
     assert {one["source"]: one["lost"] for one in json.loads(payload)["accounts"]} == {
         "gone": None,
         "stays": 2,

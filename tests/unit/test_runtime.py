@@ -16,8 +16,14 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 from comotion.runtime.clocks import EventClock, Ticker, WallClock
 from comotion.runtime.health import Health
-from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
-from comotion.runtime.state_keeper import StateKeeper
+from comotion.runtime.state_file import (
+    StateKeeper,
+    begin_afresh,
+    default_path,
+    load_fusion,
+    write_atomically,
+    write_state,
+)
 from comotion.snapshot import Header
 from comotion_schemas import ObservationBatch
 from comotion_sources import simulator

@@ -23,13 +23,12 @@ from .clocks import EventClock, Overload, Ticker, WallClock
 from .health import Health
 from .intake import Intake
 from .log_limit import DefectLog
-from .output import Output
+from .output import Output, handlers
 from .presence import Presence
-from .queries import handlers
 from .source_clocks import SourceClocks
 from .standby import Election
 from .standby.follower import Follower
-from .state_keeper import StateKeeper
+from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000

@@ -22,8 +22,7 @@ from .loop import Loop
 from .presence import Presence
 from .source_clocks import SourceClocks
 from .standby import DEFAULT_LEASE_S, Election, Etcd
-from .state_file import begin_afresh, load_fusion
-from .state_keeper import StateKeeper
+from .state_file import StateKeeper, begin_afresh, load_fusion
 
 DEFAULT_NAME = "fusion"
 # From the second start on, the warm-up takes less; a longer one is worth a line in the log.
