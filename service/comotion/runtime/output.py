@@ -8,6 +8,7 @@ Every query gets a reply, or an error that says what is wrong.
 
 import json
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -50,29 +51,26 @@ class Queryables:
 
     def __init__(self, session: zenoh.Session, keys: Keys, handlers: Mapping[QueryName, Handler]) -> None:
         self._keys = keys
-        self._queryables = [
+        self._queryables = deque(
             (session.declare_queryable(keys.query(name), RingChannel(_MOST_QUERIES)), name, handler)
             for name, handler in handlers.items()
-        ]
+        )
 
     def answer(self, budget_ns: int = 2**62) -> None:
         """Reply to queries that wait, in turns: to one at least, to no more once the time is up."""
-        end = time.monotonic_ns() + budget_ns
-        waiting = list(self._queryables)
-        while waiting:
-            for entry in list(waiting):
-                queryable, name, handler = entry
-                query = queryable.try_recv()
-                if query is None:
-                    waiting.remove(entry)
-                    continue
-                with query:
-                    self._answer(query, name, handler)
-                if time.monotonic_ns() >= end:
-                    # Next time, this queryable is the last.
-                    self._queryables.remove(entry)
-                    self._queryables.append(entry)
-                    return
+        end, without_query = time.monotonic_ns() + budget_ns, 0
+        while without_query < len(self._queryables):
+            queryable, name, handler = self._queryables[0]
+            self._queryables.rotate(-1)
+            query = queryable.try_recv()
+            if query is None:
+                without_query += 1
+                continue
+            with query:
+                self._answer(query, name, handler)
+            if time.monotonic_ns() >= end:
+                return
+            without_query = 0
 
     def close(self) -> None:
         """Undeclare all; queries that wait get no reply."""
