@@ -102,9 +102,9 @@ class SequenceCounter:
         if run is not None and abs(seq - run.newest) <= MAX_JUMP:
             sighting = run.sight(seq)
         else:
-            before = [(0, seq)] if run is None and 0 < seq <= MAX_JUMP else []
-            lost = seq if before and self.from_zero else 0
-            run, sighting = _Run(seq, seq - lost, before), Sighting(lost, "newest")
+            unseen = [(0, seq)] if run is None and 0 < seq <= MAX_JUMP else []
+            lost = seq if unseen and self.from_zero else 0
+            run, sighting = _Run(seq, seq - lost, unseen), Sighting(lost, "newest")
         self._keep((publisher, session), run)
         return sighting
 
