@@ -52,7 +52,7 @@ JointKind = Literal["fixed", "prismatic", "revolute", "free", "undetermined"]
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
-class SourceRef(Record):
+class SourceRef:
     """A source of the update's tracks: its name and the session its ids belong to."""
 
     name: Name
@@ -137,7 +137,7 @@ _OTHERS |= dict.fromkeys(("merged", "joined", "released"), (1, math.inf))
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
-class Event(Record):
+class Event:
     """A change of the set of confirmed hypotheses.
 
     ``born``: new, from nothing. ``split``: `hypothesis` is the new one, `others` the one it left.

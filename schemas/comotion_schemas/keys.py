@@ -24,7 +24,8 @@ PriorityName = Literal[
 ]
 
 _STREAMS = get_args(StreamKind)
-_CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
+TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-([0-9a-f]{16})")
+"""Last chunk of the token of a service that stands alone: name, claim in ns and session."""
 
 
 def _chunk(what: str, name: str) -> str:
@@ -90,7 +91,7 @@ def last_chunk(key: str) -> str:
 
 def token_name(token: str) -> str:
     """Return the name in a token of a service, cut to 30 characters where a claim follows it."""
-    claim = _CLAIM.fullmatch(token)
+    claim = TOKEN.fullmatch(token)
     return claim[1] if claim else token
 
 

@@ -29,7 +29,6 @@ from .types import (
     PixelColumn,
     PositionColumn,
     QuaternionColumn,
-    Record,
     SessionId,
     ShortText,
     Sigma,
@@ -247,7 +246,7 @@ ProblemKind = Literal[
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
-class Problem(Record):
+class Problem:
     """Something that a person should change, as long as it lasts.
 
     Attributes

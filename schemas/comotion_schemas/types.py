@@ -76,7 +76,7 @@ def is_name(value: str) -> bool:
 
 
 class Record:
-    """A map inside a message; the fields that `_spatial` names, where they are set, are of one dimension."""
+    """A map inside a message whose fields that `_spatial` names, where they are set, are of one dimension."""
 
     _spatial: ClassVar[tuple[str, ...]] = ()
 
