@@ -11,13 +11,12 @@ import msgpack
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from .columns import WIRE
 from .errors import KnownError, describe
 from .hypotheses import HypothesisUpdate
 from .keys import QOS, kind_of, publisher_of
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
 from .text import shown
-from .types import MAX_BYTES
+from .types import MAX_BYTES, WIRE
 
 Message: TypeAlias = ObservationBatch | TruthBatch | JointStates | Preview | HypothesisUpdate | Status
 M = TypeVar("M", ObservationBatch, TruthBatch, JointStates, Preview, HypothesisUpdate, Status)

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
-from .columns import Rowwise, reject
 from .types import (
     MESSAGE_CONFIG,
     UNDETERMINED,
@@ -20,12 +19,14 @@ from .types import (
     Name,
     PointColumn,
     Record,
+    Rowwise,
     SessionId,
     ShareColumn,
     SpaceName,
     U2Column,
     U4Column,
     UInt32,
+    reject,
 )
 
 HypothesisState = Literal["static", "moving", "undetermined"]

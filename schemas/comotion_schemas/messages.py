@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, StringConstraints
 from pydantic.dataclasses import dataclass
 
-from .columns import Rowwise, has_duplicates, increasing, reject
 from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
@@ -29,12 +28,16 @@ from .types import (
     PixelColumn,
     PositionColumn,
     QuaternionColumn,
+    Rowwise,
     SessionId,
     ShortText,
     Sigma,
     SpaceName,
     StampColumn,
     Unit,
+    has_duplicates,
+    increasing,
+    reject,
 )
 
 # Share of the largest eigenvalue of a matrix in single precision that may be missing from the least.
