@@ -2,7 +2,7 @@
 
 The first seven hues are those of Okabe and Ito ("Color Universal Design", 2008) without black. Each further
 one was chosen from a grid of colours to be as far as possible from all before it, for people with normal
-vision, protanopia, deuteranopia and tritanopia (a test measures the distances).
+vision, protanopia, deuteranopia and tritanopia.
 """
 
 import math

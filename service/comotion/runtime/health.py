@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from comotion_schemas.component import StatusFields
-from comotion_schemas.messages import ProblemKind, RejectionReason
+from comotion_schemas.messages import Problem, ProblemKind, RejectionReason
 from comotion_schemas.text import counted, counter_words
 
 from ..event_time.timeline import Timeline
@@ -87,16 +87,7 @@ class Health:
         live = sources.sending(at_ns).keys() & ages
         silent = sorted(present.keys() - live)
         lasting = self._problems.update(self._texts(at_ns, timeline, present, ages, silent), at_ns)
-        trouble = [*notes, *self._recent(intake.rejection)]
-        if silent:
-            shown = (f"{name} ({ages[name]:.1f} s)" if name in ages else name for name in silent[:10])
-            trouble.append("no data from " + ", ".join(shown))
-        # The texts are in `problems`; silent sources are listed already.
-        trouble += [
-            f"{problem.kind} of {problem.source}" if problem.source else problem.kind
-            for problem in lasting
-            if problem.kind not in ("silent", "no-data")
-        ]
+        trouble = [*notes, *self._recent(intake.rejection), *_in_short(silent, ages, lasting)]
         dead = not live and stats.fused + stats.partly_late > 0
         if dead:
             trouble.insert(0, "no source sends any more")
@@ -154,3 +145,16 @@ class Health:
             return []
         last = f", the last on {rejection}" if refused and rejection else ""
         return [f"in the last {_RECENT_NS // 1_000_000_000} s {', '.join(words)}{last}"]
+
+
+def _in_short(silent: list[str], ages: Mapping[str, float], lasting: list[Problem]) -> list[str]:
+    """Name the sources without data, and the problems: their texts are in the Status itself."""
+    shown = [f"{name} ({ages[name]:.1f} s)" if name in ages else name for name in silent[:10]]
+    return [
+        *([f"no data from {', '.join(shown)}"] if shown else []),
+        *(
+            f"{problem.kind} of {problem.source}" if problem.source else problem.kind
+            for problem in lasting
+            if problem.kind not in ("silent", "no-data")
+        ),
+    ]
