@@ -233,13 +233,13 @@ class Record:
     _spatial: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        values = (getattr(self, name) for name in self._spatial)
-        if len({dimension(value) for value in values if value is not None}) > 1:
+        dims = {dimension(value) for name in self._spatial if (value := getattr(self, name)) is not None}
+        if len(dims) > 1:
             raise reject("length", f"{', '.join(self._spatial)} differ in dimension")
 
 
 def dimension(value: "list[float] | float | Record") -> int:
     """Dimension of a vector, a turn (a quaternion, or in 2-D an angle), or a record of them."""
-    if isinstance(value, Record):
-        return dimension(getattr(value, value._spatial[0]))
-    return min(len(value), 3) if isinstance(value, list) else 2
+    if isinstance(value, list):
+        return min(len(value), 3)
+    return dimension(getattr(value, value._spatial[0])) if isinstance(value, Record) else 2
