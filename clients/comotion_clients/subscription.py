@@ -21,8 +21,7 @@ from comotion_schemas import (
     TruthBatch,
     decode_on,
 )
-from comotion_schemas.epochs import Epochs
-from comotion_schemas.sequence import SequenceCounter
+from comotion_schemas.sequence import Epochs, SequenceCounter
 from comotion_schemas.transport import Receiver
 
 from .inbox import Closed, Inbox

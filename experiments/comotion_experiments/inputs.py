@@ -131,15 +131,18 @@ def _recorded_scene(name: str, *, as_received: bool) -> Input:
 def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:
     """Yield a recorded scene as a service with an event clock receives it."""
     from comotion.runtime.clocks import EventClock
-    from comotion_schemas.message_log import logged_batches
+    from comotion_schemas.message_log import MessageLog
 
-    clock, logged = EventClock(), logged_batches(name)
-    for log_ns, message in logged if as_received else in_order_of_acquisition(logged):
-        if isinstance(message, TruthBatch):
-            yield message
-            continue
-        clock.observe(message.stamp_ns, log_ns)
-        yield Arrived(message, clock.now_ns())
+    clock = EventClock()
+    with MessageLog(Path(name)) as log:
+        decoded = log.decoded({"obs", "truth"})
+        logged = ((at, m) for at, m in decoded if isinstance(m, TruthBatch | ObservationBatch))
+        for log_ns, message in logged if as_received else in_order_of_acquisition(logged):
+            if isinstance(message, TruthBatch):
+                yield message
+            else:
+                clock.observe(message.stamp_ns, log_ns)
+                yield Arrived(message, clock.now_ns())
 
 
 def in_order_of_acquisition(logged: Iterable[tuple[int, Message]]) -> Iterator[tuple[int, Message]]:

@@ -5,9 +5,8 @@ Importing this package does not import zenoh; :mod:`comotion_schemas.transport` 
 
 from .codec import MESSAGE_TYPES, DecodeError, Message, decode, decode_as, decode_on, encode
 from .hypotheses import Box, Event, Hypothesis, HypothesisUpdate, Joint, Pose, SourceRef, Twist
-from .keys import DEFAULT_SCENE, Keys
+from .keys import DEFAULT_SCENE, QOS, Keys, QoS
 from .messages import JointStates, ObservationBatch, Preview, Problem, RejectionReason, Status, TruthBatch
-from .qos import QOS, QoS
 from .types import MAX_BYTES, UNDETERMINED
 
 __all__ = [

@@ -11,14 +11,12 @@ import msgpack
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from .columns import WIRE
-from .errors import KnownError
+from .errors import KnownError, describe
 from .hypotheses import HypothesisUpdate
-from .keys import kind_of, publisher_of
+from .keys import QOS, kind_of, publisher_of
 from .messages import JointStates, ObservationBatch, Preview, RejectionReason, Status, TruthBatch
-from .qos import QOS
 from .text import shown
-from .types import MAX_BYTES
+from .types import MAX_BYTES, WIRE
 
 Message: TypeAlias = ObservationBatch | TruthBatch | JointStates | Preview | HypothesisUpdate | Status
 M = TypeVar("M", ObservationBatch, TruthBatch, JointStates, Preview, HypothesisUpdate, Status)
@@ -118,20 +116,9 @@ def decode_on(key: str, payload: bytes) -> Message:
     kind, message = kind_of(key), decode(payload)
     if kind is None or type(message).__name__ != QOS[kind].message:
         raise DecodeError("schema", f"a {type(message).__name__} on {shown(key, 200)}")
-    if _publisher(message) != publisher_of(key):
+    if getattr(message, QOS[kind].publisher) != publisher_of(key):
         raise DecodeError("source-mismatch", f"published on {shown(key, 200)}")
     return message
-
-
-def _publisher(message: Message) -> str:
-    """Name of the publisher in a message, which must equal the name in its key."""
-    match message:
-        case HypothesisUpdate():
-            return message.scene
-        case Status():
-            return message.component
-        case _:
-            return message.source
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:
@@ -185,12 +172,9 @@ class _Containers:
 
 
 def _decode_error(error: ValidationError) -> DecodeError:
-    first = error.errors(include_url=False, include_input=False)[0]
-    kind = first["type"]
+    kind = error.errors(include_url=False, include_input=False)[0]["type"]
     reason = kind if kind in _REASONS else _PYDANTIC_REASONS.get(kind, "schema")
-    where = shown(".".join(str(part) for part in first["loc"]), 200)
-    detail = f"{where}: {first['msg']}" if where else first["msg"]
-    return DecodeError(cast("RejectionReason", reason), detail[:500])
+    return DecodeError(cast("RejectionReason", reason), shown(describe(error), 500))
 
 
 def _to_wire(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 The first seven hues are those of Okabe and Ito ("Color Universal Design", 2008) without black. Each further
 one was chosen from a grid of colours to be as far as possible from all before it, for people with normal
-vision, protanopia, deuteranopia and tritanopia (a test measures the distances).
+vision, protanopia, deuteranopia and tritanopia.
 """
 
 import math
@@ -119,16 +119,13 @@ def colour(hypothesis: int) -> RGB:
 
 
 def legible(rgb: RGB) -> RGB:
-    """A colour for text on any background: the same hue with medium lightness."""
-    red, green, blue = rgb
-    luma = (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255  # Rec. 709
-    darkest, lightest = _LEGIBLE
-    mix = 0.0
-    if luma < darkest:
-        mix = (darkest - luma) / (1 - luma)
-    elif luma > lightest:
-        mix = lightest / luma - 1
-    return _shaded(red, mix), _shaded(green, mix), _shaded(blue, mix)
+    """A colour for text on any background: mixed with black or white until it has medium lightness."""
+    shares = np.array(rgb) / 255
+    luma = shares @ (0.2126, 0.7152, 0.0722)  # Rec. 709
+    wanted = np.clip(luma, *_LEGIBLE)
+    mixed = shares * wanted / luma if wanted <= luma else 1 - (1 - shares) * (1 - wanted) / (1 - luma)
+    red, green, blue = np.rint(255 * mixed).astype(int).tolist()
+    return red, green, blue
 
 
 def as_hex(rgb: RGB) -> str:
@@ -140,8 +137,3 @@ def as_hex(rgb: RGB) -> str:
 def marker(hypothesis: int) -> str:
     """Matplotlib marker that distinguishes hypotheses of one colour; a cross for undetermined."""
     return "x" if hypothesis == UNDETERMINED else MARKERS[hypothesis // len(COLOURS) % len(MARKERS)]
-
-
-def _shaded(value: int, shade: float) -> int:
-    """Mix a value in 0..255 with black (shade below zero) or white."""
-    return round(value * (1 + shade)) if shade < 0 else round(value + (255 - value) * shade)

@@ -156,8 +156,6 @@ class Component:
         Written by :meth:`ready` instead of the line ``ready`` on standard output.
     session_id
         16 hexadecimal digits; None: random.
-    overrides
-        Top-level keys of the Zenoh configuration to add or replace.
     has_token
         Whether it declares its liveliness token; False: the caller does.
     connect_timeout
@@ -183,7 +181,6 @@ class Component:
         status: Callable[[], StatusFields] = StatusFields,
         ready_file: Path | None = None,
         session_id: str | None = None,
-        overrides: dict[str, Any] | None = None,
         has_token: bool = True,
         connect_timeout: float | None = None,
     ) -> None:
@@ -202,7 +199,6 @@ class Component:
             identity.check(role, name, scene)
         self._status = status
         self._ready_file = ready_file
-        self._overrides = overrides or {}
         self._hangs = False
         self._exit = ExitStack()
         self._session: zenoh.Session | None = None
@@ -234,8 +230,8 @@ class Component:
                 token = self.session.liveliness().declare_token(self._live_key)
                 stack.callback(token.undeclare)
             self._start_status(stack)
-            metrics.add(self)
-            stack.callback(metrics.remove, self)
+            metrics.components.append(self)
+            stack.callback(metrics.components.remove, self)
             self._exit = stack.pop_all()
         return self
 
@@ -272,7 +268,7 @@ class Component:
 
     def _connect(self) -> zenoh.Session:
         try:
-            return connect(self._settings, self._overrides, timeout=self._connect_timeout, given_up=self.stop)
+            return connect(self._settings, timeout=self._connect_timeout, given_up=self.stop)
         except TimeoutError:
             if not self.stop.is_set():
                 raise

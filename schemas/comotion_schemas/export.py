@@ -24,7 +24,6 @@ def json_schema(kind: type[Message]) -> dict[str, Any]:
     content: dict[str, Any] = _as_on_the_wire(generated)
     # The schema name is a default in Python, but required in a payload.
     content["required"] = ["schema", *content["required"]]
-    content["description"] = content["description"].partition("\n\nRaises\n")[0]
     return {"$schema": _DIALECT, "$id": f"comotion.{kind.__name__}/1"} | content
 
 

@@ -2,13 +2,12 @@
 
 import math
 from dataclasses import field
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
-from .columns import Rowwise, reject
 from .types import (
     MESSAGE_CONFIG,
     UNDETERMINED,
@@ -20,12 +19,14 @@ from .types import (
     Name,
     PointColumn,
     Record,
+    Rowwise,
     SessionId,
     ShareColumn,
     SpaceName,
     U2Column,
     U4Column,
     UInt32,
+    reject,
 )
 
 HypothesisState = Literal["static", "moving", "undetermined"]
@@ -34,21 +35,25 @@ EventKind = Literal["born", "split", "merged", "ended", "absent", "returned", "j
 _SHOWN = 6
 OF_BODIES: frozenset[EventKind] = frozenset({"born", "split", "merged", "ended", "absent", "returned"})
 """Events of bodies; the others are of their joints, which begin and end as they are sure or not."""
+
+
+def _unit(vector: list[float]) -> list[float]:
+    if abs(math.hypot(*vector) - 1) > UNIT_NORM_TOLERANCE:
+        raise reject("range", "it is not of unit length")
+    return vector
+
+
+NotNegative = Annotated[Finite, Field(ge=0)]
 Vector = Annotated[list[Finite], Field(min_length=2, max_length=3)]
-Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
+Axis = Annotated[Vector, AfterValidator(_unit)]
+Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4), AfterValidator(_unit)]
 AngularVector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 HypothesisId = Annotated[UInt32, Field(lt=UNDETERMINED)]
 JointKind = Literal["fixed", "prismatic", "revolute", "free", "undetermined"]
-Sigma = Annotated[Finite, Field(ge=0)]
-
-
-def _check_norm(rotation: list[float] | float) -> None:
-    if isinstance(rotation, list) and abs(math.hypot(*rotation) - 1) > UNIT_NORM_TOLERANCE:
-        raise reject("range", "rotation is not of unit norm")
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
-class SourceRef(Record):
+class SourceRef:
     """A source of the update's tracks: its name and the session its ids belong to."""
 
     name: Name
@@ -67,12 +72,7 @@ class Pose(Record):
     translation: Vector
     rotation: Quaternion | Finite
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if isinstance(self.rotation, list) != (len(self.translation) == 3):
-            raise reject("length", "translation and rotation differ in dimension")
-        _check_norm(self.rotation)
-        return self
+    _spatial = "translation", "rotation"
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
@@ -81,6 +81,8 @@ class Twist(Record):
 
     linear: Vector
     angular: AngularVector | Finite
+
+    _spatial = "linear", "angular"
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
@@ -91,15 +93,10 @@ class Box(Record):
     """
 
     center: Vector
-    half: Annotated[list[Annotated[Finite, Field(ge=0)]], Field(min_length=2, max_length=3)]
+    half: Annotated[list[NotNegative], Field(min_length=2, max_length=3)]
     rotation: Quaternion | Finite
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if len(self.center) != len(self.half):
-            raise reject("length", "center and half differ in length")
-        _check_norm(self.rotation)
-        return self
+    _spatial = "center", "half", "rotation"
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
@@ -120,29 +117,18 @@ class Hypothesis(Record):
     centroid: Vector
     pose: Pose | None = None
     twist: Twist | None = None
-    noise: Annotated[Finite, Field(ge=0)] | None = None
+    noise: NotNegative | None = None
     linked: list[HypothesisId] | None = None
     confirmed: bool = True
     absent: bool | None = None
     box: Box | None = None
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if self.pose is not None:
-            self._check("pose", self.pose.translation, self.pose.rotation)
-        if self.twist is not None:
-            self._check("twist", self.twist.linear, self.twist.angular)
-        if self.box is not None:
-            self._check("box", self.box.center, self.box.rotation)
+    _spatial = "centroid", "pose", "twist", "box"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.absent and self.size:
             raise reject("range", "an absent hypothesis has tracks")
-        return self
-
-    def _check(self, what: str, shift: list[float], turn: list[float] | float) -> None:
-        """Check lengths; a rotation is a number in 2-D and a list in 3-D."""
-        dim = len(self.centroid)
-        if len(shift) != dim or isinstance(turn, list) != (dim == 3):
-            raise reject("length", f"{what} does not go with {dim} dimensions")
 
 
 # Least and most `others` of an event.
@@ -152,7 +138,7 @@ _OTHERS |= dict.fromkeys(("merged", "joined", "released"), (1, math.inf))
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
-class Event(Record):
+class Event:
     """A change of the set of confirmed hypotheses.
 
     ``born``: new, from nothing. ``split``: `hypothesis` is the new one, `others` the one it left.
@@ -166,12 +152,10 @@ class Event(Record):
     hypothesis: HypothesisId
     others: list[HypothesisId]
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def __post_init__(self) -> None:
         least, most = _OTHERS[self.kind]
         if not least <= len(self.others) <= most:
             raise reject("length", f"{self.kind} with {len(self.others)} others")
-        return self
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
@@ -191,26 +175,25 @@ class Joint(Record):
     space: SpaceName
     kind: JointKind
     confidence: Annotated[Finite, Field(ge=0, le=1)]
-    axis: Vector | None = None
+    axis: Axis | None = None
     point: Vector | None = None
     position: Finite | None = None
     rate: Finite | None = None
     lower: Finite | None = None
     upper: Finite | None = None
-    sigma_axis: Sigma | None = None
-    sigma_point: Sigma | None = None
-    sigma_position: Sigma | None = None
-    sigma_rate: Sigma | None = None
+    sigma_axis: NotNegative | None = None
+    sigma_point: NotNegative | None = None
+    sigma_position: NotNegative | None = None
+    sigma_rate: NotNegative | None = None
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    _spatial = "axis", "point"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.parent == self.child:
             raise reject("range", "a joint connects a hypothesis to itself")
-        if self.axis is not None and abs(math.hypot(*self.axis) - 1) > UNIT_NORM_TOLERANCE:
-            raise reject("range", "axis is not of unit length")
         if self.lower is not None and self.upper is not None and self.lower > self.upper:
             raise reject("range", "lower exceeds upper")
-        return self
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)

@@ -1,4 +1,7 @@
-"""Keys of the protocol: scene and names <-> Zenoh key expressions."""
+"""Keys of the protocol, scene and names <-> Zenoh key expressions, and the quality of service of their kinds.
+
+All streams drop messages under congestion: with BLOCK one stuck subscriber would stall the others.
+"""
 
 import re
 from dataclasses import dataclass
@@ -16,9 +19,13 @@ TOKEN_NAME_CHARACTERS = 30
 StreamKind = Literal["obs", "truth", "joints", "preview", "status"]
 Kind = Literal[StreamKind, "hypotheses"]
 QueryName = Literal["snapshot", "status", "config", "affinity", "schema", "forget", "accounts"]
+PriorityName = Literal[
+    "REAL_TIME", "INTERACTIVE_HIGH", "INTERACTIVE_LOW", "DATA_HIGH", "DATA", "DATA_LOW", "BACKGROUND"
+]
 
 _STREAMS = get_args(StreamKind)
-_CLAIM = re.compile(r"(.+)-[0-9a-f]{16}-[0-9a-f]{16}")
+TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-([0-9a-f]{16})")
+"""Last chunk of the token of a service that stands alone: name, claim in ns and session."""
 
 
 def _chunk(what: str, name: str) -> str:
@@ -84,7 +91,7 @@ def last_chunk(key: str) -> str:
 
 def token_name(token: str) -> str:
     """Return the name in a token of a service, cut to 30 characters where a claim follows it."""
-    claim = _CLAIM.fullmatch(token)
+    claim = TOKEN.fullmatch(token)
     return claim[1] if claim else token
 
 
@@ -103,3 +110,51 @@ def publisher_of(key: str) -> str:
     """Return the name of the publisher of a key of messages; the scene for updates of the service."""
     chunks = key.split("/")
     return chunks[2] if len(chunks) == 4 else chunks[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class QoS:
+    """Quality of service of one kind of key.
+
+    Attributes
+    ----------
+    message
+        Name of the message type.
+    priority
+        Zenoh priority; lower priorities wait on a full link.
+    express
+        Send at once, without batching small messages.
+    reliable
+        Request reliable links.
+    cache
+        Samples that the publisher keeps for late joiners; 0: none.
+    publisher
+        Field of the message with the name of its publisher, which must equal that in its key.
+    """
+
+    message: str
+    priority: PriorityName
+    express: bool
+    reliable: bool
+    cache: int
+    publisher: str = "source"
+
+    @property
+    def encoding(self) -> str:
+        """Zenoh encoding of the payload."""
+        return f"application/msgpack;comotion.{self.message}/1"
+
+
+QOS: dict[Kind, QoS] = {
+    "obs": QoS("ObservationBatch", "INTERACTIVE_HIGH", express=True, reliable=True, cache=0),
+    "joints": QoS("JointStates", "INTERACTIVE_HIGH", express=True, reliable=True, cache=0),
+    "hypotheses": QoS(
+        "HypothesisUpdate", "DATA_HIGH", express=True, reliable=True, cache=1, publisher="scene"
+    ),
+    "truth": QoS("TruthBatch", "DATA", express=False, reliable=True, cache=4096),
+    "status": QoS("Status", "DATA_LOW", express=False, reliable=True, cache=1, publisher="component"),
+    "preview": QoS("Preview", "BACKGROUND", express=False, reliable=False, cache=0),
+}
+
+HEARTBEAT_S = 0.5
+"""Heartbeat of cached publishers; without it several publishers in one session lose their last samples."""

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import lz4.frame
 import zstandard
@@ -18,7 +18,6 @@ from mcap.summary import Summary
 from .codec import DecodeError, Message, decode_on
 from .errors import RecordingError
 from .keys import DEFAULT_SCENE, Kind, kind_of, publisher_of
-from .messages import ObservationBatch, TruthBatch
 from .recording import MESSAGE_ENCODING
 from .types import is_name
 
@@ -207,16 +206,3 @@ def _unpacked(compression: bytes, start: bytes) -> int:
     except (zstandard.ZstdError, RuntimeError):
         pass
     return 0
-
-
-def logged_batches(path: str | Path) -> Iterator[tuple[int, TruthBatch | ObservationBatch]]:
-    """Yield (receipt in ns, message) for all valid observations and truth of a recording.
-
-    Raises
-    ------
-    RecordingError
-        As :class:`MessageLog`.
-    """
-    with MessageLog(Path(path)) as log:
-        # Of these kinds there are no other messages.
-        yield from cast("Iterator[tuple[int, TruthBatch | ObservationBatch]]", log.decoded({"obs", "truth"}))

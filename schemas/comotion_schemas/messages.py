@@ -5,16 +5,14 @@ arrays. Construction validates the message completely; the receiver checks what 
 clock.
 """
 
-import math
 from dataclasses import field
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, ValidationInfo, WithJsonSchema
+from pydantic import AfterValidator, Field, StringConstraints
 from pydantic.dataclasses import dataclass
 
-from .columns import Array, Column, Rowwise, has_duplicates, increasing, reject
 from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
@@ -30,48 +28,17 @@ from .types import (
     PixelColumn,
     PositionColumn,
     QuaternionColumn,
-    Record,
+    Rowwise,
     SessionId,
     ShortText,
+    Sigma,
     SpaceName,
     StampColumn,
     Unit,
+    has_duplicates,
+    increasing,
+    reject,
 )
-
-_SIGMA = Column("<f4")
-
-
-def _sigma(value: object, info: ValidationInfo) -> float | Array:
-    """Validate one number for all rows, or one per row, above zero and finite."""
-    if isinstance(value, bool | str):
-        raise reject("schema", "sigma is a number or a column")
-    if isinstance(value, int | float | np.number):
-        number = float(value)
-        if not math.isfinite(number):
-            raise reject("non-finite", "sigma must be finite")
-        sigma: float | Array = number
-        positive = number > 0
-    else:
-        sigma = _SIGMA.validate(value, info)
-        positive = bool((sigma > 0).all())
-    if not positive:
-        raise reject("range", "sigma must be above zero")
-    return sigma
-
-
-Sigma = Annotated[
-    float | NDArray[np.float32],
-    BeforeValidator(_sigma),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "number", "exclusiveMinimum": 0},
-                {"type": "string", "contentEncoding": "binary", "x-dtype": "<f4", "x-shape": ["N"]},
-            ]
-        }
-    ),
-]
-
 
 # Share of the largest eigenvalue of a matrix in single precision that may be missing from the least.
 _ROUNDING = 1e-5
@@ -141,21 +108,10 @@ class ObservationBatch(Rowwise):
     moving: Annotated[bool, Field(strict=True)] | None = None
 
     def __post_init__(self) -> None:
-        self._shape("positions", self.dim)
-        self._shape("covariance", self.dim * (self.dim + 1) // 2)
         super().__post_init__()
         self._check_stamps()
         self._check_covariance()
         self._check_quaternions()
-
-    def _shape(self, name: str, width: int) -> None:
-        column, rows = getattr(self, name), len(self.ids)
-        if column is None:
-            return
-        if column.size != rows * width or (column.ndim == 2 and column.shape[1] != width):
-            raise reject("length", f"{name}: {column.size} numbers, expected {rows} x {width}")
-        # Assign although frozen: the width is known only here.
-        object.__setattr__(self, name, column.reshape(rows, width))
 
     def _check_stamps(self) -> None:
         if self.stamps_ns is None:
@@ -171,6 +127,7 @@ class ObservationBatch(Rowwise):
         order = np.argsort(self.ids, kind="stable")
         ids, stamps = self.ids[order], self.stamps_ns[order]
         same = ids[1:] == ids[:-1]
+        # No differences: they may exceed int64.
         if (same & (stamps[1:] < stamps[:-1])).any():
             raise reject("range", "stamps_ns must not decrease within an id")
         if (same & (stamps[1:] == stamps[:-1])).any():
@@ -190,15 +147,10 @@ class ObservationBatch(Rowwise):
             return
         if self.dim != 3:
             raise reject("schema", "quaternions need dim 3")
-        squares = np.einsum("ni,ni->n", self.quaternions, self.quaternions)
-        # Within half the tolerance of the norm: rounding cannot matter, and there is no NaN.
-        if bool((np.abs(squares - 1.0) < UNIT_NORM_TOLERANCE).all()):
-            return
-        point = np.isnan(self.quaternions).all(axis=1)
-        poses = self.quaternions[~point].astype(np.float64)
+        poses = self.quaternions[~np.isnan(self.quaternions).all(axis=1)].astype(np.float64)
         if not np.isfinite(poses).all():
             raise reject("non-finite", "a quaternion is partly NaN or infinite")
-        if (np.abs(np.sqrt((poses**2).sum(axis=1)) - 1.0) > UNIT_NORM_TOLERANCE).any():
+        if (np.abs(np.linalg.norm(poses, axis=1) - 1.0) > UNIT_NORM_TOLERANCE).any():
             raise reject("range", "a quaternion is not of unit norm")
 
 
@@ -297,7 +249,7 @@ ProblemKind = Literal[
 
 
 @dataclass(frozen=True, kw_only=True, config=MESSAGE_CONFIG)
-class Problem(Record):
+class Problem:
     """Something that a person should change, as long as it lasts.
 
     Attributes

@@ -16,9 +16,7 @@ of the components of this process, with the labels `scene`, `component` and `rol
 """
 
 import re
-import threading
-import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Any, Literal, get_args
 
@@ -36,17 +34,11 @@ _HELP: dict[HistogramName, str] = {
 }
 
 
-class Histogram:
-    """A histogram of durations that is disabled."""
-
-    def observe(self, amount: float) -> None:
-        """Add a duration in seconds."""
-
-
-OFF = Histogram()
-# Components of this process, with what its metrics are registered in, once they are exposed.
-_components: weakref.WeakSet[Any] = weakref.WeakSet()
-_lock = threading.Lock()
+Observe = Callable[[float], None]
+"""Adds a duration in seconds."""
+components: list[Any] = []
+"""The components of this process, which have a `scene` and a `last_status`."""
+# What the metrics are registered in, once they are exposed.
 _registries: list[Any] = []
 
 
@@ -87,22 +79,14 @@ def expose(host: str, port: int) -> int:
     return int(server.server_port)
 
 
-def add(component: Any) -> None:
-    """Register a component, which has a `scene` and a `last_status`; the reference is weak."""
-    with _lock:
-        _components.add(component)
+def histogram(name: HistogramName, *, scene: str, component: str, role: str) -> Observe:
+    """Return what adds to a histogram of a component; :func:`off` if metrics are disabled."""
+    observe: Observe = _family(name).labels(scene, component, role).observe if _registries else off
+    return observe
 
 
-def remove(component: Any) -> None:
-    """Unregister a component."""
-    with _lock:
-        _components.discard(component)
-
-
-def histogram(name: HistogramName, *, scene: str, component: str, role: str) -> Histogram:
-    """Return a histogram of a component; :data:`OFF` if metrics are disabled."""
-    labelled: Histogram = _family(name).labels(scene, component, role) if _registries else OFF
-    return labelled
+def off(seconds: float) -> None:
+    """Add a duration to nothing."""
 
 
 @cache
@@ -120,33 +104,27 @@ class _Collector:
     def collect(self) -> Iterator[Any]:
         """Yield all metric families, with one sample per component."""
         families: dict[str, Any] = {}
-        with _lock:
-            components = list(_components)
-        for component in components:
+        for component in components.copy():
             if (status := component.last_status) is not None:
-                for kind, name, text, label, value in _samples(status):
-                    labels = (component.scene, status.component, status.role)
-                    names = (*_LABELS, label[0]) if label else _LABELS
-                    family = families.setdefault(name, kind(f"comotion_{name}", text, labels=names))
-                    family.add_metric((*labels, label[1]) if label else labels, value)
+                for kind, name, text, label, values in _tables(status):
+                    labels = [*_LABELS, label] if label else _LABELS
+                    family = families.setdefault(name, kind(f"comotion_{name}", text, labels=labels))
+                    for key, value in values.items():
+                        family.add_metric(
+                            [component.scene, status.component, status.role, key][: len(labels)], value
+                        )
         yield from families.values()
 
 
-def _samples(
-    status: Status,
-) -> Iterator[tuple[Callable[..., Any], str, str, tuple[str, str] | None, float]]:
-    """Type, name, text, further label and value of each sample of a Status."""
+def _tables(status: Status) -> Iterator[tuple[Callable[..., Any], str, str, str, Mapping[Any, float]]]:
+    """Type, name and text of each metric of a Status, its further label, and its values by that."""
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily  # noqa: PLC0415 - an extra
 
-    for state in get_args(StatusState):
-        is_state = float(status.state == state)
-        yield GaugeMetricFamily, "state", "Whether this is the state", ("state", state), is_state
-    for stream, rate in status.rates.items():
-        yield GaugeMetricFamily, "rate_hertz", "Messages per second", ("stream", stream), rate
-    for stream, age in status.ages.items():
-        yield GaugeMetricFamily, "age_seconds", "Time since the newest data", ("stream", stream), age
+    states = {state: float(status.state == state) for state in get_args(StatusState)}
+    yield GaugeMetricFamily, "state", "Whether this is the state", "state", states
+    yield GaugeMetricFamily, "rate_hertz", "Messages per second", "stream", status.rates
+    yield GaugeMetricFamily, "age_seconds", "Time since the newest data", "stream", status.ages
+    yield CounterMetricFamily, "rejected", "Counter 'rejected' of Status", "reason", status.rejected
     for what, count in status.counters.items():
         name = re.sub(r"[^a-z0-9_]", "_", what.lower())
-        yield CounterMetricFamily, name, f"Counter {name!r} of Status", None, count
-    for reason, count in status.rejected.items():
-        yield CounterMetricFamily, "rejected", "Counter 'rejected' of Status", ("reason", reason), count
+        yield CounterMetricFamily, name, f"Counter {name!r} of Status", "", {"": count}

@@ -59,9 +59,5 @@ def joint_words(joint: Joint, names: Names | None = None) -> str:
     if joint.lower is None or joint.upper is None or joint.kind not in {"prismatic", "revolute"}:
         return words_of_kind
     if joint.kind == "revolute":
-        return f"{words_of_kind}, {_whole(math.degrees(joint.lower))} to {_whole(math.degrees(joint.upper))}°"
+        return f"{words_of_kind}, {math.degrees(joint.lower):.0f} to {math.degrees(joint.upper):.0f}°"
     return f"{words_of_kind}, {joint.lower:.2f} to {joint.upper:.2f} m"
-
-
-def _whole(value: float) -> str:
-    return str(round(value))

@@ -1,11 +1,9 @@
 """Results as JSON has them."""
 
-import math
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_jsonable_python
 
 
 def plain(value: Any) -> Any:
@@ -13,12 +11,8 @@ def plain(value: Any) -> Any:
 
     Dataclasses and mappings become objects, arrays and sequences lists, and numbers that are not finite null.
     """
-    if is_dataclass(value):
-        value = {member.name: getattr(value, member.name) for member in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(name): plain(item) for name, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | range):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=_listed)
+
+
+def _listed(value: Any) -> Any:
+    return plain(value.tolist() if isinstance(value, np.ndarray | np.generic) else list(value))

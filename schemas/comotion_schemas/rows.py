@@ -1,5 +1,6 @@
 """Turns ids and positions as people have them into columns of a batch."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,41 +19,22 @@ class Rows:
     ----------
     ids, positions
         uint64 [N], and float32 [N, 2 or 3], finite.
-    sigma
-        A number, float32 [N], or None.
+    columns
+        Numbers, and arrays [N, ...], by their names.
     dropped
         Rows that were left out, by reason.
-    kept
-        intp [N], which of the given rows they are.
-    given
-        Number of the given rows.
     """
 
     ids: NDArray[np.uint64]
     positions: NDArray[np.float32]
-    sigma: float | NDArray[np.float32] | None
+    columns: dict[str, Any]
     dropped: dict[RejectionReason, int]
-    kept: NDArray[np.intp]
-    given: int
-
-    def of(self, name: str, column: ArrayLike) -> NDArray[Any]:
-        """The kept rows of another column.
-
-        Raises
-        ------
-        ValueError
-            If it has not a row for each of the given ones.
-        """
-        values = _array(name, column)
-        if values.shape[:1] != (self.given,):
-            raise KnownError(f"{name} has the shape {values.shape}, not {self.given} rows")
-        return values[self.kept]
 
 
 def usable_rows(
     ids: ArrayLike,
     positions: ArrayLike,
-    sigma: float | ArrayLike | None = None,
+    columns: Mapping[str, ArrayLike | None],
     *,
     drop: bool = False,
     instants: bool = False,
@@ -65,8 +47,8 @@ def usable_rows(
         Integers [N].
     positions
         float [N, 2 or 3]; a row with NaN means that the feature is not seen, and is left out.
-    sigma
-        None, a number, or float [N].
+    columns
+        By their names, numbers and other arrays [N, ...]; those that are None are left out.
     drop
         Leave out and count rows with a negative id (``range``) or an infinite position (``non-finite``).
     instants
@@ -81,14 +63,21 @@ def usable_rows(
     if numbers.size == 0 and states.size == 0:
         numbers = numbers.reshape(0).astype(np.int64)
         states = states if states.ndim == 2 and states.shape[1] in {2, 3} else np.zeros((0, 3))
-    _check_shapes(numbers, states)
+    if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
+        raise KnownError(f"ids are {numbers.dtype} of shape {numbers.shape}, not integers [N]")
+    if states.ndim != 2 or states.shape[1] not in {2, 3}:
+        raise KnownError(f"positions have the shape {states.shape}, not [N, 2] or [N, 3]")
+    if len(numbers) != len(states):
+        raise KnownError(f"there are {len(numbers)} ids for {len(states)} positions")
     with np.errstate(over="ignore"):
         usable = np.isfinite(states.astype(np.float32)).all(axis=1)
-    absent = np.isnan(states).any(axis=1)
-    negative = numbers < 0 if numbers.dtype.kind == "i" else np.zeros(len(numbers), bool)
+    negative = numbers < 0
     bad: dict[RejectionReason, tuple[NDArray[np.bool_], str]] = {
         "range": (negative, "is negative"),
-        "non-finite": (~usable & ~absent & ~negative, "has a position that is infinite"),
+        "non-finite": (
+            ~(usable | np.isnan(states).any(axis=1) | negative),
+            "has a position that is infinite",
+        ),
     }
     for rows, words in bad.values():
         if rows.any() and not drop:
@@ -99,13 +88,15 @@ def usable_rows(
     identities = numbers[kept].astype(np.uint64)
     if not instants and len(np.unique(identities)) != len(identities):
         raise KnownError("an id is used twice in one instant")
+    given = {name: _array(name, column) for name, column in columns.items() if column is not None}
+    for name, column in given.items():
+        if column.ndim and len(column) != len(numbers):
+            raise KnownError(f"{name} has the shape {column.shape}, not {len(numbers)} rows")
     return Rows(
         identities,
         states[kept].astype(np.float32),
-        _sigma(sigma, len(states), kept),
+        {name: column[kept] if column.ndim else columns[name] for name, column in given.items()},
         {reason: int(rows.sum()) for reason, (rows, _) in bad.items() if rows.any()},
-        kept,
-        len(states),
     )
 
 
@@ -132,23 +123,3 @@ def _array(name: str, values: ArrayLike, dtype: type | None = None) -> NDArray[A
         return np.asarray(values, dtype)
     except (TypeError, ValueError):
         raise KnownError(f"{name} are no array of numbers") from None
-
-
-def _check_shapes(ids: NDArray[np.int64], positions: NDArray[np.float64]) -> None:
-    if ids.ndim != 1 or ids.dtype.kind not in "iu":
-        raise KnownError(f"ids are {ids.dtype} of shape {ids.shape}, not integers [N]")
-    if positions.ndim != 2 or positions.shape[1] not in {2, 3}:
-        raise KnownError(f"positions have the shape {positions.shape}, not [N, 2] or [N, 3]")
-    if len(ids) != len(positions):
-        raise KnownError(f"there are {len(ids)} ids for {len(positions)} positions")
-
-
-def _sigma(
-    sigma: float | ArrayLike | None, count: int, kept: NDArray[np.intp]
-) -> float | NDArray[np.float32] | None:
-    if sigma is None or np.isscalar(sigma):
-        return sigma  # type: ignore[return-value]
-    values = _array("values of sigma", sigma, np.float32)
-    if values.shape != (count,):
-        raise KnownError(f"sigma has the shape {values.shape}, not ({count},)")
-    return values[kept]

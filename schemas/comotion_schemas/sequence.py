@@ -1,4 +1,4 @@
-"""Counts by sequence numbers how many messages were lost before each, and finds repeats.
+"""Counts by sequence numbers how many messages were lost before each, finds repeats, and follows epochs.
 
 Every message with a `seq` counts 0, 1, 2 ... per publisher and session. A number that is skipped is a
 lost message until it comes; a number that comes twice is a repeated one. A reader that joins late has lost
@@ -6,16 +6,19 @@ nothing, unless it counts from zero.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 # Bounds on what a hostile or broken publisher can make the counter remember.
 MAX_SESSIONS = 4096
 MAX_GAPS = 1024
-MAX_RUNS = 4
 MAX_JUMP = 2**32
-"""A jump by more is no loss, but 50 days of messages at 1 kHz: it is counted apart."""
+"""A jump by more is no loss, but 50 days of messages at 1 kHz: the numbers begin anew."""
+
+MAX_EPOCH_STEP = 1000
+"""A larger step upwards is not followed: one wrong number would shut out every service to come."""
+EPOCH_LASTS_S = 10.0
+"""After this time without an update the number is forgotten."""
 
 Order = Literal["newest", "overtaken", "repeated"]
 
@@ -43,15 +46,6 @@ class _Run:
     counted: int
     gaps: list[tuple[int, int]] = field(default_factory=list)
 
-    @classmethod
-    def begin(cls, seq: int, *, from_zero: bool) -> "_Run":
-        oldest = max(seq - MAX_JUMP, 0)
-        counted = 0 if from_zero and not oldest else seq
-        return cls(seq, counted, [(oldest, seq)] if oldest < seq else [])
-
-    def is_near(self, seq: int) -> bool:
-        return abs(seq - self.newest) <= MAX_JUMP
-
     def extend(self, count: int) -> int:
         lost = max(count - 1 - self.newest, 0)
         if lost:
@@ -75,11 +69,12 @@ class _Run:
         return Sighting(-1 if seq >= self.counted else 0, "overtaken")
 
 
+@dataclass
 class SequenceCounter:
     """Follows the sequence numbers of any number of publishers.
 
     It remembers the 4096 sessions seen last, and of each the 1024 gaps noted last: an older number counts
-    as repeated. A jump by more than 2^32 is counted apart, so that one wrong number does no harm.
+    as repeated. After a jump by more than 2^32 a session begins anew, so that one wrong number does no harm.
 
     Parameters
     ----------
@@ -87,10 +82,9 @@ class SequenceCounter:
         Count the numbers before the first one as lost too.
     """
 
-    def __init__(self, *, from_zero: bool = False) -> None:
-        self._from_zero = from_zero
-        # Of each session the runs of its numbers, the one seen last at the end.
-        self._sessions: dict[tuple[str, str], list[_Run]] = {}
+    from_zero: bool = False
+    # The one seen last at the end.
+    _runs: dict[tuple[str, str], _Run] = field(default_factory=dict)
 
     def sight(self, publisher: str, session: str, seq: int) -> Sighting:
         """Take note of a number.
@@ -104,16 +98,15 @@ class SequenceCounter:
         seq
             Sequence number, 0 or more.
         """
-        runs = self._runs(publisher, session)
-        run = next((known for known in reversed(runs) if known.is_near(seq)), None)
-        if run is not None:
-            if runs[-1] is not run:
-                runs.remove(run)
-                runs.append(run)
-            return run.sight(seq)
-        runs.append(_Run.begin(seq, from_zero=self._from_zero and not runs))
-        del runs[:-MAX_RUNS]
-        return Sighting(runs[-1].newest - runs[-1].counted if len(runs) == 1 else 0, "newest")
+        run = self._runs.get((publisher, session))
+        if run is not None and abs(seq - run.newest) <= MAX_JUMP:
+            sighting = run.sight(seq)
+        else:
+            unseen = [(0, seq)] if run is None and 0 < seq <= MAX_JUMP else []
+            lost = seq if unseen and self.from_zero else 0
+            run, sighting = _Run(seq, seq - lost, unseen), Sighting(lost, "newest")
+        self._keep((publisher, session), run)
+        return sighting
 
     def expect(self, publisher: str, session: str, count: int) -> int:
         """Take note that a publisher says it has sent the numbers 0 to count - 1; returns how many are lost.
@@ -121,51 +114,39 @@ class SequenceCounter:
         A number that comes after all is ``overtaken``, and lost no more. A claim beyond what a gap may be is
         not believed.
         """
-        runs = self._sessions.get((publisher, session))
-        if not count or count > 2**63 or (runs and not runs[-1].is_near(count - 1)):
+        run = self._runs.get((publisher, session), _Run(-1, 0))
+        if not count or abs(count - 1 - run.newest) > MAX_JUMP:
             return 0
-        if runs:
-            return runs[-1].extend(count)
-        if count > MAX_JUMP:
-            return 0
-        self._runs(publisher, session).append(_Run(count - 1, 0, [(0, count)]))
-        return count
+        self._keep((publisher, session), run)
+        return run.extend(count)
 
-    def _runs(self, publisher: str, session: str) -> list[_Run]:
-        """Runs of a session, which is now the one seen last: the last in the dictionary."""
-        runs = self._sessions[publisher, session] = self._sessions.pop((publisher, session), [])
-        if len(self._sessions) > MAX_SESSIONS:
-            del self._sessions[next(iter(self._sessions))]
-        return runs
+    def _keep(self, key: tuple[str, str], run: _Run) -> None:
+        self._runs.pop(key, None)
+        self._runs[key] = run
+        if len(self._runs) > MAX_SESSIONS:
+            del self._runs[next(iter(self._runs))]
 
     def newest(self, publisher: str, session: str) -> int | None:
-        """Largest number of the run seen last; None where the session is not known."""
-        runs = self._sessions.get((publisher, session))
-        return runs[-1].newest if runs else None
+        """Largest number since the session began; None where it is not known."""
+        run = self._runs.get((publisher, session))
+        return None if run is None else run.newest
 
     def forget(self, publisher: str, session: str) -> None:
         """Forget a session that is over; nothing happens where it is not known."""
-        self._sessions.pop((publisher, session), None)
+        self._runs.pop((publisher, session), None)
 
-    def state(self) -> list[Any]:
-        """As plain values."""
-        return [
-            [*key, [[run.newest, run.counted, [list(gap) for gap in run.gaps]] for run in runs]]
-            for key, runs in self._sessions.items()
-        ]
 
-    def load(self, state: Iterable[Any]) -> None:
-        """Take up :meth:`state`.
+class Epochs:
+    """Follows the epoch of a scene upwards; `newest` is that of the last update heard."""
 
-        Raises
-        ------
-        TypeError, ValueError
-            If it is none.
-        """
-        self._sessions = {
-            (str(publisher), str(session)): [
-                _Run(int(newest), int(counted), [(int(start), int(stop)) for start, stop in gaps])
-                for newest, counted, gaps in runs
-            ]
-            for publisher, session, runs in state
-        }
+    def __init__(self) -> None:
+        self.newest = 0
+        self._heard_s = -float("inf")
+
+    def allows(self, epoch: int, now_s: float) -> bool:
+        """Whether an update of this epoch is to be heard; `now_s` is on a monotonic clock."""
+        return now_s - self._heard_s > EPOCH_LASTS_S or 0 <= epoch - self.newest <= MAX_EPOCH_STEP
+
+    def follow(self, epoch: int, now_s: float) -> None:
+        """Take note of an update that is heard."""
+        self.newest, self._heard_s = epoch, now_s

@@ -7,6 +7,7 @@ no other. Numbers with a fraction that step too widely for seconds are an error:
 
 import datetime
 import warnings
+from contextlib import suppress
 from typing import Any, Literal
 
 import numpy as np
@@ -18,11 +19,11 @@ TimeUnit = Literal["s", "ms", "us", "ns"]
 PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 LONGEST_STEP_S = 2.0
 """Median time between two instants that a trajectory of some 10 s can be made of."""
-_WORDS: dict[TimeUnit, tuple[str, str]] = {
-    "s": ("seconds", "1"),
-    "ms": ("milliseconds", "1000"),
-    "us": ("microseconds", "1e6"),
-    "ns": ("nanoseconds", "1e9"),
+_WORDS: dict[TimeUnit, str] = {
+    "s": "seconds",
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "ns": "nanoseconds",
 }
 # 2001 to 2096: seconds have 10 digits.
 _UNIX_S = (1e9, 4e9)
@@ -101,29 +102,20 @@ def unix_unit(value: float) -> TimeUnit | None:
 
 def _numbers(times: object) -> tuple[NDArray[np.float64], bool]:
     """As float64 [T], and whether their type says that they are seconds now."""
-    try:
-        array: NDArray[Any] = np.asarray(times)
-        if array.dtype.kind == "O" and array.size and isinstance(array.flat[0], datetime.timedelta):
-            array = array.astype("timedelta64[us]")
-        if array.dtype.kind == "O" and array.size and hasattr(array.flat[0], "timestamp"):
-            return np.array([_of_datetime(time) for time in array.flat], np.float64).reshape(
-                array.shape
-            ), True
+    array: NDArray[Any] = np.asarray(())
+    with suppress(TypeError, ValueError, OverflowError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy converts a datetime with a zone to UTC, as it should
+        array = np.array(times)
+        if array.dtype.kind == "O" and array.size:
+            kind = "m8[us]" if isinstance(array.flat[0], datetime.timedelta) else "M8[us]"
+            array[array != array] = None  # noqa: PLR0124 - pandas.NaT
+            array = array.astype(kind)
         if array.dtype.kind in "mM":
-            lost, kind = np.isnat(array), "datetime64[ns]" if array.dtype.kind == "M" else "timedelta64[ns]"
-            return np.where(lost, np.nan, array.astype(kind).astype(np.int64) / 1e9), True
-    except (TypeError, ValueError, OverflowError):
-        raise KnownError(f"times are {_short(times)}, not numbers") from None
-    if array.dtype.kind not in "iuf":
-        raise KnownError(f"times are {_short(times)}, not numbers")
-    return array.astype(np.float64), False
-
-
-def _of_datetime(time: object) -> float:
-    """Unix time of a datetime; one without a zone counts as UTC, as NumPy has it."""
-    if not isinstance(time, datetime.datetime) or time != time:  # noqa: PLR0124 - pandas.NaT
-        return float("nan")
-    return (time if time.tzinfo else time.replace(tzinfo=datetime.UTC)).timestamp()
+            nanoseconds = array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64)
+            return np.where(np.isnat(array), np.nan, nanoseconds / 1e9), True
+        if array.dtype.kind in "iuf":
+            return array.astype(np.float64), False
+    raise KnownError(f"times are {_short(times)}, not numbers")
 
 
 def _check_order(values: NDArray[np.float64]) -> None:
@@ -156,9 +148,8 @@ def _unit(values: NDArray[np.float64], whole: bool, longest_step_s: float) -> Ti
     if whole and len(fitting) == 1:
         return fitting[0]
     guess = " or ".join(
-        f"{word} ({PER_SECOND[unit] / step:.3g} Hz): divide by {by}"
+        f"{_WORDS[unit]} ({PER_SECOND[unit] / step:.3g} Hz): divide by {PER_SECOND[unit]:g}"
         for unit in fitting
-        for word, by in (_WORDS[unit],)
     )
     raise KnownError(
         f"times step by {step:.6g}; in seconds that is too slow to see motion. "

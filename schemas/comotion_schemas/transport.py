@@ -17,8 +17,7 @@ import zenoh
 import zenoh.ext
 
 from .errors import KnownError
-from .keys import Keys, Kind, StreamKind
-from .qos import HEARTBEAT_S, QOS, PriorityName
+from .keys import HEARTBEAT_S, QOS, Keys, Kind, PriorityName, StreamKind
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -177,7 +176,6 @@ def open_session(settings: SessionSettings, overrides: dict[str, Any] | None = N
 
 def connect(
     settings: SessionSettings,
-    overrides: dict[str, Any] | None = None,
     *,
     timeout: float | None = None,
     given_up: threading.Event | None = None,
@@ -186,8 +184,8 @@ def connect(
 
     Parameters
     ----------
-    settings, overrides
-        As for :func:`open_session`.
+    settings
+        Endpoints and mode.
     timeout
         Seconds to wait; None: no limit.
     given_up
@@ -207,7 +205,7 @@ def connect(
     # An unlimited connect of Zenoh cannot be interrupted, so short tries run in a loop. Once connected,
     # the session reconnects by itself without a time limit.
     once = {"timeout_ms": _CONNECT_TRY_MS, "exit_on_failure": True, "retry": _RETRY}
-    overrides = {**(overrides or {}), "connect": {"endpoints": list(settings.connect), **once}}
+    overrides = {"connect": {"endpoints": list(settings.connect), **once}}
     given_up = given_up or threading.Event()
     waiting = False
     while not given_up.is_set() and (deadline is None or time.monotonic() < deadline or not waiting):

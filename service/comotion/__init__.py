@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from comotion_schemas.errors import Error
 
     from .config import FusionConfig
-    from .event_time.sources import SourceHealth
     from .event_time.stats import Stats
     from .fusion import AffinitySnapshot, Fusion
     from .library import Grouping, Scene, group
@@ -31,7 +30,6 @@ __all__ = [
     "FusionConfig",
     "Grouping",
     "Scene",
-    "SourceHealth",
     "Stats",
     "group",
 ]
@@ -41,7 +39,6 @@ _DEFINED_IN = {
     **dict.fromkeys(("Grouping", "Scene", "group"), ".library"),
     "Error": "comotion_schemas.errors",
     "FusionConfig": ".config",
-    "SourceHealth": ".event_time.sources",
     "Stats": ".event_time.stats",
 }
 

@@ -142,8 +142,8 @@ class Source:
             self._begin_session(message.session)
             self._counters["sent"] += 1
             self._counters["observations"] += len(message.ids)
-            if self._lag is not metrics.OFF:
-                self._lag.observe((time.time_ns() - message.stamp_ns) / 1e9)
+            if self._lag is not metrics.off:
+                self._lag((time.time_ns() - message.stamp_ns) / 1e9)
 
     def receive(self, key: str, settings: SessionSettings | None = None) -> Iterator[Arrival | None]:
         """Receive what others publish, as :meth:`Inbox.until` the source stops.
@@ -339,21 +339,22 @@ class SourcePublisher(Source):
             A ValueError. If the arrays are malformed; nothing is published then.
         """
         with one_line_errors():
-            rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid, instants=stamps_ns is not None)
-            if not self._judged and len(rows.kept):
+            columns = {"sigma": sigma, "covariance": covariance, "quaternions": quaternions}
+            columns["stamps_ns"] = stamps_ns
+            instants = stamps_ns is not None
+            rows = usable_rows(ids, positions, columns, drop=self._drop_invalid, instants=instants)
+            if not self._judged and len(rows.ids):
                 self._judged = True
                 if text := coarse(rows.positions):
                     _log.warning("%s", text)
             for reason, count in rows.dropped.items():
                 self.reject(reason, count=count)
-            given = {"covariance": covariance, "quaternions": quaternions, "stamps_ns": stamps_ns}
-            columns = {name: rows.of(name, column) for name, column in given.items() if column is not None}
             stamp = time.time_ns() if stamp_ns is None else stamp_ns
-            if stamps_ns is not None and 0 < len(rows.kept) < rows.given:
-                stamp = int(columns["stamps_ns"].max())
+            if instants and 0 < len(rows.ids) < np.size(ids):
+                stamp = int(rows.columns["stamps_ns"].max())
             positions = rows.positions if len(rows.ids) else np.zeros((0, self.builder.dim))
             batch = self.builder.observation(
-                stamp_ns=stamp, ids=rows.ids, positions=positions, sigma=rows.sigma, ended=ended, **columns
+                stamp_ns=stamp, ids=rows.ids, positions=positions, ended=ended, **rows.columns
             )
             self.put(batch)
 

@@ -64,7 +64,7 @@ def test_every_batch_comes_once_from_the_first_on(router, session):
     for name in names:
         assert [seq for source, seq in reader.got if source == name] == list(range(200))
     assert reader.stats.rejected == {}
-    assert reader.intake.received == dict.fromkeys(names, 200)
+    assert reader.intake.received() == dict.fromkeys(names, 200)
 
 
 class Asker:
@@ -106,10 +106,10 @@ def test_a_source_is_known_by_its_batches_or_by_its_status(router, session):
         reader.poll(next(seconds))
         reader.intake.statuses.read()
 
-    until(lambda: reader.intake.present.keys() == {"a", "b"}, step)
+    until(lambda: reader.intake.tokens.present.keys() == {"a", "b"}, step)
     for one in held:
         one.undeclare()
-    until(lambda: not reader.intake.present, step)
+    until(lambda: not reader.intake.tokens.present, step)
 
 
 def test_no_more_names_are_remembered_than_there_may_be_sources(router, session):
@@ -148,7 +148,7 @@ def test_what_comes_while_nobody_reads_is_kept_up_to_a_bound_in_bytes(router, se
     reader.until(lambda: len(reader.got) == 2)
 
     def awaited(name, newest, count):
-        waiting = reader.intake.queues.of[name].waiting
+        waiting = reader.intake.of[name].waiting
         until(lambda: waiting and waiting[-1][1] == newest and len(waiting) == count)
 
     for seq in range(1, 301):
@@ -179,7 +179,7 @@ def test_each_source_has_a_batch_read_however_little_time_there_is(router, sessi
 
 def waiting(reader):
     """Payloads that have come and are not read."""
-    return sum(len(queue.waiting) for queue in list(reader.intake.queues.of.values()))
+    return sum(len(queue.waiting) for queue in list(reader.intake.of.values()))
 
 
 def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, session):
@@ -187,11 +187,11 @@ def test_of_the_gone_and_silent_nothing_is_kept_and_they_come_again(router, sess
     publisher = stream_publisher(session, KEYS, "obs", "cam")
     publisher.put(payload("cam", 0))
     reader.until(lambda: reader.got == [("cam", 0)])
-    heard_ns = reader.intake.queues.heard_ns()
-    reader.intake.drop_idle(heard_ns + IDLE_NS)
-    assert reader.intake.received == {"cam": 1}
-    reader.intake.drop_idle(heard_ns + IDLE_NS + 1)
-    assert reader.intake.received == {}
+    heard_ns = reader.intake.heard_ns()
+    reader.intake.drop_idle(heard_ns + IDLE_NS, ())
+    assert reader.intake.received() == {"cam": 1}
+    reader.intake.drop_idle(heard_ns + IDLE_NS + 1, ())
+    assert reader.intake.received() == {}
     publisher.put(payload("cam", 1))
     reader.until(lambda: reader.got == [("cam", 0), ("cam", 1)])
 
@@ -204,7 +204,7 @@ def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session)
     reader.until(lambda: reader.got == [("a", 0)] and waiting(reader) == 0)
     stats = reader.stats
     assert stats.batches == stats.rejected["source-mismatch"] + stats.overflow > 900
-    assert list(reader.intake.queues.of) == [OTHERS, "a"]
+    assert list(reader.intake.of) == [OTHERS, "a"]
 
 
 def test_of_a_storm_of_names_some_are_read_with_those_known_and_those_too_many_refused_and_named(

@@ -16,7 +16,7 @@ SCRIPTS = {
     "configuration": ("from comotion import FusionConfig; FusionConfig()", ("numba",)),
     "processes without metrics": (
         "import comotion.runtime.server, comotion_sources.runtime; from comotion_schemas import metrics;"
-        "assert metrics.histogram('tick_seconds', scene='a', component='b', role='service') is metrics.OFF",
+        "assert metrics.histogram('tick_seconds', scene='a', component='b', role='service') is metrics.off",
         ("prometheus_client",),
     ),
 }

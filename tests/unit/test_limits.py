@@ -1,7 +1,6 @@
 """Bounds of docs/limits.md that no other test shows, and that every sentence there has a test."""
 
 import json
-import logging
 import re
 from collections import Counter
 from pathlib import Path
@@ -13,10 +12,10 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
-from comotion.runtime import queries
-from comotion.runtime.log_limit import LogLimit
+from comotion.runtime import output
+from comotion.runtime.log_limit import limited
+from comotion.runtime.output import Queryables
 from comotion.runtime.problems import Problems
-from comotion.runtime.queries import Queryables
 from comotion.trajectories.track_index import MAX_ENDED, TrackIndex
 from comotion.trajectories.window import Window
 from comotion_schemas import Keys
@@ -62,7 +61,8 @@ def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
     ledger = Ledger(Stats())
     ledger.arrive(("waits", ""))
     for k in range(MAX_ACCOUNTS + 10):
-        ledger.refuse(("cam", f"{k:016x}"), "limit")
+        ledger.arrive(key := ("cam", f"{k:016x}"))
+        ledger.settle(key, "limit")
     accounts = ledger.accounts
     assert len(accounts) == MAX_ACCOUNTS
     assert ("waits", "") in accounts
@@ -148,12 +148,12 @@ class TestQueries:
 
     def test_64_of_a_name_wait(self, monkeypatch):
         rings = []
-        monkeypatch.setattr(queries, "RingChannel", rings.append)
+        monkeypatch.setattr(output, "RingChannel", rings.append)
         self.declared(None)
         assert rings == [64, 64]
 
     def test_a_reply_that_is_too_large_is_an_error_that_says_so(self, monkeypatch):
-        monkeypatch.setattr(queries, "MAX_BYTES", 3)
+        monkeypatch.setattr(output, "MAX_BYTES", 3)
         self.declared(lambda _: (b"done", "text/plain")).answer()
         assert set(self.replies) == {b"the answer has 4 bytes, the limit is 3"}
 
@@ -161,10 +161,10 @@ class TestQueries:
         fusion = Fusion()
         fusion.ingest(batch("cam", 0, T0, np.zeros((5, 3))))
         fusion.update(T0)
-        monkeypatch.setattr(queries, "MAX_BYTES", 99)
+        monkeypatch.setattr(output, "MAX_BYTES", 99)
         monkeypatch.setattr(fusion, "affinity", None)
-        answers = queries.handlers(fusion, lambda: fusion.update(T0), lambda: None)
-        with pytest.raises(queries.QueryError, match="5 trajectories exceed"):
+        answers = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)
+        with pytest.raises(output.QueryError, match="5 trajectories exceed"):
             answers["affinity"]({})
 
 
@@ -175,7 +175,7 @@ def test_a_session_of_which_nobody_knows_is_null_in_the_accounts():
     fusion.update(T0)
     fusion = Fusion.restore(FusionConfig(), fusion.snapshot())
     fusion.ingest(batch("stays", 3, T0 + S))
-    payload, _ = queries.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
+    payload, _ = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
     assert {one["source"]: one["lost"] for one in json.loads(payload)["accounts"]} == {
         "gone": None,
         "stays": 2,
@@ -193,10 +193,11 @@ def test_of_many_problems_64_are_listed():
 
 def test_lines_are_left_out_and_one_says_how_many(caplog):
     times = [0.0]
-    limit = LogLimit(3, 10.0, lambda: times[0])
-    logger = logging.getLogger("comotion.test")
-    for _ in range(8):
-        limit.log(logger, 30, "again")
-    times[0] = 11.0
-    limit.log(logger, 30, "later")
-    assert caplog.messages == ["again"] * 3 + ["5 more lines like these were left out", "later"]
+    logger = limited("comotion.test", lambda: times[0])
+    for k in range(25):
+        logger.warning("again %d", k)
+    logger.warning("of another kind")
+    times[0] = 61.0
+    logger.warning("again %d", 25)
+    last = ["of another kind", "5 more lines like these were left out", "again 25"]
+    assert caplog.messages == [*(f"again {k}" for k in range(20)), *last]

@@ -10,15 +10,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, SourceHealth
+from comotion import Fusion, FusionConfig
+from comotion.event_time.sources import Source
 from comotion.event_time.stats import Stats
+from comotion.event_time.timeline import Timeline
 from comotion.runtime.clocks import EventClock, Ticker, WallClock
-from comotion.runtime.health import Health, Watchdog
-from comotion.runtime.state_file import begin_afresh, default_path, load_fusion, write_atomically, write_state
-from comotion.runtime.state_keeper import StateKeeper
+from comotion.runtime.health import Health
+from comotion.runtime.state_file import (
+    StateKeeper,
+    begin_afresh,
+    default_path,
+    load_fusion,
+    write_atomically,
+    write_state,
+)
 from comotion.snapshot import Header
 from comotion_schemas import ObservationBatch
-from comotion_schemas.component import StatusFields
 from comotion_sources import simulator
 
 from .. import builders
@@ -78,29 +85,33 @@ def batch(stamp_ns):
     return builders.batch("cam", 0, stamp_ns, np.zeros((2, 2)), session=SESSION, ids=[1, 2])
 
 
-def source(name, age_s, *, live):
-    return SourceHealth(name, SESSION, int(age_s * SECOND), SECOND // 10, live, live)
-
-
 class TestHealth:
-    def report(self, health, at_s, stats, **changes):
-        arrivals = {"received": {}, "present": {}, "rejection": ""}
-        arrivals |= {name: changes.pop(name) for name in arrivals if name in changes}
-        fields = {"sources": [], "stats": stats, "notes": []} | changes
-        return health.report(int(at_s * SECOND), intake=SimpleNamespace(**arrivals), **fields)
+    def report(self, health, at_s, stats, sources=(), present=()):
+        """`sources` maps names to the time in s since they were heard, which is the age of their stamps."""
+        timeline, at_ns = Timeline(FusionConfig(), stats), int(at_s * SECOND)
+        for name, age_s in dict(sources).items():
+            heard_ns = at_ns - int(age_s * SECOND)
+            timeline.sources[name] = Source(SESSION, heard_ns, heard_ns=heard_ns)
+        tokens = SimpleNamespace(present=dict.fromkeys(present, 0))
+        intake = SimpleNamespace(
+            received=dict, rejection="", tokens=tokens, statuses=SimpleNamespace(refused=0)
+        )
+        clocks = SimpleNamespace(steps=0, offsets=dict)
+        health.report(at_ns, at_ns, timeline, intake, clocks, [])
+        return health.status()
 
     def test_silent_sources_degrade_and_when_all_are_silent_it_stalls(self):
-        sources = [source("a", 0.1, live=True), source("b", 7.0, live=False)]
-        fields = self.report(Health(), 1, Stats(), present=dict.fromkeys("abc", 0), sources=sources)
+        sources = {"a": 0.1, "b": 7.0}
+        fields = self.report(Health(), 10, Stats(), sources, "abc")
         assert fields.state == "degraded"
         assert fields.message == "no data from b (7.0 s), c"
-        assert fields.ages == {"a": 0.1, "b": 7.0}
-        fields = self.report(Health(), 1, Stats(), present={"b": 0}, sources=sources[1:])
-        assert fields.state == "stalled"
+        assert fields.ages == sources
+        assert {(p.source, p.kind) for p in fields.problems} == {("b", "silent"), ("c", "no-data")}
+        assert self.report(Health(), 10, Stats(), {"b": 7.0}, "b").state == "stalled"
 
     def test_a_scene_that_all_sources_have_left_is_stalled(self):
         stats = Stats(batches=5, fused=5)
-        fields = self.report(Health(), 1, stats, sources=[source("a", 30.0, live=False)])
+        fields = self.report(Health(), 1, stats, {"a": 30.0})
         assert fields.state == "stalled"
         assert "no source sends any more" in fields.message
         assert self.report(Health(), 1, stats).state == "stalled"
@@ -117,17 +128,16 @@ class TestHealth:
         assert fields.state == "ok"
         assert fields.counters[counter] == 3
 
-
-class TestWatchdog:
     def test_a_report_is_passed_on_until_the_loop_hangs(self):
-        watchdog = Watchdog()
-        assert watchdog.status().message == "preparing"
-        watchdog.report(StatusFields(message="2 live sources"))
-        watchdog.alive(time.monotonic_ns())
-        assert watchdog.status() == StatusFields(message="2 live sources")
-        watchdog.alive(time.monotonic_ns() - 4 * SECOND)
-        assert watchdog.status().state == "stalled"
-        assert watchdog.status().message == "no update for 4.0 s"
+        health = Health()
+        assert health.status().message == "preparing"
+        report = self.report(health, 1, Stats(), {"a": 0.1})
+        assert report.message == "1 live source"
+        health.alive(time.monotonic_ns())
+        assert health.status() == report
+        health.alive(time.monotonic_ns() - 4 * SECOND)
+        assert health.status().state == "stalled"
+        assert health.status().message == "no update for 4.0 s"
 
 
 def kept(path, fusion, *, clean=False):

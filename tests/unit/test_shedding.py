@@ -10,8 +10,8 @@ from comotion.config import LimitsConfig, ThesisConfig
 from comotion.hypotheses.registry import Registry
 from comotion.joints.joints import Joints
 from comotion.linking.linker import Linker
+from comotion.runtime.clocks import Overload
 from comotion.runtime.loop import Loop
-from comotion.runtime.overload import Overload
 from comotion.shedding import MOST, Load
 from comotion_experiments.offline import run_offline
 from comotion_schemas import UNDETERMINED

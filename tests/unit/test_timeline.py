@@ -40,9 +40,8 @@ class Clockwork:
         assert self.stats.batches == self.stats.settled()
         return events
 
-    def health(self, name, now_ns):
-        rows = self.timeline.sources.health(T0 + now_ns, T0 + now_ns)
-        return next((h for h in rows if h.name == name), None)
+    def is_live(self, name, now_ns):
+        return self.timeline.sources[name].is_live(T0 + now_ns, S)
 
     @property
     def watermark(self):
@@ -76,7 +75,7 @@ def test_a_stalled_source_is_left_out_and_comes_back(clock):
     clock.feed(batch("runs", 1, T0 + 2_000 * MS))
     clock.at(2_000 * MS)
     assert clock.watermark == 2_000
-    assert not clock.health("stalls", 2_000 * MS).live
+    assert not clock.is_live("stalls", 2_000 * MS)
     clock.feed(batch("stalls", 1, T0 + 2_100 * MS), batch("runs", 2, T0 + 2_200 * MS))
     assert clock.at(2_200 * MS) == [(2_100, "stalls")]
     assert clock.watermark == 2_100
@@ -104,7 +103,7 @@ def test_a_wrong_clock_far_ahead_is_rejected_and_moves_nothing(clock):
     clock.feed(batch("right", 0, T0), batch("wrong", 0, T0 + 1_001 * MS))
     assert clock.at(0) == [(0, "right")]
     assert clock.stats.rejected == {"future": 1}
-    assert clock.health("wrong", 0) is None
+    assert "wrong" not in clock.timeline.sources
     clock.feed(batch("right", 1, T0 + 100 * MS))
     clock.at(100 * MS)
     assert clock.watermark == 100

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from enum import IntEnum, auto
+from enum import Enum, auto
 from typing import Literal, Self
 
 import numpy as np
@@ -16,32 +16,21 @@ from .stats import Fate, Key
 Indices = NDArray[np.intp]
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
-Verdict = Literal["clock", "name", "watermark"] | Fate
-"""What a batch waits for, or its fate."""
 NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
 
 
-class Stage(IntEnum):
-    """Where a batch is: what it waits for, or at its end."""
+class Stage(Enum):
+    """What a batch waits for."""
 
-    INBOX = auto()
     CLOCK = auto()
     NAME = auto()
     WATERMARK = auto()
-    END = auto()
 
 
-_NEXT: dict[tuple[Stage, Verdict], Stage] = {
-    (Stage.INBOX, "clock"): Stage.CLOCK,
-    (Stage.INBOX, "name"): Stage.NAME,
-    (Stage.INBOX, "watermark"): Stage.WATERMARK,
-    (Stage.CLOCK, "name"): Stage.NAME,
-    (Stage.CLOCK, "watermark"): Stage.WATERMARK,
-    (Stage.NAME, "watermark"): Stage.WATERMARK,
-}
-"""The stages of a batch that may be fused; a fate ends any stage."""
+Verdict = Stage | Fate
+"""What becomes of a batch."""
 
 
 @dataclass(eq=False)
@@ -54,8 +43,6 @@ class Entry:
         What came in.
     repeated
         Whether its sequence number was seen before.
-    stage
-        Where it is.
     at_ns
         When it was first looked at, on the clock of arrivals.
     offset_ns
@@ -70,7 +57,6 @@ class Entry:
 
     batch: ObservationBatch
     repeated: bool = False
-    stage: Stage = Stage.INBOX
     at_ns: int = 0
     offset_ns: int = 0
     stamps: Stamps = field(default_factory=lambda: NO_STAMPS)
@@ -98,11 +84,6 @@ class Entry:
 
     def __lt__(self, other: Self) -> bool:
         return self.rank < other.rank
-
-    def go(self, verdict: Verdict) -> Stage:
-        """Go to the next stage, which is returned."""
-        self.stage = _NEXT.get((self.stage, verdict), Stage.END)
-        return self.stage
 
     def take(self, watermark_ns: int, others: Iterable[Rank], session: int) -> "Instants":
         """Take the rows up to the watermark and to the ranks of others, as of a session number."""

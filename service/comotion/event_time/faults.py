@@ -20,14 +20,12 @@ _MAX_TRACE = 8000
 class Fault:
     """One error of the service itself.
 
-    `what` the service was doing, the exception in one line and its trace, and the source whose batch it was:
-    None where it concerns a whole space.
+    `what` the service was doing, the exception in one line, and its trace.
     """
 
     what: str
     error: str
     trace: str
-    source: str | None = None
 
 
 class Faults:
@@ -48,8 +46,7 @@ class Faults:
             if batch is not None:
                 rows = f"{len(batch.ids)} rows, space {batch.space!r}"
                 what += f" (source {batch.source}, seq {batch.seq}, {rows})"
-            source = None if batch is None else batch.source
-            self._unread.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace, source))
+            self._unread.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace))
 
     def take(self) -> list[Fault]:
         """The faults since the last call."""

@@ -8,14 +8,12 @@ from collections.abc import Callable
 
 from comotion_schemas import RejectionReason
 
-from ..config import LimitsConfig
 from .budget import Budget
 from .entries import Entry, Instants
 from .sources import Sources
 from .stats import Fate, Key
 from .troubles import Troubles
 
-_MEGABYTE = 1_000_000
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
 Settle = Callable[[Entry, Fate], None]
@@ -29,27 +27,24 @@ End = Callable[[int], None]
 class Load:
     """Counts the batches and bytes that wait, of each source and of all, against their bounds."""
 
-    def __init__(self, limits: LimitsConfig) -> None:
-        self._batches = limits.waiting_batches
-        self._bytes = round(limits.waiting * _MEGABYTE)
-        self._bytes_of_all = round(limits.waiting_all * _MEGABYTE)
+    def __init__(self, batches: int, size: int, size_of_all: int) -> None:
+        self._batches, self._bytes, self._bytes_of_all = batches, size, size_of_all
         self._held: dict[str, tuple[int, int]] = {}
         self._total = 0
 
-    def admits(self, entry: Entry) -> bool:
-        """Whether one more batch of its source may wait."""
-        batches, size = self._held.get(entry.batch.source, (0, 0))
+    def admits(self, source: str, size: int) -> bool:
+        """Whether one more batch of a source, of so many bytes, may wait."""
+        batches, held = self._held.get(source, (0, 0))
         share = self._bytes
-        if self._total + entry.size > self._bytes_of_all:
+        if self._total + size > self._bytes_of_all:
             share = min(share, self._bytes_of_all // max(len(self._held), 1))
-        return batches < self._batches and size + entry.size <= share
+        return batches < self._batches and held + size <= share
 
-    def add(self, entry: Entry, count: int = 1) -> None:
+    def add(self, source: str, size: int, count: int = 1) -> None:
         """Take a batch in; with a `count` of -1 it waits no more."""
-        source = entry.batch.source
-        batches, size = self._held.get(source, (0, 0))
-        self._held[source] = batches + count, size + count * entry.size
-        self._total += count * entry.size
+        batches, held = self._held.get(source, (0, 0))
+        self._held[source] = batches + count, held + count * size
+        self._total += count * size
         if not self._held[source][0]:
             del self._held[source]
 

@@ -1,4 +1,4 @@
-"""The sources of a scene: which are live, send and agree, and their health."""
+"""The sources of a scene: which are live, send and agree."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -20,21 +20,6 @@ _LEAST_HANDOVER_NS = 200_000_000
 _NEW_NS = 1_000_000_000
 # Batches of rivals that wait for the name.
 MAX_RIVALS = 256
-
-
-@dataclass(frozen=True)
-class SourceHealth:
-    """One source: `age_ns` since its newest stamp, `period_ns` between its instants (0: unknown).
-
-    `live` says whether the watermark waits for it, `sending` whether its batches still come.
-    """
-
-    name: str
-    session: str
-    age_ns: int
-    period_ns: int
-    live: bool
-    sending: bool = True
 
 
 @dataclass
@@ -157,20 +142,6 @@ class Sources(dict[str, Source]):
         """When a source has agreed with the time of the scene last, on the clock of arrivals."""
         return max((s.agreed_ns for s in self.values() if s.agreed_ns is not None), default=None)
 
-    def sending(self, at_ns: int) -> list[Source]:
+    def sending(self, at_ns: int) -> dict[str, Source]:
         """Sources whose batches still come."""
-        return [s for s in self.values() if s.is_sending(at_ns, self._timeout_ns)]
-
-    def health(self, now_ns: int, at_ns: int) -> list[SourceHealth]:
-        """Health of every source, by name."""
-        return [
-            SourceHealth(
-                name,
-                source.session,
-                now_ns - source.newest_ns,
-                source.period_ns,
-                source.is_live(now_ns, self._timeout_ns),
-                source.is_sending(at_ns, self._timeout_ns),
-            )
-            for name, source in sorted(self.items())
-        ]
+        return {name: s for name, s in self.items() if s.is_sending(at_ns, self._timeout_ns)}

@@ -137,14 +137,12 @@ class Ledger:
     total: Stats = field(metadata=NOT_KEPT)
     troubles: Troubles = field(default_factory=Troubles, metadata=NOT_KEPT)
     unknown: set[Key] = field(default_factory=set)
-    sequences: SequenceCounter = field(
-        default_factory=lambda: SequenceCounter(from_zero=True), metadata=NOT_KEPT
-    )
+    sequences: SequenceCounter = field(default_factory=lambda: SequenceCounter(from_zero=True))
     accounts: dict[Key, Account] = field(default_factory=dict)
     # Numbers of batches that sessions say they have sent, with the times at which they said so.
     _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
-    # Of each source, batches that came in unread before the next one that is read; None: not known.
-    _unread: dict[str, int | None] = field(default_factory=dict, metadata=NOT_KEPT)
+    # Of each source, batches that came in unread before the next one that is read.
+    _unread: dict[str, int] = field(default_factory=dict, metadata=NOT_KEPT)
 
     def arrive(self, key: Key) -> None:
         """A batch has come in: it waits."""
@@ -154,13 +152,16 @@ class Ledger:
         """A batch that was waiting has come to its end."""
         self._book(key, {"waiting": -1, fate: 1})
 
-    def refuse(self, key: Key, reason: RejectionReason) -> None:
-        """A payload was refused before its batch was known."""
-        self._book(key, {"batches": 1, reason: 1})
+    def unread(self, source: str, fate: RejectionReason | Literal["overflow"], count: int = 1) -> None:
+        """Batches of a source were refused or displaced before their sequence numbers were known.
 
-    def overflow(self, key: Key, count: int) -> None:
-        """Batches were displaced before they were read."""
-        self._book(key, {"batches": count, "overflow": count})
+        The source is empty where the name of none is valid.
+        """
+        self._book((source, ""), {"batches": count, fate: count})
+        if source:
+            self._unread[source] = self._unread.pop(source, 0) + count
+            if len(self._unread) > MAX_ACCOUNTS:
+                del self._unread[next(iter(self._unread))]
 
     def _book(self, key: Key, counts: Mapping[str, int]) -> None:
         """Add to the account of a session and to the totals."""
@@ -174,26 +175,10 @@ class Ledger:
         """Follow the sequence number of a batch; what is missing before it is lost."""
         self.unknown.discard(key)
         lost, order = self.sequences.sight(*key, seq)
-        unread = self._unread.pop(key[0], 0)
-        if lost > 0 and unread != 0:
-            explained = lost if unread is None else min(unread, lost)
-            lost -= explained
-            if unread is None:
-                self.overflow(key, explained)
+        lost -= max(min(self._unread.pop(key[0], 0), lost), 0)
         if lost:
             self._book(key, {"lost": lost})
         return order
-
-    def overlooked(self, source: str, count: int | None) -> None:
-        """Take note of batches of a source that came in but whose sequence numbers were not read.
-
-        They are accounted already, unless `count` is None: then the next gap in the numbers tells how many
-        there were, and counts as overflow.
-        """
-        unread = self._unread.pop(source, 0)
-        self._unread[source] = None if count is None or unread is None else unread + count
-        if len(self._unread) > MAX_ACCOUNTS:
-            del self._unread[next(iter(self._unread))]
 
     def claim(self, key: Key, count: int, at_ns: int) -> None:
         """Take note that a session says it has sent so many batches, at a time on the clock of arrivals."""
@@ -214,13 +199,12 @@ class Ledger:
     def state(self) -> dict[str, Any]:
         """Accounts and totals as plain values; batches that wait do not survive and are lost."""
         state: dict[str, Any] = plain(self)
-        return state | {"total": plain(self.total), "sequences": self.sequences.state()}
+        return state | {"total": plain(self.total)}
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`; raises AttributeError, KeyError, TypeError or ValueError if it is none."""
         refill(self, state)
         refill(self.total, state["total"])
-        self.sequences.load(state["sequences"])
         self.unknown |= {source: session for source, session in self.accounts if session}.items()
         self.unknown &= self.accounts.keys()
         # The clock of arrivals has ended with the process: batches that were claimed then should be here.

@@ -25,7 +25,6 @@ from comotion_schemas import ObservationBatch
 from comotion_schemas.messages import ProblemKind
 
 from .entries import Entry
-from .stats import Key
 
 # "More than 1 s ahead" of docs/protocol.md.
 FUTURE_NS = 1_000_000_000
@@ -70,7 +69,6 @@ class Steps:
     clock_set_ns: int = 0
     held: list[Entry] = field(default_factory=list)
     followed: int = 0
-    _keys: set[Key] = field(default_factory=set)
 
     def scene_time(self, batch: ObservationBatch) -> int:
         """Stamp of a batch on the time scale of the scene."""
@@ -113,17 +111,6 @@ class Steps:
         All clocks are behind, or the service's is ahead: the sources set the pace.
         """
         return newest_ns, min([now_ns, *newest_ns])
-
-    def hold(self, entry: Entry) -> None:
-        """Let a batch wait until it is clear whose clock is wrong."""
-        self.held.append(entry)
-        self._keys.add(entry.key)
-
-    def let_go(self) -> list[Entry]:
-        """Take out the batches that wait."""
-        held, self.held = self.held, []
-        self._keys.clear()
-        return held
 
     def decide(self, agreed_ns: int | None, at_ns: int) -> Literal["wait", "judge", "follow"]:
         """What to do with the batches that wait; `agreed_ns` is when any source has agreed last."""
@@ -172,7 +159,7 @@ class Recordings(Steps):
     def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
         """Whether a batch is far from a time, or of a session of which one waits."""
         # The end of a recording that is played again fast is near the end of the last one.
-        return super().is_off(entry, reference_ns, floor_ns) or entry.key in self._keys
+        return super().is_off(entry, reference_ns, floor_ns) or any(e.key == entry.key for e in self.held)
 
     def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:  # noqa: ARG002
         """Any that is off waits."""

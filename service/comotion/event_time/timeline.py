@@ -4,7 +4,7 @@ The rules are in the docstring of :mod:`comotion.event_time`.
 """
 
 from collections.abc import Collection
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +59,8 @@ class Timeline:
         self._faults = faults or Faults(stats)
         self.sources = Sources(self._source_timeout_ns)
         self._inbox: list[Entry] = []
-        self._load = Load(config.limits)
+        waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))
+        self._load = Load(config.limits.waiting_batches, *waiting)
         self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
         self.troubles = Troubles()
         self.ledger = Ledger(stats, self.troubles)
@@ -87,12 +88,12 @@ class Timeline:
             self.ledger.settle(key, "duplicates")
         elif refusal is not None:
             self.ledger.settle(key, refusal)
-        elif not self._load.admits(entry) or (
+        elif not self._load.admits(batch.source, entry.size) or (
             stamps is not None and len(np.unique(stamps)) > self._limits.instants
         ):
             self.ledger.settle(key, "limit")
         else:
-            self._load.add(entry)
+            self._load.add(batch.source, entry.size)
             self._inbox.append(entry)
 
     def advance(self, now_ns: int, at_ns: int | None, store: Store, end: End) -> None:
@@ -105,10 +106,11 @@ class Timeline:
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
             entry.at_ns = at_ns
+            verdict: Verdict = "defect"
             with self._faults.guard("judging a batch", entry.batch):
-                self._take(entry, self._admit(entry, now_ns), now_ns)
-            if entry.stage is Stage.INBOX:
-                self._settle(entry, "defect")
+                verdict = self._admit(entry, now_ns)
+            with self._faults.guard("taking a batch in", entry.batch):
+                self._take(entry, verdict, now_ns)
         # One decision may allow another: one on a clock moves stamps of rivals, and a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
             pass
@@ -137,33 +139,32 @@ class Timeline:
 
     def _take(self, entry: Entry, verdict: Verdict, now_ns: int) -> None:
         """Let a batch wait as its verdict says, or book its fate."""
-        match entry.go(verdict):
+        match verdict:
             case Stage.CLOCK:
-                self.steps.hold(entry)
+                self.steps.held.append(entry)
             case Stage.NAME:
                 self._rival(entry, now_ns)
             case Stage.WATERMARK:
                 self._wait(entry, now_ns)
-            case _:
-                self._settle(entry, cast("Fate", verdict))
+            case fate:
+                self._settle(entry, fate)
 
     def _settle(self, entry: Entry, fate: Fate) -> None:
         """Book the fate of a batch."""
-        entry.go(fate)
-        self._load.add(entry, -1)
+        self._load.add(entry.batch.source, entry.size, -1)
         self.ledger.settle(entry.key, fate)
 
     def _admit(self, entry: Entry, now_ns: int) -> Verdict:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self._sender(entry)
         steps.catch_up(entry.batch, now_ns)
-        if steps.is_off(entry, self._reference(now_ns), self._floor()):
+        if steps.is_off(entry, steps.reference(now_ns, self.watermark_ns), self._floor()):
             agreed, last_ns = source is not None and source.agreed_ns is not None, self.sources.agreed_ns()
             alone = last_ns is None or self.at_ns - last_ns > self._source_timeout_ns
             if steps.may_wait(entry, agreed=agreed, alone=alone):
                 if source is not None and agreed:
                     source.hear(entry.at_ns)
-                return "clock"
+                return Stage.CLOCK
         return self._judge(entry, now_ns)
 
     def _sender(self, entry: Entry) -> Source | None:
@@ -175,10 +176,6 @@ class Timeline:
         """Stamp below which all is late; None before the first watermark."""
         return None if self.watermark_ns is None else self.watermark_ns - self._lateness_ns
 
-    def _reference(self, now_ns: int) -> int:
-        """The time that stamps are compared with."""
-        return self.steps.reference(now_ns, self.watermark_ns)
-
     def _decide(self, now_ns: int) -> bool:
         """Judge the batches that wait because of their clock; whether it was clear which clock is wrong."""
         steps, at_ns = self.steps, self.at_ns
@@ -186,9 +183,10 @@ class Timeline:
         if decision == "wait":
             return False
         if decision == "follow":
-            steps.follow(self._reference(now_ns))
+            steps.follow(steps.reference(now_ns, self.watermark_ns))
         replayed: set[Key] = set()
-        for entry in steps.let_go():
+        held, steps.held = steps.held, []
+        for entry in held:
             source = self._sender(entry)
             if decision == "judge":
                 # The clock of its session is wrong: others agree.
@@ -227,9 +225,9 @@ class Timeline:
             source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns, since_ns=at_ns)
         elif batch.session != source.session:
             over = batch.session in source.past and stamp_ns <= source.started_ns
-            return "late" if over else "name"
+            return "late" if over else Stage.NAME
         source.observe(stamp_ns, at_ns)
-        return "watermark"
+        return Stage.WATERMARK
 
     def _rival(self, entry: Entry, now_ns: int) -> None:
         """Let a batch of another session of a source wait until it is clear which one has the name."""
@@ -256,7 +254,7 @@ class Timeline:
                 source.start(first.batch.session, stamp_ns, at_ns)
                 for entry in admitted:
                     source.observe(self.steps.scene_time(entry.batch), at_ns)
-                    self._take(entry, "watermark", now_ns)
+                    self._take(entry, Stage.WATERMARK, now_ns)
             elif at_ns - first.at_ns >= limit_ns:
                 self.troubles.note("duplicate-name", first.batch.source)
                 self._take(source.rivals.pop(0), "duplicate-name", now_ns)
@@ -309,7 +307,7 @@ class Timeline:
         timeout_ns = self._source_timeout_ns
         live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
         if not live:
-            sending = [s.newest_ns for s in self.sources.sending(self.at_ns)]
+            sending = [s.newest_ns for s in self.sources.sending(self.at_ns).values()]
             live, now_ns = self.steps.pace(sending, now_ns)
         if not live:
             return

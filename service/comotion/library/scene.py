@@ -152,7 +152,7 @@ class Scene:
         if self._closed:
             raise KnownError("the scene is closed; make a new one")
         stamp_ns = self._stamp(source, t)
-        rows = usable_rows(ids, positions, sigma, drop=self._drop_invalid)
+        rows = usable_rows(ids, positions, {"sigma": sigma}, drop=self._drop_invalid)
         if source not in self._newest and (text := coarse(rows.positions)):
             warnings.warn(f"source {source!r}: {text}", stacklevel=2)
         try:
@@ -215,5 +215,5 @@ class Scene:
             raise KnownError(f"positions have {positions.shape[1]} coordinates, those before had {dim}")
         if not is_name(str(source)):
             raise KnownError(f"source {source!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
-        self.fusion.ingest(batch_of(source, seq, self._unit, stamp_ns, rows.ids, positions, sigma=rows.sigma))
+        self.fusion.ingest(batch_of(source, seq, self._unit, stamp_ns, rows.ids, positions, **rows.columns))
         self._seq[source] = seq + 1

@@ -1,13 +1,17 @@
-"""Gives the service its "now", the wall clock or the newest event of a replay, and its deadlines.
+"""Gives the service its "now", the wall clock or the newest event of a replay, its deadlines, and its load.
 
 Deadlines neither drift nor bunch; the work for them begins so early that it is done in time.
 """
 
+import logging
 import time
 from collections import deque
+from dataclasses import dataclass
 from typing import Literal
 
 from ..event_time.timeline import FUTURE_NS
+from ..shedding import MOST, Load, describe
+from .log_limit import limited
 
 ClockName = Literal["wall", "event"]
 # Time daemons slew the clock by less between two readings; more is a step.
@@ -20,6 +24,7 @@ _UNFOLLOWED_NS = 1_000_000_000
 _REMEMBERED = 20
 # Single updates, with births or splits, take longer than any of those before them.
 _SLOWER = 1.5
+_log = limited(__name__)
 
 
 class WallClock:
@@ -84,14 +89,26 @@ class EventClock(WallClock):
 
 
 class Ticker:
-    """Deadlines at start + k·period, k = 1, 2, ...
+    """Deadlines at start + k·period, k = 1, 2, ..., and how long before them to begin.
 
-    Times are those of a monotonic clock in nanoseconds; the caller reads it.
+    The head start is one and a half times the longest of the recent durations, at most 95 % of a period: the
+    work is done at the deadline, and results leave evenly spaced. The price is that a result waits when its
+    work took less. Times are those of a monotonic clock in nanoseconds; the caller reads it.
     """
 
     def __init__(self, period_ns: int, start_ns: int) -> None:
         self._period_ns = period_ns
         self._due_ns = start_ns + period_ns
+        self._durations: deque[int] = deque(maxlen=_REMEMBERED)
+
+    @property
+    def head_start_ns(self) -> int:
+        """Time before the deadline at which to begin."""
+        return min(round(_SLOWER * max(self._durations, default=0)), 19 * self._period_ns // 20)
+
+    def note(self, duration_ns: int) -> None:
+        """Take note of how long the work has taken."""
+        self._durations.append(duration_ns)
 
     def remaining_ns(self, now_ns: int) -> int:
         """Time until the next deadline, negative when it has passed."""
@@ -104,25 +121,35 @@ class Ticker:
         return skipped
 
 
-class HeadStart:
-    """How long before a deadline to begin, so that the work is done at the deadline.
+@dataclass
+class Overload(Load):
+    """Finds the level of shedding (:mod:`comotion.shedding`), and logs what is left out."""
 
-    One and a half times the longest of the recent durations, at most 95 % of a period. Results leave
-    evenly spaced; the price is that a result waits when its work took less.
-    """
+    _cost_ns: float = 0.0
+    _spent_ns: int = 0
 
-    def __init__(self, period_ns: int) -> None:
-        self._longest_ns = 19 * period_ns // 20
-        self._durations: deque[int] = deque(maxlen=_REMEMBERED)
+    def cost_ns(self) -> int:
+        """Cost of this thread so far: on a busy machine a second of its processor time takes longer."""
+        before_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
+        self._cost_ns += (self._spent_ns - before_ns) * self.busy
+        return int(self._cost_ns)
 
-    @property
-    def ns(self) -> int:
-        """Nanoseconds before the deadline."""
-        return min(round(_SLOWER * max(self._durations, default=0)), self._longest_ns)
+    def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
+        """Take note of how long an update took, and its processor time; returns the level from now on."""
+        previous = self.level
+        level = super().note(took_ns, spent_ns, at_ns)
+        if level > previous:
+            kind = logging.INFO if previous else logging.WARNING
+            _log.log(kind, "%s", *self.notes())
+        elif previous and not level:
+            _log.info("updates are on time again: nothing is left out")
+        return level
 
-    def note(self, duration_ns: int) -> None:
-        """Take note of how long the work has taken."""
-        self._durations.append(duration_ns)
+    def notes(self) -> list[str]:
+        """The reason, in words, for the Status; empty while nothing is left out."""
+        if not self.level:
+            return []
+        return [f"updates take longer than a period (level {self.level} of {MOST}): {describe(self.level)}"]
 
 
 def _offset_ns() -> int:

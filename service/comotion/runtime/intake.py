@@ -10,7 +10,6 @@ neither a subscription nor a query. Nothing limits how many a source declares, a
 goes through all matches of a wildcard for each of them.
 """
 
-import logging
 import threading
 import time
 from collections import deque
@@ -26,7 +25,7 @@ from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
 from ..event_time.stats import Ledger
-from .log_limit import LogLimit
+from .log_limit import limited
 from .queues import OTHERS, Payload, Queues
 
 # Between two queries of one token, at least; and queries without an answer.
@@ -38,42 +37,26 @@ _RING, _READ_AGAIN_NS = 1024, 500_000_000
 _READ_AT_ONCE = 16
 # That of a service with a thousand sources is as large.
 _MOST_BYTES = 256 * 1024
-_log = logging.getLogger(__name__)
+_log = limited(__name__)
 
 
-class Intake:
+class Intake(Queues):
     """All subscriptions of the service to `most` sources; refusals and overflow go to the ledger.
 
     Attributes
     ----------
     rejection
         Key and reason of the newest payload that was refused; empty before any.
-    tokens, queues, statuses
-        The tokens of the sources, their payloads that wait, and their Statuses.
+    tokens, statuses
+        The tokens of the sources, and their Statuses.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, ledger: Ledger, most: int = 1024) -> None:
         self._ledger = ledger
-        self._most = most
-        self._limit = LogLimit(10, 10.0)
         self.rejection = ""
         self.tokens = Tokens(session, keys, most)
-        self.queues = Queues(session, keys, most)
         self.statuses = Statuses(session, keys, most)
-
-    @property
-    def received(self) -> dict[str, int]:
-        """Valid batches of every source that has lately sent."""
-        return self.queues.received()
-
-    @property
-    def present(self) -> dict[str, int]:
-        """Names whose liveliness token is there, and since when in monotonic ns."""
-        return self.tokens.present
-
-    def silent_ns(self, monotonic_ns: int) -> int:
-        """Time since a payload of any source arrived."""
-        return monotonic_ns - self.queues.heard_ns()
+        super().__init__(session, keys, most)
 
     def receive(self, monotonic_ns: int, budget_ns: int = 2**62) -> Iterator[ObservationBatch]:
         """Yield valid batches that have arrived: of each source in the order of arrival, in turns.
@@ -81,16 +64,15 @@ class Intake:
         The budget is for reading and whatever the caller does with a batch. Beyond it, a source that has had
         its share waits for the next call; any source may have one batch read.
         """
-        self.tokens.look(monotonic_ns, self._heard)
-        active = self.queues.active()
+        self.tokens.look(monotonic_ns, lambda: self.received().keys() | self.statuses.take_sources())
+        active = self.active()
         share_ns, total_ns, spent = budget_ns // max(len(active), 1), 0, dict.fromkeys(active, 0)
         while active:
             for name, queue in list(active.items()):
                 began = time.monotonic_ns()
-                payload, displaced = self.queues.take(queue)
+                payload, displaced = self.take(name)
                 if displaced:
-                    self._ledger.overflow((name, ""), displaced)
-                    self._ledger.overlooked(name, displaced)
+                    self._ledger.unread(name, "overflow", displaced)
                 batch = self._batch(name, payload)
                 if batch is not None:
                     queue.received += 1
@@ -101,17 +83,9 @@ class Intake:
                 if not queue.waiting or (total_ns > budget_ns and spent[name] >= share_ns):
                     del active[name]
 
-    def _heard(self) -> set[str]:
-        """Names of which something has come: batches, or Statuses since the last call."""
-        return self.queues.received().keys() | self.statuses.take_sources()
-
-    def drop_idle(self, monotonic_ns: int) -> None:
-        """Forget sources that have left and sent nothing for some seconds."""
-        self.queues.drop_idle(monotonic_ns, set(self.present))
-
     def close(self) -> None:
         """Stop receiving."""
-        self.queues.close()
+        super().close()
         self.statuses.close()
 
     def _batch(self, queue: str, payload: Payload) -> ObservationBatch | None:
@@ -133,12 +107,9 @@ class Intake:
         return None
 
     def _reject(self, name: str, error: DecodeError) -> None:
-        source = name if is_name(name) else ""
-        self._ledger.refuse((source, ""), error.reason)
-        if source:
-            self._ledger.overlooked(source, 1)
+        self._ledger.unread(name if is_name(name) else "", error.reason)
         self.rejection = f"obs/{name}: {error}"
-        self._limit.log(_log, logging.WARNING, "rejected a batch on obs/%s: %s", name[:64], error)
+        _log.warning("rejected a batch on obs/%s: %s", name[:64], error)
 
 
 class Statuses:
@@ -155,7 +126,6 @@ class Statuses:
         self._unread: dict[str, tuple[bytes, float]] = {}
         self._read_ns: dict[str, int] = {}
         self._sources: set[str] = set()
-        self._limit = LogLimit(5, 60.0)
         self._receiver = Receiver(session, keys.streams("status"), "status", _RING, self._add)
 
     def close(self) -> None:
@@ -198,7 +168,7 @@ class Statuses:
                 raise DecodeError("source-mismatch", f"it is about {status.component!r}")
         except DecodeError as error:
             self.refused += 1
-            self._limit.log(_log, logging.WARNING, "refused a Status on status/%s: %s", name, error)
+            _log.warning("refused a Status on status/%s: %s", name, error)
             return None
         return status
 
@@ -211,7 +181,6 @@ class Tokens:
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._session, self._keys, self._most = session, keys, most
-        self._limit = LogLimit(20, 10.0)
         self._due_ns = self._pending = 0
         self._turn: list[str] = []
         # Names, and whether their token is there; None: no router has answered. Zenoh's threads add to it.
@@ -242,7 +211,7 @@ class Tokens:
     def _take_in(self, name: str, alive: bool | None, monotonic_ns: int) -> None:
         if alive and name not in self.present and len(self.present) < self._most:
             self.present[name] = monotonic_ns
-            self._limit.log(_log, logging.INFO, "source %s is here", name)
+            _log.info("source %s is here", name)
         elif alive is False and name in self.present:
             del self.present[name]
-            self._limit.log(_log, logging.INFO, "source %s has left", name)
+            _log.info("source %s has left", name)

@@ -6,53 +6,54 @@ from collections.abc import Callable
 
 from ..event_time.faults import Fault
 
-# A fault of one kind has its trace in the log once in this time, and so many lines are written at most.
-_AGAIN_S = 60.0
-_MOST_LINES = 20
-_log = logging.getLogger(__name__)
+# Of each kind of line so many are written in so many seconds; so is the trace of a kind of defect once.
+_MOST_LINES, _AGAIN_S = 20, 60.0
 
 
-class LogLimit:
-    """Writes a bounded number of lines in a time, and says how many it has left out.
+class _Limit(logging.Filter):
+    """Lets a bounded number of lines of each text pass in a time, and says how many it has left out."""
 
-    Parameters
-    ----------
-    lines, seconds
-        At most so many lines in so much time.
-    """
+    def __init__(self, clock: Callable[[], float]) -> None:
+        super().__init__()
+        self._clock = clock
+        self._lines: dict[str, tuple[float, int]] = {}
 
-    def __init__(self, lines: int, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._lines, self._seconds, self._clock = lines, seconds, clock
-        self._began = clock()
-        self._count = 0
-
-    def log(self, logger: logging.Logger, level: int, text: str, *values: object) -> None:
-        """Write a line, unless there were too many."""
+    def filter(self, record: logging.LogRecord) -> bool:
         now = self._clock()
-        if now - self._began >= self._seconds:
-            if self._count > self._lines:
-                logger.log(level, "%d more lines like these were left out", self._count - self._lines)
-            self._began, self._count = now, 0
-        self._count += 1
-        if self._count <= self._lines:
-            logger.log(level, text, *values)
+        began, count = self._lines.get(record.msg, (now, 0))
+        if now - began >= _AGAIN_S:
+            if count > _MOST_LINES:
+                text = "%d more lines like these were left out"
+                logging.getLogger(record.name).log(record.levelno, text, count - _MOST_LINES)
+            began, count = now, 0
+        self._lines[record.msg] = began, count + 1
+        return count < _MOST_LINES
+
+
+def limited(name: str, clock: Callable[[], float] = time.monotonic) -> logging.Logger:
+    """Return the logger of a name; of each text, as it is before it is filled in, it writes some lines."""
+    logger = logging.getLogger(name)
+    logger.addFilter(_Limit(clock))
+    return logger
+
+
+_log, _traces = limited(__name__), logging.getLogger(f"{__name__}.traces")
 
 
 class DefectLog:
     """Logs errors of the service itself, each kind with its trace once a minute."""
 
     def __init__(self) -> None:
-        self._limit = LogLimit(_MOST_LINES, _AGAIN_S)
         self._logged_s: dict[str, float] = {}
 
     def write(self, fault: Fault) -> None:
         """Log a fault."""
         kind, now = f"{fault.what.partition('(')[0]}{fault.error}"[:200], time.monotonic()
-        fresh = now - self._logged_s.get(kind, -_AGAIN_S) >= _AGAIN_S
+        self._logged_s = {logged: at for logged, at in self._logged_s.items() if now - at < _AGAIN_S}
+        fresh = kind not in self._logged_s and len(self._logged_s) < _MOST_LINES
+        level = logging.ERROR if fresh else logging.DEBUG
+        _log.log(level, "a defect in %s: %s; please report this", fault.what, fault.error)
         if fresh:
-            self._logged_s = {logged: at for logged, at in self._logged_s.items() if now - at < _AGAIN_S}
             self._logged_s[kind] = now
-        text, level = "a defect in %s: %s; please report this", logging.ERROR if fresh else logging.DEBUG
-        self._limit.log(_log, level, text, fault.what, fault.error)
-        for line in fault.trace.splitlines() if fresh else ():
-            _log.error("  %s", line)
+            for line in fault.trace.splitlines():
+                _traces.error("  %s", line)

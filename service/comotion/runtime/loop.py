@@ -11,7 +11,6 @@ import gc
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
@@ -20,18 +19,16 @@ from comotion_schemas.component import Component
 
 from ..config import to_ns
 from ..fusion import Fusion
-from .clocks import EventClock, HeadStart, Ticker, WallClock
-from .health import Health, Watchdog
+from .clocks import EventClock, Overload, Ticker, WallClock
+from .health import Health
 from .intake import Intake
 from .log_limit import DefectLog
-from .output import Output
-from .overload import Overload
+from .output import Output, handlers
 from .presence import Presence
-from .queries import handlers
 from .source_clocks import SourceClocks
 from .standby import Election
 from .standby.follower import Follower
-from .state_keeper import StateKeeper
+from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000
@@ -50,16 +47,16 @@ class Loop:
         fusion: Fusion,
         component: Component,
         leadership: Presence | Election,
-        watchdog: Watchdog,
+        health: Health,
         keeper: StateKeeper,
         clocks: SourceClocks,
         *,
         recorded: bool,
     ) -> None:
         self._fusion, self._component, self._leadership = fusion, component, leadership
-        self._watchdog, self._keeper, self._source_clocks = watchdog, keeper, clocks
+        self._health, self._keeper, self._source_clocks = health, keeper, clocks
         period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
-        self._overload, self._head_start = Overload(period_ns), HeadStart(period_ns)
+        self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
@@ -67,7 +64,7 @@ class Loop:
         if recorded:
             self._clock = EventClock(fusion.timeline.watermark_ns)
             fusion.timeline.follow_recordings()
-        self._defects, self._health = DefectLog(), Health()
+        self._defects = DefectLog()
         self._due_ns: dict[str, int] = {}
         labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
@@ -91,7 +88,7 @@ class Loop:
             ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
             while not self._component.stop.is_set():
                 self._receive()
-                spare_ns = ticker.remaining_ns(time.monotonic_ns()) - self._head_start.ns
+                spare_ns = ticker.remaining_ns(time.monotonic_ns()) - ticker.head_start_ns
                 if spare_ns > 0:
                     self._fuse_ahead(spare_ns)
                     continue
@@ -105,8 +102,8 @@ class Loop:
             update = self._fusion.update(*self._now())
             self._took_ns = time.monotonic_ns() - began_ns
             self._spent_ns = time.thread_time_ns() - spent_ns
-            self._head_start.note(self._took_ns)
-            self._tick_time.observe(self._took_ns / 1e9)
+            ticker.note(self._took_ns)
+            self._tick_time(self._took_ns / 1e9)
             self._wait(ticker.remaining_ns(time.monotonic_ns()))
             self._last = self._publish(update)
         with self._fusion.faults.guard("housekeeping"):
@@ -159,7 +156,7 @@ class Loop:
         """Publish an update with the time of its publication; returns what was published."""
         update = self._output.publish(update)
         if update.stamp_ns > 0:  # not so with the event clock before the first observation
-            self._lag.observe((update.published_ns - update.stamp_ns) / 1e9)
+            self._lag((update.published_ns - update.stamp_ns) / 1e9)
         return update
 
     def _wait(self, duration_ns: int) -> None:
@@ -170,13 +167,13 @@ class Loop:
         for fault in self._fusion.faults.take():
             self._defects.write(fault)
         at_ns = time.monotonic_ns()
-        self._watchdog.alive(at_ns)
+        self._health.alive(at_ns)
         if self._is_due("report", at_ns, _REPORT_NS):
             self._report(at_ns)
         if self._is_due("collect", at_ns, _COLLECT_NS):
             gc.collect()
         if self._is_due("free", at_ns, _FREE_NS):
-            self._intake.drop_idle(at_ns)
+            self._intake.drop_idle(at_ns, self._intake.tokens.present)
             _return_memory()
         self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
 
@@ -187,18 +184,9 @@ class Loop:
         return due
 
     def _report(self, at_ns: int) -> None:
-        state_error, clocks, timeline = self._keeper.error, self._source_clocks, self._fusion.timeline
-        fields = self._health.report(
-            at_ns,
-            intake=self._intake,
-            sources=timeline.sources.health(self._now()[0], at_ns),
-            stats=self._fusion.stats,
-            notes=[*([state_error] if state_error else []), *self._overload.notes(), *clocks.notes()],
-            noticed=timeline.troubles.lately(),
-        )
-        own = {"clock_steps": clocks.steps, "refused_statuses": self._intake.statuses.refused}
-        counters = {**fields.counters, **own}
-        self._watchdog.report(replace(fields, counters=counters, clock_offsets=clocks.offsets()))
+        error, clocks = self._keeper.error, self._source_clocks
+        notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
+        self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
 
 
 def _return_memory() -> None:

@@ -1,23 +1,94 @@
 """Publishes updates and answers queries while this service is the one of its scene.
 
-A standby (:mod:`.standby`) computes the same updates and keeps them to itself.
+A standby (:mod:`.standby`) computes the same updates and keeps them to itself. The queries, their parameters
+and replies are those of docs/protocol.md; parameter values may be percent-encoded.
+
+Every query gets a reply, or an error that says what is wrong.
 """
 
-import logging
+import json
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from typing import Any, get_args
+from urllib.parse import unquote
 
-from comotion_schemas import HypothesisUpdate, encode
+import msgpack
+import numpy as np
+import zenoh
+from zenoh.handlers import RingChannel
+
+from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Keys, Status, encode
 from comotion_schemas.component import Component
+from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 from comotion_schemas.transport import Publisher, declare_publisher
 
+from ..fusion import Fusion
+from .log_limit import limited
 from .presence import Presence
-from .queries import Handler, Queryables
 from .standby import Election
 
-_log = logging.getLogger(__name__)
+AFFINITY_SCHEMA = "comotion.Affinity/1"
+_AFFINITY_ENCODING = f"application/msgpack;{AFFINITY_SCHEMA}"
+_JSON = "application/json"
+# Queries that wait for a turn of the loop; of more, the oldest are dropped.
+_MOST_QUERIES = 64
+_log = limited(__name__)
+
+Answer = tuple[bytes, str]
+Handler = Callable[[Mapping[str, str]], Answer]
+
+
+class QueryError(Exception):
+    """An invalid query; the text is sent to the querier."""
+
+
+class Queryables:
+    """Declares the queryables; :meth:`answer` replies to queries that wait, on the caller's thread."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, handlers: Mapping[QueryName, Handler]) -> None:
+        self._keys = keys
+        self._queryables = deque(
+            (session.declare_queryable(keys.query(name), RingChannel(_MOST_QUERIES)), name, handler)
+            for name, handler in handlers.items()
+        )
+
+    def answer(self, budget_ns: int = 2**62) -> None:
+        """Reply to queries that wait, in turns: to one at least, to no more once the time is up."""
+        end, without_query = time.monotonic_ns() + budget_ns, 0
+        while without_query < len(self._queryables):
+            queryable, name, handler = self._queryables[0]
+            self._queryables.rotate(-1)
+            query = queryable.try_recv()
+            if query is None:
+                without_query += 1
+                continue
+            with query:
+                self._answer(query, name, handler)
+            if time.monotonic_ns() >= end:
+                return
+            without_query = 0
+
+    def close(self) -> None:
+        """Undeclare all; queries that wait get no reply."""
+        for queryable, _, _ in self._queryables:
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+
+    def _answer(self, query: zenoh.Query, name: QueryName, handler: Handler) -> None:
+        try:
+            payload, encoding = handler(_parameters(query))
+            if len(payload) > MAX_BYTES:
+                raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
+        except QueryError as error:
+            query.reply_err(str(error).encode(), encoding="text/plain")
+        except Exception as error:  # the querier must learn of a defect, and the service go on
+            _log.exception("query/%s failed", name)
+            query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
+        else:
+            query.reply(self._keys.query(name), payload, encoding=encoding)
 
 
 @dataclass
@@ -66,3 +137,87 @@ class Output:
             self._publisher = declare_publisher(session, keys.hypotheses, "hypotheses")
             self._queryables = Queryables(session, keys, self.handlers)
         self._epoch = epoch
+
+
+def _parameters(query: zenoh.Query) -> dict[str, str]:
+    pairs = (pair.partition("=") for pair in str(query.parameters).split(";") if pair)
+    return {unquote(name): unquote(value) for name, _, value in pairs}
+
+
+def handlers(
+    fusion: Fusion,
+    last_update: Callable[[], HypothesisUpdate],
+    status: Callable[[], Status],
+) -> dict[QueryName, Handler]:
+    """Build the handler of every queryable, from the update published last and the Status as of now."""
+    answers: dict[QueryName, Handler] = {
+        "snapshot": lambda _: (encode(last_update()), QOS["hypotheses"].encoding),
+        "status": lambda _: (encode(status()), QOS["status"].encoding),
+        "config": lambda _: (fusion.config.model_dump_json().encode(), _JSON),
+        "schema": lambda parameters: (_schema(parameters.get("message")), _JSON),
+        "affinity": lambda parameters: (
+            _affinity(fusion, parameters.get("space"), last_update().stamp_ns),
+            _AFFINITY_ENCODING,
+        ),
+        "accounts": lambda _: (_accounts(fusion), _JSON),
+        "forget": lambda parameters: (_forget(fusion, parameters.get("id")), _JSON),
+    }
+    assert set(answers) == set(get_args(QueryName))  # noqa: S101 - the protocol's list
+    return answers
+
+
+@cache
+def _schemas() -> dict[str, dict[str, Any]]:
+    return json_schemas()
+
+
+def _accounts(fusion: Fusion) -> bytes:
+    listed, ledger = [], fusion.timeline.ledger
+    for key, account in ledger.accounts.items():
+        row = {"source": key[0], "session": key[1]} | asdict(account)
+        listed.append(row | {"lost": None} if key in ledger.unknown else row)
+    return json.dumps({"total": asdict(fusion.stats), "accounts": listed}).encode()
+
+
+def _schema(message: str | None) -> bytes:
+    schemas = _schemas()
+    if message is None:
+        return json.dumps(schemas).encode()
+    if message not in schemas:
+        raise QueryError(f"no message {message!r}; one of {', '.join(schemas)}")
+    return json.dumps(schemas[message]).encode()
+
+
+def _forget(fusion: Fusion, which: str | None) -> bytes:
+    if which is None or not (which == "all" or which.isdecimal()):
+        raise QueryError("id is required: the id of a hypothesis, or all")
+    forgotten = fusion.forget(None if which == "all" else int(which))
+    if which != "all" and not forgotten:
+        raise QueryError(f"no hypothesis {which}")
+    return json.dumps({"forgotten": forgotten}).encode()
+
+
+def _affinity(fusion: Fusion, space: str | None, stamp_ns: int) -> bytes:
+    spaces = fusion.spaces
+    if space is None and len(spaces) == 1:
+        (space,) = spaces
+    if space not in spaces:
+        problem = "space is required" if space is None else f"no space {space!r}"
+        raise QueryError(f"{problem}; known: {', '.join(spaces) or 'none yet'}")
+    rows = spaces[space]
+    if 4 * rows * rows > MAX_BYTES:
+        raise QueryError(f"the affinities of {rows} trajectories exceed the limit of {MAX_BYTES} bytes")
+    snapshot = fusion.affinity(space)
+    index: dict[tuple[str, str], int] = {}
+    owners = [index.setdefault((source, session), len(index)) for source, session, _ in snapshot.tracks]
+    content: dict[str, Any] = {
+        "schema": AFFINITY_SCHEMA,
+        "space": space,
+        "stamp_ns": stamp_ns,
+        "sources": [{"name": name, "session": session} for name, session in index],
+        "track_source": np.array(owners, "<u2").tobytes(),
+        "track_id": np.array([track for *_, track in snapshot.tracks], "<u8").tobytes(),
+        "matrix": np.ascontiguousarray(snapshot.matrix, "<f4").tobytes(),
+    }
+    payload: bytes = msgpack.packb(content)
+    return payload

@@ -15,7 +15,6 @@ Without an election (:mod:`.standby`) one service has a scene, and the others re
 """
 
 import logging
-import re
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from zenoh.handlers import RingChannel
 from comotion_schemas import DecodeError, HypothesisUpdate, decode_as
 from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import TOKEN_NAME_CHARACTERS, last_chunk
+from comotion_schemas.keys import TOKEN, TOKEN_NAME_CHARACTERS, last_chunk
 from comotion_schemas.transport import LEASE_MS
 
 _SECOND_NS = 1_000_000_000
@@ -48,7 +47,6 @@ _SILENT_PERIODS, _SILENT_NS = 3, _SECOND_NS
 _MOST_TOKENS = 256
 _MOST_UPDATES = 4
 _MAX_OTHERS = 256
-_TOKEN = re.compile(r"(.+)-([0-9a-f]{16})-([0-9a-f]{16})")
 _NEVER_NS = 1 << 64
 _log = logging.getLogger(__name__)
 
@@ -69,7 +67,7 @@ class Claim:
     @classmethod
     def read(cls, token: str) -> Self:
         """Parse the last chunk of the key; a token of another form makes no service yield that runs."""
-        match = _TOKEN.fullmatch(token)
+        match = TOKEN.fullmatch(token)
         if match is None:
             return cls(_NEVER_NS, token, token, "")
         return cls(int(match[2], 16), token, match[1], match[3])

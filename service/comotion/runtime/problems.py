@@ -3,25 +3,20 @@
 A problem is logged once when it begins and once when it ends, and is in the Status until then.
 """
 
-import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
 from comotion_schemas.messages import Problem, ProblemKind
 from comotion_schemas.time_units import unix_unit
 
-from ..event_time.sources import SourceHealth
 from ..event_time.troubles import ClockTrouble
-from .log_limit import LogLimit
+from .log_limit import limited
 
 # A problem ends when it has not been seen for so long: one that comes and goes is logged once.
 _LASTS_NS = 10_000_000_000
-# A process that has just started may take so long to its first batch.
-_START_NS = 3_000_000_000
 # Problems that a Status lists at most, also in a hostile scene; and of one kind.
 _MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
@@ -29,7 +24,7 @@ _MOST_ALIKE = 8
 _NO_QUEUE = "invalid names, or too many"
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
-_log = logging.getLogger(__name__)
+_log = limited(__name__)
 
 Key = tuple[str | None, ProblemKind]
 TextByKey = dict[Key, str]
@@ -37,39 +32,30 @@ DEFECT = "the service failed on some data and goes on; please report the trace i
 """Text where the counter of faults has grown."""
 
 
-@dataclass
-class _Lasting:
-    since_ns: int
-    seen_ns: int
-    text: str
-
-
-@dataclass
 class Problems:
     """Problems over time. Times are monotonic nanoseconds, but for those in the messages."""
 
-    _lasting: dict[Key, _Lasting] = field(default_factory=dict)
-    _limit: LogLimit = field(default_factory=lambda: LogLimit(30, 60.0))
+    def __init__(self) -> None:
+        self._lasting: dict[Key, Problem] = {}
+        self._seen_ns: dict[Key, int] = {}
 
-    def update(self, texts: TextByKey, monotonic_ns: int) -> list[Problem]:
+    def update(self, texts: TextByKey, at_ns: int) -> list[Problem]:
         """Follow the problems; returns those that last, the oldest first."""
         of_kind = Counter(kind for _, kind in self._lasting)
-        for key, text in texts.items():
-            lasting = self._lasting.get(key)
-            if lasting is not None:
-                lasting.seen_ns, lasting.text = monotonic_ns, text
-            elif len(self._lasting) < _MOST and of_kind[key[1]] < _MOST_OF_A_KIND:
-                of_kind[key[1]] += 1
-                self._lasting[key] = _Lasting(time.time_ns(), monotonic_ns, text)
-                self._limit.log(_log, logging.WARNING, "%s: %s", key[1], text)
-        for key, problem in list(self._lasting.items()):
-            if monotonic_ns - problem.seen_ns > _LASTS_NS:
-                del self._lasting[key]
-                self._limit.log(_log, logging.INFO, "%s is over: %s", key[1], problem.text)
-        return [
-            Problem(source=source, kind=kind, since_ns=problem.since_ns, text=problem.text[:500])
-            for (source, kind), problem in self._lasting.items()
-        ]
+        for (source, kind), text in texts.items():
+            lasting = self._lasting.get((source, kind))
+            if lasting is None:
+                if len(self._lasting) >= _MOST or of_kind[kind] >= _MOST_OF_A_KIND:
+                    continue
+                of_kind[kind] += 1
+                _log.warning("%s: %s", kind, text)
+            since_ns = time.time_ns() if lasting is None else lasting.since_ns
+            problem = Problem(source=source, kind=kind, since_ns=since_ns, text=text[:500])
+            self._lasting[source, kind], self._seen_ns[source, kind] = problem, at_ns
+        for key in [key for key, seen_ns in self._seen_ns.items() if at_ns - seen_ns > _LASTS_NS]:
+            del self._seen_ns[key]
+            _log.info("%s is over: %s", key[1], self._lasting.pop(key).text)
+        return list(self._lasting.values())
 
 
 def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> TextByKey:
@@ -146,20 +132,8 @@ _TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
         "its process is there but no batch of it was accepted; see that it publishes on "
         f"obs/{name} and what is rejected"
     ),
-    "silent": lambda source: (
-        f"no data for {max(source.age_ns, 0) / 1e9:.0f} s though its process is there; see whether its "
+    "silent": lambda age_s: (
+        f"no data for {max(age_s, 0.0):.0f} s though its process is there; see whether its "
         "sensor or its loop hangs"
     ),
 }
-
-
-def silence(
-    present: Mapping[str, int], sources: list[SourceHealth], monotonic_ns: int
-) -> dict[ProblemKind, dict[str, Any]]:
-    """Sources whose process is there but whose data is not."""
-    by_name = {source.name: source for source in sources}
-    started = (name for name, since_ns in present.items() if monotonic_ns - since_ns > _START_NS)
-    return {
-        "no-data": {name: name for name in started if name not in by_name},
-        "silent": {name: by_name[name] for name in present if name in by_name and not by_name[name].sending},
-    }

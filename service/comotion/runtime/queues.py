@@ -7,6 +7,7 @@ displaces its own data. Payloads without a valid name, or of one source too many
 import threading
 import time
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -16,6 +17,8 @@ from comotion_schemas import Keys
 from comotion_schemas.keys import last_chunk
 from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
+
+from ..event_time.release import Load
 
 # A source that has left is forgotten after this time without data; one too many displaces one that is silent.
 IDLE_NS, _SILENT_NS = 10_000_000_000, 1_000_000_000
@@ -44,8 +47,8 @@ class Queue:
         When something came last, on the monotonic clock.
     received
         Valid batches that were read.
-    waiting, size
-        The payloads, and their bytes.
+    waiting
+        The payloads.
     displaced
         Payloads that gave way to later ones since the last one was read.
     """
@@ -53,20 +56,7 @@ class Queue:
     used_ns: int = 0
     received: int = 0
     waiting: deque[Payload] = field(default_factory=deque)
-    size: int = 0
     displaced: int = 0
-
-    def take(self) -> Payload:
-        """Take the oldest payload."""
-        name, content = self.waiting.popleft()
-        self.size -= len(content)
-        return name, content
-
-    def bound(self, most_bytes: int) -> None:
-        """Drop the oldest payloads beyond a bound; the newest stays."""
-        while len(self.waiting) > _MOST_BATCHES or (self.size > most_bytes and len(self.waiting) > 1):
-            self.take()
-            self.displaced += 1
 
 
 class Queues:
@@ -78,7 +68,7 @@ class Queues:
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
         self._most = most
         self._lock = threading.Lock()
-        self._size = 0
+        self._load = Load(_MOST_BATCHES, _MOST_BYTES, _ALL_BYTES)
         self.of = {OTHERS: Queue()}
         self._receiver = Receiver(session, keys.streams("obs"), "obs", _RING, self._add)
 
@@ -93,13 +83,12 @@ class Queues:
         new = (item for item in waiting.items() if item[0] not in read_before)
         return read_before | dict(islice(new, _NEW_AT_ONCE))
 
-    def take(self, queue: Queue) -> tuple[Payload, int]:
+    def take(self, name: str) -> tuple[Payload, int]:
         """Take the oldest payload of a queue, and how many were displaced before it."""
         with self._lock:
+            queue = self.of[name]
             displaced, queue.displaced = queue.displaced, 0
-            name, content = queue.take()
-            self._size -= len(content)
-            return (name, content), displaced
+            return self._pop(name, queue), displaced
 
     def received(self) -> dict[str, int]:
         """Valid batches of every source."""
@@ -111,7 +100,7 @@ class Queues:
         with self._lock:
             return max(queue.used_ns for queue in self.of.values())
 
-    def drop_idle(self, monotonic_ns: int, present: set[str]) -> None:
+    def drop_idle(self, monotonic_ns: int, present: Collection[str]) -> None:
         """Forget sources that have sent nothing for some seconds, but those that are present."""
         with self._lock:
             for name, queue in list(self.of.items()):
@@ -127,22 +116,20 @@ class Queues:
         """Let a payload wait; called in the thread."""
         name, now_ns = last_chunk(key), time.monotonic_ns()
         with self._lock:
-            queue = self._queue_of(name, now_ns)
-            size = queue.size
+            owner = name if name in self.of or self._admits(name, now_ns) else OTHERS
+            self.of[owner] = queue = self.of.pop(owner, None) or Queue()
+            queue.used_ns = now_ns
+            # The newest has a place in any case.
+            while queue.waiting and not self._load.admits(owner, len(content)):
+                self._pop(owner, queue)
+                queue.displaced += 1
             queue.waiting.append((name, content))
-            queue.size += len(content)
-            share = _ALL_BYTES // len(self.of) if self._size + len(content) > _ALL_BYTES else _MOST_BYTES
-            queue.bound(min(share, _MOST_BYTES))
-            self._size += queue.size - size
+            self._load.add(owner, len(content))
 
-    def _queue_of(self, name: str, now_ns: int) -> Queue:
-        """The queue of a source; of one too many, it takes the place of the one silent for longest."""
-        queue = self.of.pop(name, None)
-        if queue is None and not self._admits(name, now_ns):
-            name, queue = OTHERS, self.of.pop(OTHERS)
-        self.of[name] = queue = queue or Queue()
-        queue.used_ns = now_ns
-        return queue
+    def _pop(self, owner: str, queue: Queue) -> Payload:
+        payload = queue.waiting.popleft()
+        self._load.add(owner, len(payload[1]), -1)
+        return payload
 
     def _admits(self, name: str, now_ns: int) -> bool:
         """Whether a name may have a queue."""

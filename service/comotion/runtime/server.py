@@ -17,13 +17,12 @@ from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from ..warm_up import prepare
 from .clocks import ClockName
-from .health import Watchdog
+from .health import Health
 from .loop import Loop
 from .presence import Presence
 from .source_clocks import SourceClocks
 from .standby import DEFAULT_LEASE_S, Election, Etcd
-from .state_file import begin_afresh, load_fusion
-from .state_keeper import StateKeeper
+from .state_file import StateKeeper, begin_afresh, load_fusion
 
 DEFAULT_NAME = "fusion"
 # From the second start on, the warm-up takes less; a longer one is worth a line in the log.
@@ -67,14 +66,14 @@ def serve(options: ServeOptions) -> None:
         If a name is invalid, the endpoint is, or another service has the scene.
     """
     session_id = new_session_id()
-    watchdog, election = Watchdog(), _election(options, session_id)
+    health, election = Health(), _election(options, session_id)
     with (
         Component(
             role="service",
             name=options.name,
             scene=options.scene,
             settings=options.settings,
-            status=lambda: _with_replica(watchdog.status(), election),
+            status=lambda: _with_replica(health.status(), election),
             ready_file=options.ready_file,
             session_id=session_id,
             has_token=election is not None,
@@ -94,9 +93,7 @@ def serve(options: ServeOptions) -> None:
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
         clocks = SourceClocks(component, correct=options.correct_clocks)
-        loop = Loop(
-            fusion, component, leadership, watchdog, keeper, clocks, recorded=options.clock == "event"
-        )
+        loop = Loop(fusion, component, leadership, health, keeper, clocks, recorded=options.clock == "event")
         # Last: a service that is not ready must not be elected; one that stops gives the scene back first.
         if election is not None:
             stack.enter_context(election)

@@ -5,7 +5,6 @@ of that publisher, it tells the difference of the clocks within half of the roun
 are not used: they are those of acquisition, and how long acquisition takes is unknown.
 """
 
-import logging
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,8 @@ from comotion_schemas import ObservationBatch, Status
 from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
 
+from .log_limit import limited
+
 _QUERY_EVERY_S = 1.5  # between two queries of a source, so that every second Status brings one
 _ANSWER_S = 1.0  # a slower answer is of no use
 _FORGET_S = 60.0  # after the last token or Status of a source
@@ -26,7 +27,7 @@ _NOTES = 8
 _MOST_SOURCES = 1024
 # Corrections smaller than this, or than the error of the estimate, are not worth a jump in the stamps.
 _LEAST_CORRECTION_S = 0.001
-_log = logging.getLogger(__name__)
+_log = limited(__name__)
 
 
 @dataclass

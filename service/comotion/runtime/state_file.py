@@ -1,4 +1,4 @@
-"""Restores a fusion from its state file, and writes such a file in one step.
+"""Restores a fusion from its state file, and writes that of a running fusion, in one step, beside the loop.
 
 `FILE` holds the snapshot; `FILE.ids` holds an id that no hypothesis has had, for the day `FILE` is lost.
 Both are replaced in one step and readable by their owner alone.
@@ -7,12 +7,13 @@ Both are replaced in one step and readable by their owner alone.
 import logging
 import os
 import re
+import threading
 import time
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from comotion_schemas import UNDETERMINED
 from comotion_schemas.errors import KnownError
@@ -29,6 +30,8 @@ _IDS_BYTES = 64
 _RESERVED = 1000
 # With a scene's and a replica's 64 each and the endings, a name stays below the 255 of file systems.
 _NETWORK_CHARACTERS = 80
+# Share of the time for taking and writing states: the thread keeps the loop from the interpreter meanwhile.
+_SHARE = 0.1
 _log = logging.getLogger(__name__)
 
 
@@ -61,9 +64,9 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     first_id = _reserved(path)
     try:
         with path.open("rb") as file:
-            head = snapshot.Header.read(file.read(snapshot.HEADER_BYTES))
-        first_id = head.following
-        fusion = _continued(path, head.total, config, scene, session, now_ns)
+            data = file.read(snapshot.MAX_BYTES + 1)
+        first_id = snapshot.Header.read(data).following
+        fusion = _continued(data, config, scene, session, now_ns)
     except FileNotFoundError:
         pass
     except (ValueError, OSError) as error:
@@ -92,20 +95,16 @@ def _age(path: Path) -> str:
     return f"{seconds:.0f} s ago"
 
 
-def _continued(
-    path: Path, size: int, config: FusionConfig, scene: str, session: str, now_ns: int | None
-) -> Fusion:
-    """A fusion that goes on from a file of a size that its header announces; a twin has tried it out.
+def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
+    """A fusion that goes on from a snapshot; a twin has tried it out.
 
     Raises
     ------
     ValueError
-        If the file is another scene's, of the future or damaged, or no update follows from it.
+        If it is another scene's, of the future or damaged, or no update follows from it.
     """
-    actual = path.stat().st_size
-    if actual != size or actual > snapshot.MAX_BYTES:
-        raise KnownError(f"damaged snapshot: {actual} bytes, its header says {size}")
-    data = path.read_bytes()
+    if len(data) > snapshot.MAX_BYTES:
+        raise KnownError(f"a snapshot has at most {snapshot.MAX_BYTES} bytes")
     twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
     watermark = fusion.timeline.watermark_ns
     try:
@@ -204,3 +203,81 @@ def write_state(path: Path, parts: list[Any], reserved: int = 0) -> int:
         write_atomically(_beside(path, "ids"), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])
     write_atomically(path, parts)
     return reserved
+
+
+class StateKeeper:
+    """Keeps the state of a running fusion in a file; a context manager.
+
+    The state is taken at an interval, and at once when the set of hypotheses has changed; one that takes long
+    less often, so that it costs at most a tenth of the time. A thread serialises and writes the newest one.
+    On leaving the last state is written, unless an exception is the reason. Without a path nothing is kept.
+    `error` is why the last write failed; empty if it did not.
+    """
+
+    def __init__(self, path: Path | None, interval_ns: int, fusion: Fusion) -> None:
+        self._path = path
+        self._interval_ns = interval_ns
+        self._fusion = fusion
+        self.error = ""
+        self._due_ns = self._allowed_ns = self._writing_ns = 0
+        self._saved: frozenset[int] = frozenset()
+        self._reserved = 0
+        self._wake = threading.Condition()
+        self._produce: Callable[[], list[Any]] | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="state", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *others: object) -> None:
+        if self._path is None:
+            return
+        with self._wake:
+            self._produce = self._fusion.capture(clean=True) if kind is None else self._produce
+            self._closing = True
+            self._wake.notify()
+        self._thread.join()
+
+    def after(self, hypotheses: frozenset[int], monotonic_ns: int) -> None:
+        """Take the state if it is due; `hypotheses` are the ids in the update just published."""
+        if self._path is None or not self.is_due(hypotheses, monotonic_ns):
+            return
+        # It replaces one that waits.
+        with self._wake:
+            self._produce = self._fusion.capture()
+            self._wake.notify()
+        self._saved = hypotheses
+        cost_ns = time.monotonic_ns() - monotonic_ns + self._writing_ns
+        self._allowed_ns = monotonic_ns + round(cost_ns / _SHARE)
+        self._due_ns = monotonic_ns + self._interval_ns
+
+    def is_due(self, hypotheses: frozenset[int], monotonic_ns: int) -> bool:
+        """Whether to take the state now."""
+        if monotonic_ns < self._allowed_ns:
+            return False
+        return monotonic_ns >= self._due_ns or hypotheses != self._saved
+
+    def _run(self) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._produce is not None or self._closing)
+                produce, self._produce = self._produce, None
+            if produce is None:
+                return
+            self._write(produce)
+
+    def _write(self, produce: Callable[[], list[Any]]) -> None:
+        assert self._path is not None  # noqa: S101 - the thread runs where there is one
+        began = time.thread_time_ns()
+        try:
+            self._reserved = write_state(self._path, produce(), self._reserved)
+            self.error = ""
+        except Exception as error:  # whatever it is, the next state may be written
+            reason = error.strerror if isinstance(error, OSError) else repr(error)
+            if not self.error:
+                _log.warning("cannot write the state to %s: %s", self._path, reason)
+            self.error = f"state not written: {reason}"
+        self._writing_ns = time.thread_time_ns() - began

@@ -2,8 +2,8 @@
 
 The rules:
 
-- The service that creates the key ``comotion/v1/leader/<scene>`` speaks. The key is bound to a lease that its
-  owner renews.
+- The service that creates the key ``comotion/v1/leader/<scene>`` speaks. The key holds its name and session,
+  and is bound to a lease that its owner renews.
 - The revision that created the key is the epoch of its owner. Revisions only grow, so a later owner has a
   higher epoch. Clients drop updates of a lower one, and a service that hears a higher one falls silent.
 - A standby that sees the owner's liveliness token vanish ends the owner's lease and creates the key anew.
@@ -13,26 +13,18 @@ The rules:
 - While etcd does not answer, no service is elected: the active service goes on, a standby stays silent.
 """
 
-import json
 import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple, Self
+from typing import Self
 
 from .etcd import Entry, Etcd, EtcdUnavailableError
 
 # s; the shortest that etcd grants at its default election timeout.
 DEFAULT_LEASE_S = 2
 _log = logging.getLogger(__name__)
-
-
-class _Owner(NamedTuple):
-    """The service that the leader's key names."""
-
-    name: str
-    session: str
 
 
 class Election:
@@ -56,7 +48,7 @@ class Election:
         self.error: str | None = None
         self._connect = connect
         self._key = f"comotion/v1/leader/{scene}"
-        self._me = _Owner(name, session)
+        self._name, self._value = name, f"{name} {session}".encode()
         self._ttl = lease
         self._lease: int | None = None
         self._suspects: deque[str] = deque()
@@ -108,27 +100,26 @@ class Election:
         self._resign(etcd)
 
     def _step(self, etcd: Etcd) -> None:
-        suspects = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._me.name}
+        suspects = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._name}
         if self._fenced:
             self._resign(etcd)
             self._fenced = False
         if self._lease is not None and not etcd.renew(self._lease):
             self._lease = None
         owner = etcd.read(self._key)
-        if owner is not None and _owner(owner).name in suspects:
+        if owner is not None and _name(owner) in suspects:
             etcd.revoke(owner.lease)
             owner = etcd.read(self._key)
         if owner is not None:
-            leader = _owner(owner)
-            self.leader = leader.name
-            self._set(owner.created if leader == self._me and owner.lease == self._lease else None)
+            self.leader = _name(owner)
+            is_own = owner.value == self._value and owner.lease == self._lease
+            self._set(owner.created if is_own else None)
             return
         if self._lease is None:
             self._lease = etcd.grant(self._ttl)
-        value = json.dumps(self._me._asdict()).encode()
-        epoch = etcd.create(self._key, value, self._lease)
+        epoch = etcd.create(self._key, self._value, self._lease)
         if epoch is not None:
-            self.leader = self._me.name
+            self.leader = self._name
         self._set(epoch)
 
     def _resign(self, etcd: Etcd) -> None:
@@ -147,10 +138,6 @@ class Election:
         self.epoch = epoch
 
 
-def _owner(entry: Entry) -> _Owner:
-    """The service that an entry names; empty names where the entry has another form."""
-    try:
-        value = json.loads(entry.value)
-        return _Owner(str(value["name"]), str(value["session"]))
-    except (ValueError, KeyError, TypeError):
-        return _Owner("", "")
+def _name(owner: Entry) -> str:
+    """The name of the service that has the key."""
+    return owner.value.decode(errors="replace").partition(" ")[0]

@@ -12,8 +12,8 @@ from zenoh.handlers import RingChannel
 
 from comotion_schemas import DecodeError, HypothesisUpdate, decode_as
 from comotion_schemas.component import Component
-from comotion_schemas.epochs import Epochs
 from comotion_schemas.keys import last_chunk
+from comotion_schemas.sequence import Epochs
 from comotion_schemas.transport import declare_subscriber
 
 from ...fusion import Fusion
@@ -90,7 +90,8 @@ class Follower:
         A replica that hears no source may be cut off itself, with its router, and takes no service for gone.
         """
         session = self._component.session
-        if self._intake.silent_ns(time.monotonic_ns()) > _SILENT_NS or not session.info.routers_zid():
+        silent_ns = time.monotonic_ns() - self._intake.heard_ns()
+        if silent_ns > _SILENT_NS or not session.info.routers_zid():
             return False
         key = self._component.keys.live("service", name)
         alive = any(reply.ok is not None for reply in session.liveliness().get(key, timeout=_TOKEN_TIMEOUT_S))
