@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, RejectionReason
 
 from . import snapshot
-from .assembly import Assembly, Header, at_rest, moved
+from .assembly import Assembly, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.budget import Budget, CostClock
 from .event_time.faults import Faults
@@ -30,8 +30,8 @@ from .hypotheses.identity import ID_GAP, IdAllocator
 from .partition import SpaceSpec
 from .saving import plain, restored
 from .shedding import FULL, Effort
-from .space import MAX_COORDINATE
 from .spaces import Spaces
+from .tracks import MAX_COORDINATE
 
 # Share of a period for updating spaces, and for that with reading and publishing. The first is less than what
 # makes updates slow: a source that spends all of it must not make all others leave out work.
@@ -144,11 +144,19 @@ class Fusion:
         wrong = timeline.troubles.sources(*CLOCKS)
         self._spaces.mistrust(frozenset(n for n, (name, _) in timeline.sessions.items() if name in wrong))
         updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
-        in_use = self._spaces.sessions_in_use()
+        in_use = self._spaces.sessions()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
-        period_ns, live = to_ns(self.config.period), bool(timeline.sources.sending(at_ns))
-        header = Header(self.scene, self.session, self._seq, stamp, now_ns, period_ns, live)
+        live = bool(timeline.sources.sending(at_ns))
+        header = {
+            "scene": self.scene,
+            "session": self.session,
+            "seq": self._seq,
+            "stamp_ns": stamp,
+            "published_ns": now_ns,
+            "period_ns": to_ns(self.config.period),
+            "live": live,
+        }
         self._seq += 1
         self.stats.updates += 1
         self.stats.shed += self._effort != FULL

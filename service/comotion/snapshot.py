@@ -21,7 +21,7 @@ import numpy as np
 
 from comotion_schemas.errors import KnownError
 
-FORMAT = 13
+FORMAT = 14
 """Version of the layout and of the state in it."""
 MAX_BYTES = 1 << 30
 _MAGIC = b"comotion"

@@ -110,7 +110,7 @@ class Spaces:
             if refused is not None:
                 return refused
             space, first_rows, most = self._spaces[name], self._cut(instant), self.config.max_tracks
-            may_open = partial(allowance, self._spaces.values(), most, instant.session)
+            may_open = partial(allowance, [other.tracks for other in self], most, instant.session)
             fits = space.store(first_rows, may_open, self._elsewhere(first_rows, space))
             self._end(instant)
             return None if fits else "range"
@@ -120,7 +120,7 @@ class Spaces:
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session number as ended for good."""
         for space in self:
-            space.index.end_session(session)
+            space.tracks.end_session(session)
 
     def mistrust(self, mistimed: frozenset[int]) -> None:
         """Compare no motion with that of sessions whose clock is known to be wrong, by number."""
@@ -158,7 +158,8 @@ class Spaces:
         self._note_troubles(sessions)
         doubted = self.troubles.sources("ids-reused", "ids-short-lived")
         numbers = [number for number, (source, _) in sessions.items() if source in doubted]
-        return [part.doubted(numbers) for _, part in sorted(updates.items()) if part is not None]
+        listed = [part for _, part in sorted(updates.items()) if part is not None]
+        return [part.doubted(numbers) for part in listed] if numbers else listed
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Note sources that drift away from the others of a space, or that alone say that it is carried."""
@@ -173,20 +174,22 @@ class Spaces:
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
         space = self._spaces[name]
-        held = {sessions[number][0]: count for number, count in space.held().items() if number in sessions}
+        held = {
+            sessions[number][0]: count for number, count in space.tracks.held().items() if number in sessions
+        }
         total = sum(held.values())
         return {source: n / total for source, n in held.items()} if total else {space.owner: 1.0}
 
-    def sessions_in_use(self) -> set[int]:
+    def sessions(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
-        numbers: set[int] = set().union(*(space.sessions_in_use() for space in self))
+        numbers: set[int] = set().union(*(space.tracks.sessions() for space in self))
         return numbers
 
     def tidy(self, in_use: set[int]) -> None:
         """Forget empty spaces in which nothing was published for long, and sessions without tracks."""
         expiry_ns = to_ns(max(self.config.limits.expiry, self.config.hypotheses.memory))
         for name, space in list(self._spaces.items()):
-            if not space.sessions_in_use() and self.at_ns - space.fed_ns > expiry_ns:
+            if not space.tracks.sessions() and self.at_ns - space.fed_ns > expiry_ns:
                 del self._spaces[name]
         for space in self:
             space.checks.keep(in_use)
@@ -261,20 +264,20 @@ class Spaces:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""
         if instant.last and instant.batch.ended is not None:
             for space in self:
-                if space.index.knows(instant.session):
-                    space.index.end(instant.batch.ended, instant.session)
+                if space.tracks.knows(instant.session):
+                    space.tracks.end(instant.batch.ended, instant.session)
 
     def _elsewhere(self, instant: Instants, home: Space) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""
-        others = [space for space in self if space is not home and space.index.knows(instant.session)]
+        others = [space for space in self if space is not home and space.tracks.knows(instant.session)]
         if not others:
             return None
         ids = instant.batch.ids[instant.rows]
         # An id that has a trajectory here has none elsewhere.
-        unknown = home.index.find(ids, instant.session) < 0
+        unknown = home.tracks.find(ids, instant.session) < 0
         if not unknown.any():
             return None
-        taken = [space.index.find(ids[unknown], instant.session) >= 0 for space in others]
+        taken = [space.tracks.find(ids[unknown], instant.session) >= 0 for space in others]
         elsewhere: Bools = np.zeros(len(ids), bool)
         elsewhere[unknown] = np.any(taken, axis=0)
         return elsewhere if elsewhere.any() else None

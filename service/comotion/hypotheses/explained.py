@@ -15,12 +15,14 @@ recordings of docs/research/unseen.md); with ids that roll by one it is .3 to 1.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Floats, Ints, Labels, distinct
+from ..arrays import Floats, distinct
 
 # Residual, as a share of the size of the scene, that halves the confidence.
 _HALF = 0.15
@@ -28,21 +30,15 @@ _HALF = 0.15
 _KNOWN_AFTER = 1.0
 
 
-def explained(
-    labels: Labels, hypotheses: Sequence[Hypothesis], positions: Floats, sessions: Ints, seen: Floats
-) -> Floats:
+def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floats) -> Floats:
     """Factors of the confidence.
 
     Parameters
     ----------
-    labels
-        int64 [n], hypothesis of each trajectory, -1 without one.
+    tracks
+        :data:`~comotion.space_update.TRACK` [n], of which the confidence does not matter.
     hypotheses
         Those of the space, with their noise where it is known.
-    positions
-        float64 [n, 3], newest ones; NaN in the third column in 2-D.
-    sessions
-        intp [n], session number of each trajectory.
     seen
         float64 [n], s for which each was observed in the window.
 
@@ -50,19 +46,19 @@ def explained(
     -------
     float64 [n] in 0..1; 1 where no noise is known.
     """
-    share = np.zeros(len(labels))
+    share = np.zeros(len(tracks))
     for body in hypotheses:
         if body.noise:
-            mine = labels == body.id
-            share[mine] = _unbiased(body, seen[mine])
+            members = tracks["label"] == body.id
+            share[members] = _unbiased(body, seen[members])
     if not share.any():
-        return np.ones(len(labels))
-    away = positions - np.median(positions, axis=0)
+        return np.ones(len(tracks))
+    away = tracks["position"] - np.median(tracks["position"], axis=0)
     # Per axis, as the noise is.
     size = np.sqrt(np.nanmean(np.square(away), axis=1))
     share /= max(float(np.median(size)), 1e-12)
     own = 1 / (1 + (share / _HALF) ** 4)
-    _, numbers = distinct(sessions)
+    _, numbers = distinct(tracks["session"])
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)
 
 

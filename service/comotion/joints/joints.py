@@ -16,9 +16,9 @@ from comotion_schemas.rigid import rotation, spin, three
 
 from ..arrays import Floats
 from ..config import JointsConfig
-from ..linking.linker import SpaceView
 from ..partition import BodyMotion, SpaceSpec
 from ..saving import NOT_KEPT
+from ..space_update import SpaceUpdate
 from .models import KINDS
 from .pair import Pair
 from .states import States
@@ -47,13 +47,13 @@ class Joints:
     _judged_ns: dict[Key, int] = field(default_factory=dict)
 
     def update(
-        self, stamp_ns: int, views: Sequence[SpaceView], *, judging: bool = True
+        self, stamp_ns: int, views: Sequence[SpaceUpdate], *, judging: bool = True
     ) -> tuple[list[Joint], list[Event]]:
         """Judge some pairs, unless `judging` is False, and describe all that may touch."""
         spaces = []
         for view in views:
             if view.spec.unit == "m" and self.config.pairs:
-                listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
+                listed = {h.id: h for h in view.bodies if h.confirmed and h.pose is not None}
                 spaces.append((view, listed, _touching(listed)))
         due = self._due([key for *_, near in spaces for key in near], stamp_ns) if judging else []
         changes: dict[tuple[EventKind, int], list[int]] = {}

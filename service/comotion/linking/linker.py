@@ -3,17 +3,17 @@
 Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from comotion_schemas import Hypothesis, HypothesisUpdate
+from comotion_schemas import HypothesisUpdate
 
-from ..arrays import Floats, Labels, Slots, ranks
+from ..arrays import Floats, ranks
 from ..config import LinkingConfig
-from ..partition import BodyMotion, SpaceSpec
-from ..trajectories.window import Window
+from ..partition import BodyMotion
+from ..space_update import SpaceUpdate
 from .camera import CameraModel
 from .image_tracks import sample_tracks
 from .reprojection import log_likelihoods
@@ -26,22 +26,6 @@ _REPRESENTATIVES = 12
 _OUTLIER_SHARE = 0.2
 # nat; four members that fit one body only have as much.
 _MARGIN = 6.0
-
-
-@dataclass(frozen=True)
-class SpaceView:
-    """A space as of this update.
-
-    `labels` int64 [n] are the hypotheses of the `current` slots; `motions` gives the motion of some
-    hypotheses, in axes that stay the same, as far as it is known.
-    """
-
-    spec: SpaceSpec
-    window: Window
-    current: Slots
-    labels: Labels
-    hypotheses: list[Hypothesis]
-    motions: Callable[[Collection[int]], dict[int, BodyMotion]]
 
 
 class Linker:
@@ -64,7 +48,7 @@ class Linker:
         self._due_ns: int | None = None
 
     def linked(
-        self, update: HypothesisUpdate, views: Sequence[SpaceView], *, deciding: bool = True
+        self, update: HypothesisUpdate, views: Sequence[SpaceUpdate], *, deciding: bool = True
     ) -> HypothesisUpdate:
         """Return the update with `linked` filled in, where there is something to say.
 
@@ -93,7 +77,7 @@ class Linker:
         found = [replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses]
         return replace(update, hypotheses=found)
 
-    def _look(self, views: Sequence[SpaceView]) -> None:
+    def _look(self, views: Sequence[SpaceUpdate]) -> None:
         """Decide anew for every hypothesis of every camera."""
         bodies: dict[str, dict[int, BodyMotion]] = {}
         for view in views:
@@ -105,12 +89,12 @@ class Linker:
             if bodies[camera.frame]:
                 self._link(view, bodies[camera.frame], camera)
 
-    def _link(self, view: SpaceView, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
+    def _link(self, view: SpaceUpdate, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera, by its longest observed members."""
-        observed = view.window.counts(view.current)
-        chosen = (view.labels >= 0) & (ranks(view.labels, -observed) < _REPRESENTATIVES)
-        ids, motions, labels = list(bodies), list(bodies.values()), view.labels[chosen]
-        tracks = sample_tracks(view.window, view.current[chosen], motions[0].stamps, camera)
+        observed, all_labels = view.window.counts(view.slots), view.tracks["label"]
+        chosen = (all_labels >= 0) & (ranks(all_labels, -observed) < _REPRESENTATIVES)
+        ids, motions, labels = list(bodies), list(bodies.values()), all_labels[chosen]
+        tracks = sample_tracks(view.window, view.slots[chosen], motions[0].stamps, camera)
         likelihoods, fittable = log_likelihoods(tracks, motions, camera), tracks.fittable()
         for image in np.unique(labels).tolist():
             previous = self.links.pop(image, None)
@@ -120,15 +104,15 @@ class Linker:
                 self.links[image] = ids[best]
 
 
-def _bodies(name: str, views: Sequence[SpaceView]) -> dict[int, BodyMotion]:
+def _bodies(name: str, views: Sequence[SpaceUpdate]) -> dict[int, BodyMotion]:
     """Motion of the hypotheses that a metric space lists, by id; what does not move rests.
 
     What a fit to the members of a body at rest says of their motion is noise.
     """
     for space in views:
         if space.spec.name == name and space.spec.dim == 3:
-            moving = {h.id for h in space.hypotheses if h.state == "moving"}
-            motions = space.motions([h.id for h in space.hypotheses])
+            moving = {h.id for h in space.bodies if h.state == "moving"}
+            motions = space.motions([h.id for h in space.bodies])
             return {one: motion if one in moving else motion.at_rest() for one, motion in motions.items()}
     return {}
 

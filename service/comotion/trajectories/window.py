@@ -105,6 +105,10 @@ class Window:
         """The observations in a slot, a view of a column such as `times`, [M, ...]."""
         return column[slot, self.start[slot] : self.stop[slot]]
 
+    def newest(self, slots: Slots) -> Floats:
+        """The newest position in each slot, which holds one, float64 [n, dim]."""
+        return self.positions[slots, self.stop[slots] - 1]
+
     def slots(self) -> Slots:
         """Slots in use, oldest trajectory first, intp [n]."""
         used = np.flatnonzero(self.used)
