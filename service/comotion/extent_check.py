@@ -13,9 +13,9 @@ import numpy as np
 
 from comotion_schemas.doubts import other_unit
 
-from .arrays import Bools, Floats, Slots
+from .arrays import Bools, Floats, Ints
 from .config import Unit
-from .trajectories.window import Window
+from .event_time.troubles import Troubles
 
 # Views of sources are taken once in so many updates, and when one comes or leaves: a scene does not grow
 # a hundred times larger within a second.
@@ -28,20 +28,6 @@ _MAX_VIEWS = 16
 _MIN_EXTENT = {"m": 1.0, "px": 1000.0}
 
 
-@dataclass(frozen=True)
-class _View:
-    """View of one session: float64 [dim] the median of its newest positions, and all of them [n, dim]."""
-
-    centre: Floats
-    positions: Floats
-
-    def reach(self, centre: Floats) -> float:
-        """Distance from a place within which most of the positions are."""
-        distance = np.linalg.norm(self.positions - centre, axis=1)
-        most = round(_MOST_OF_IT * (len(distance) - 1))
-        return float(np.partition(distance, most)[most])
-
-
 @dataclass
 class ExtentCheck:
     """Follows where the trajectories of each source of a space are.
@@ -52,63 +38,65 @@ class ExtentCheck:
         Of the space.
     most
         How many times as far as the others see a position may be; 0: any.
-    refused
-        By session number: how many times as far its last refused row was.
-    doubts
-        By session number: a sentence that its positions look as if they were in another unit.
+    troubles
+        Get to know how many times as far a refused row was, or a sentence that the positions of a source look
+        as if they were in another unit.
     """
 
     unit: Unit
     most: float
-    refused: dict[int, float] = field(default_factory=dict)
-    doubts: dict[int, str] = field(default_factory=dict)
-    _views: dict[int, _View] = field(default_factory=dict)
+    troubles: Troubles
+    # By session number: a doubt about its unit, the newest positions of its trajectories with their median,
+    # and where the scene is, and how far it reaches, as others see it.
+    _doubts: dict[int, str] = field(default_factory=dict)
+    _views: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
     _scenes: dict[int, tuple[Floats, float]] = field(default_factory=dict)
     _looks: int = 0
 
-    def look(self, window: Window, current: Slots) -> None:
-        """Take note of where the current trajectories are."""
+    def look(self, sessions: Ints, positions: Floats) -> None:
+        """Take note of where the current trajectories are: session numbers [n] and places [n, dim]."""
         if not self.most:
             return
-        owners = window.source[current]
-        present = np.unique(owners).tolist()
+        present = np.unique(sessions).tolist()
         self._looks += 1
         if self._looks % _LOOK_EVERY and list(self._views) == present:
             return
         self._scenes.clear()
-        positions = window.positions[current, window.stop[current] - 1]
-        self._views = {
-            number: _View(np.median(own_positions, axis=0), own_positions)
-            for number in present
-            for own_positions in (positions[owners == number],)
-        }
-        first = list(self._views.items())[:_MAX_VIEWS]
-        unit_doubts = {number: other_unit(view.positions, self.unit) for number, view in first}
-        self.doubts = {number: text for number, text in unit_doubts.items() if text}
+        places = {number: positions[sessions == number] for number in present}
+        self._views = {number: (np.median(own, axis=0), own) for number, own in places.items()}
+        first = {number: other_unit(places[number], self.unit) for number in present[:_MAX_VIEWS]}
+        self._doubts = {number: text for number, text in first.items() if text}
 
-    def fits(self, session: int, positions: Floats) -> Bools | None:
-        """Which rows float64 [n, dim] of a session may be places of the scene, bool [n]; None: all."""
-        if not self._views or not self.most:
-            return None
-        if session not in self._scenes:
-            self._scenes[session] = self._seen_by_others(session)
-        centre, reach = self._scenes[session]
-        offset = positions - centre
-        squares = np.einsum("nd,nd->n", offset, offset)
-        farthest = float(np.sqrt(squares.max(initial=0.0)))
-        if farthest <= self.most * reach:
-            self.refused.pop(session, None)
-            return None
-        self.refused[session] = farthest / reach
-        return np.asarray(squares <= (self.most * reach) ** 2)
+    def near(self, session: int, source: str, positions: Floats) -> Bools:
+        """Which rows float64 [n, dim] of a session of a source may be places of the scene, bool [n]."""
+        near = np.ones(len(positions), np.bool_)
+        trouble: float | str | None = self._doubts.get(session)
+        if self._views and self.most and len(positions):
+            if session not in self._scenes:
+                self._scenes[session] = self._seen_by_others(session)
+            centre, reach = self._scenes[session]
+            offset = positions - centre
+            squares = np.einsum("nd,nd->n", offset, offset)
+            near = squares <= (self.most * reach) ** 2
+            if not near.all():
+                trouble = float(np.sqrt(squares.max())) / reach
+        if trouble:
+            self.troubles.note("scale", source, trouble)
+        return near
 
     def _seen_by_others(self, session: int) -> tuple[Floats, float]:
         """Where the scene is and how far it reaches, as others than a session see it, if there are any."""
         numbers = [number for number in self._views if number != session][:_MAX_VIEWS]
-        others = {number: self._views[number] for number in numbers}
-        own_view = self._views.get(session)
-        if own_view is not None and (not others or (len(others) == 1 and session < min(others))):
-            others = {session: own_view}
-        centre = np.asarray(np.median([view.centre for view in others.values()], axis=0), np.float64)
-        reach = float(np.median([view.reach(centre) for view in others.values()]))
+        if session in self._views and (not numbers or (len(numbers) == 1 and session < numbers[0])):
+            numbers = [session]
+        views = [self._views[number] for number in numbers]
+        centre = np.asarray(np.median([middle for middle, _ in views], axis=0), np.float64)
+        reach = float(np.median([_reach(own, centre) for _, own in views]))
         return centre, max(reach, _MIN_EXTENT[self.unit])
+
+
+def _reach(positions: Floats, centre: Floats) -> float:
+    """Distance from a place within which most of the positions are."""
+    distance = np.linalg.norm(positions - centre, axis=1)
+    most = round(_MOST_OF_IT * (len(distance) - 1))
+    return float(np.partition(distance, most)[most])

@@ -24,7 +24,6 @@ from .event_time.budget import Budget, CostClock
 from .event_time.faults import Faults
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
-from .event_time.troubles import CLOCKS
 from .following import PublishedIds
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .partition import SpaceSpec
@@ -141,8 +140,6 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        wrong = timeline.troubles.sources(*CLOCKS)
-        self._spaces.mistrust(frozenset(n for n, (name, _) in timeline.sessions.items() if name in wrong))
         updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
         in_use = self._spaces.sessions()
         timeline.forget_idle(in_use)

@@ -19,8 +19,8 @@ from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .last_grouping import extended, representatives
 from .moving_frame import Carrying
-from .partition import Method, Partition, SpaceSpec
-from .saving import plain
+from .partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
+from .saving import plain, refill
 from .shedding import FULL, Effort
 from .source_checks import SourceChecks
 from .space_update import TRACK, SpaceUpdate
@@ -62,12 +62,15 @@ class Space:
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
         self.tracks = Tracks(self._window, method, stats)
         self._method = method
-        self._hypotheses = Registry(spec.name, ids, config.hypotheses, established=method.established)
+        self._hypotheses = Registry(
+            config.hypotheses, space=spec.name, allocator=ids, by_established=method.established
+        )
         # Session numbers and ids of the trajectories that were grouped last.
         self._grouped: tuple[Slots, Ids] = np.zeros(0, np.intp), np.zeros(0, np.uint64)
         self._last: SpaceUpdate | None = None
         self.owner, self.fed_ns = "", 0
-        self.extent, self.checks = ExtentCheck(spec.unit, config.limits.extent), SourceChecks(troubles)
+        self.extent = ExtentCheck(spec.unit, config.limits.extent, troubles)
+        self.checks = SourceChecks(troubles)
         self.drift = DriftCheck()
         self._groupings = 0
         declared = config.spaces.get(spec.name)
@@ -80,26 +83,16 @@ class Space:
         So are those that are `taken`, bool [n], whose id stands for a feature elsewhere.
         """
         session, batch, refused = instants.session, instants.batch, self._stats.refused_rows
-        rows, stamps, in_scene, fresh, ended = (
-            instants.rows,
-            instants.stamps[: len(instants.rows)],
-            True,
-            0,
-            0,
-        )
+        rows, stamps = instants.rows, instants.stamps[: len(instants.rows)]
         if taken is not None:
             rows, stamps = rows[~taken], stamps[~taken]
         places: NDArray[Any] = batch.positions[rows]
-        near = self.extent.fits(session, places) if len(rows) else None
-        if near is not None:
-            rows, stamps, in_scene = rows[near], stamps[near], bool(near.any())
+        near = self.extent.near(session, batch.source, places)
+        in_scene, fresh, ended = bool(near.any()) or not len(rows), 0, 0
         if in_scene:
-            fresh, ended = self.tracks.store(instants, allowance, rows, stamps)
+            fresh, ended = self.tracks.store(instants, allowance, rows[near], stamps[near])
             self.carrying.declared[session] = batch.source, bool(batch.moving)
-        factor, doubt = self.extent.refused.get(session), self.extent.doubts.get(session)
-        if factor or doubt:
-            self._troubles.note("scale", batch.source, factor or doubt)
-        if not factor and self._stats.refused_rows - refused > ended:
+        if near.all() and self._stats.refused_rows - refused > ended:
             self._troubles.note("limit", batch.source, REFUSED)
         self.checks.look(instants, fresh, ended)
         return in_scene
@@ -124,7 +117,7 @@ class Space:
         tracks["position"] = np.nan
         tracks["position"][:, : window.dim] = window.newest(current)
         self.carrying.follow(distinct(tracks["session"])[0].tolist(), self.tracks.sessions())
-        self.extent.look(window, current)
+        self.extent.look(tracks["session"], window.newest(current))
         partition = self._partition(stamp_ns, effort)
         labels, hypotheses, events = registry.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
@@ -149,7 +142,7 @@ class Space:
     def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self.tracks.current
-        previous = self._hypotheses.previous(window)
+        previous = Previous(window.label, self._hypotheses.ids)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
         self.drift.look(window, current, previous.labels, stamp_ns, self._method.delays_ns)
@@ -181,7 +174,7 @@ class Space:
             "dim": self.spec.dim,
             "tracks": self.tracks.state(),
             "method": self._method.state(),
-            "hypotheses": self._hypotheses.state(),
+            "hypotheses": plain(self._hypotheses),
             "frame": plain(self.carrying.frame),
         }
 
@@ -189,6 +182,9 @@ class Space:
         """Take up :meth:`state`; without `keep_method` the trajectories alone."""
         self.tracks.load(state["tracks"])
         self._method.load(state["method"] if keep_method else {}, self._window)
-        self._hypotheses.load(state["hypotheses"] if keep_method else {}, self._window)
+        if keep_method:
+            refill(self._hypotheses, state["hypotheses"])
+        else:
+            self._window.label[:] = self._window.established[:] = NO_HYPOTHESIS
         if state["frame"] is not None:
             self.carrying.load(state["frame"] if keep_method else None)

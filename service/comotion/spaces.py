@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from comotion_schemas import ObservationBatch, RejectionReason
+from comotion_schemas.messages import ProblemKind
 
 from .arrays import Bools
 from .config import FusionConfig, SpaceConfig, to_ns
@@ -22,7 +23,7 @@ from .event_time.budget import Budget
 from .event_time.entries import Instants
 from .event_time.faults import Faults
 from .event_time.stats import Key, Stats
-from .event_time.troubles import Troubles
+from .event_time.troubles import CLOCKS, Troubles
 from .hypotheses.identity import IdAllocator
 from .partition import Method, SpaceSpec
 from .pixels.method import PixelMethod
@@ -122,11 +123,6 @@ class Spaces:
         for space in self:
             space.tracks.end_session(session)
 
-    def mistrust(self, mistimed: frozenset[int]) -> None:
-        """Compare no motion with that of sessions whose clock is known to be wrong, by number."""
-        for space in self:
-            space.drift.mistimed = mistimed
-
     def update(
         self,
         stamp_ns: int,
@@ -149,6 +145,10 @@ class Spaces:
                     return
                 self._rebuild(name, keep=keep)
 
+        # Where a clock is known to be wrong, no motion is compared.
+        mistimed = self._doubted(sessions, *CLOCKS)
+        for space in self:
+            space.drift.mistimed = mistimed
         shares = {name: self._shares(name, sessions) for name in self._spaces}
         for name in self._turns.take(self.at_ns, shares, update):
             with self.faults.guard(f"repeating space {name!r}"):
@@ -156,10 +156,14 @@ class Spaces:
         for source in self._turns.costly:
             self.troubles.note("over-budget", source)
         self._note_troubles(sessions)
-        doubted = self.troubles.sources("ids-reused", "ids-short-lived")
-        numbers = [number for number, (source, _) in sessions.items() if source in doubted]
+        doubted = self._doubted(sessions, "ids-reused", "ids-short-lived")
         listed = [part for _, part in sorted(updates.items()) if part is not None]
-        return [part.doubted(numbers) for part in listed] if numbers else listed
+        return [part.doubted(doubted) for part in listed] if doubted else listed
+
+    def _doubted(self, sessions: Mapping[int, Key], *kinds: ProblemKind) -> list[int]:
+        """Numbers of the sessions of sources with a trouble of some kinds."""
+        sources = self.troubles.sources(*kinds)
+        return [number for number, (source, _) in sessions.items() if source in sources]
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Note sources that drift away from the others of a space, or that alone say that it is carried."""

@@ -5,9 +5,10 @@ from itertools import repeat
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig
+from comotion import Fusion, FusionConfig, extent_check
 from comotion.event_time.budget import Budget
-from comotion.extent_check import ExtentCheck, _View
+from comotion.event_time.troubles import Troubles
+from comotion.extent_check import ExtentCheck
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import in_words
 from comotion.shares import Turns
@@ -97,15 +98,15 @@ class TestRows:
         assert ("large", "limit") in in_words(fusion.timeline.troubles.lately())
 
     def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
-        looked, plain = [], _View.reach
-        monkeypatch.setattr(_View, "reach", lambda *args: looked.append(1) or plain(*args))
+        looked, plain = [], extent_check._reach
+        monkeypatch.setattr(extent_check, "_reach", lambda *args: looked.append(1) or plain(*args))
         counts = []
         for sources in (20, 200):
-            check = ExtentCheck("m", 200.0)
-            check._views = {n: _View(np.zeros(3), POINTS) for n in range(sources)}
+            check = ExtentCheck("m", 200.0, Troubles())
+            check.look(np.repeat(np.arange(sources), len(POINTS)), np.tile(POINTS, (sources, 1)))
             looked.clear()
-            assert check.fits(sources, POINTS) is None
-            assert check.fits(sources, 1e6 * POINTS).sum() == 0
+            assert check.near(sources, "far", POINTS).all()
+            assert not check.near(sources, "far", 1e6 * POINTS).any()
             counts.append(len(looked))
         assert counts[0] == counts[1] > 0
 

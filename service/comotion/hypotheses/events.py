@@ -110,12 +110,6 @@ class Lifecycle:
         changes.sort(key=lambda change: (_ORDER.index(change[0]), change[1]))
         return [Event(stamp_ns=stamp_ns, kind=k, hypothesis=one, others=others) for k, one, others in changes]
 
-    def forget(self, hypothesis: int) -> None:
-        """Drop all that is known of a hypothesis; a confirmed one ends at the next update."""
-        if self.confirmed(hypothesis):
-            self._forgotten.append(hypothesis)
-        del self.records[hypothesis]
-
     def _seen(self, one: int, record: Record, step: int) -> list[_Change]:
         # The time before it appeared or returned does not count for it.
         record.support_ns = 0 if record.support_ns is None else max(record.support_ns + step, 0)
