@@ -218,7 +218,7 @@ class Record:
         """
         last = self.members.last.keys
         at = find(last, keys)
-        return majority(labels[at[at >= 0]], len(last))
+        return majority(labels[at[at >= 0]], len(last) // 2 + 1)
 
     def move(self, centroid: Floats | None, stamp_ns: int) -> None:
         """Take up its pose where it returns: how it has turned meanwhile is not known.
@@ -242,7 +242,7 @@ class Record:
         self.spread = (1 - share) * (self.spread + share * float(way @ way) / len(way))
 
 
-def majority(labels: Labels, count: int) -> int | None:
-    """Hypothesis of most of some trajectories, of `count` in all; None where more of them have none."""
+def majority(labels: Labels, least: int) -> int | None:
+    """Hypothesis of most of some trajectories; None where fewer than `least` have any."""
     names, counts = np.unique(labels[labels != NO_HYPOTHESIS], return_counts=True)
-    return int(names[counts.argmax()]) if len(names) and 2 * counts.sum() >= count else None
+    return int(names[counts.argmax()]) if len(names) and counts.sum() >= least else None

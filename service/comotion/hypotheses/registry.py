@@ -103,7 +103,7 @@ class Registry(Lifecycle):
             present = replace(present, labels=window.label[current])
         members = present.members
         origins = {
-            new: majority(previous[rows], len(rows))
+            new: majority(previous[rows], (len(rows) + 1) // 2)
             for new, rows in members.items()
             if new not in self.records
         }
