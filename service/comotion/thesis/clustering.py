@@ -1,7 +1,6 @@
 """From an affinity matrix to clusters: the thesis's choice and the alternatives it compares."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,18 +14,9 @@ from .kernels import INCOMPARABLE
 Labels = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class Clusters:
-    """Labels of n trajectories, intp [n], 0, 1, 2... in the order in which clusters first appear.
-
-    `cohesion` is the mean affinity of each to the other members of its cluster, float64 [n], 0.5 for
-    a cluster of one.
-    """
-
-    labels: Labels
-    cohesion: Floats
-
-
+Clusters = tuple[Labels, Floats]
+"""Labels of n trajectories, intp [n], 0, 1, 2... in the order in which clusters first appear; and the mean
+affinity of each to the other members of its cluster, float64 [n], 0.5 for a cluster of one."""
 ClusterFunction = Callable[[Floats32, Slots], Clusters]
 """Affinities [m, m], symmetric, and the row of each trajectory, intp [n], known by it from call to call."""
 
@@ -52,21 +42,16 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     def cluster(affinity: Floats32, rows: Slots) -> Clusters:
         dense = affinity[np.ix_(rows, rows)].astype(np.float64)
         labels = choice(dense)
-        return _named(labels, _sums_inside(dense, labels))
+        return _named(labels, np.where(labels[:, None] == labels, dense, 0.0).sum(axis=1))
 
     return cluster
 
 
-def _sums_inside(affinity: Floats, labels: Labels) -> Floats:
-    """Sum of the affinities of each trajectory to all members of its cluster, itself included."""
-    sums: Floats = np.where(labels[:, None] == labels, affinity, 0.0).sum(axis=1)
-    return sums
-
-
 def _named(labels: Labels, sums: Floats) -> Clusters:
+    """By the sum of the affinities of each trajectory to all members of its cluster, itself included."""
     companions = np.bincount(labels)[labels] - 1 if len(labels) else labels
     cohesion = np.where(companions > 0, (sums - 1) / np.maximum(companions, 1), INCOMPARABLE)
-    return Clusters(by_appearance(labels), cohesion)
+    return by_appearance(labels), cohesion
 
 
 def by_appearance(labels: Labels) -> Labels:

@@ -10,8 +10,8 @@ To be read beside "Inferring Object Hypotheses Based on Feature Motion from Diff
 6. Label propagation: a cluster continues the hypothesis with which it shares the most trajectories
    (:mod:`comotion.hypotheses`, by :func:`comotion.matching.largest_first`).
 
-Steps 2 to 4 are in :mod:`~comotion.thesis.equations` as the thesis states them, for one pair. What runs is
-:mod:`~comotion.thesis.pair_sums`, which follows the changes of the window for all pairs.
+Steps 2 to 4 follow the changes of the window for all pairs (:mod:`~comotion.thesis.pair_sums`). As the thesis
+states them, for one pair, they are in `tests/reference/thesis.py`, which a test compares.
 """
 
 import math
@@ -71,15 +71,15 @@ class ThesisMethod(Method):
         self._affinity = self._pair_sums.affinity(window)
         self._rows = self._pair_sums.rows.of[current]
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
-        clusters = self._cluster(self._affinity, self._rows)
+        groups, cohesion = self._cluster(self._affinity, self._rows)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
         return Partition(
             slots=current,
-            groups=clusters.labels,
+            groups=groups,
             deciding=np.ones(len(current), np.bool_),
-            confidence=clusters.cohesion,
-            position=window.positions[current, window.stop[current] - 1],
-            described=self._describe(window, current, clusters.labels),
+            confidence=cohesion,
+            position=window.newest(current),
+            described=self._describe(window, current, groups),
         )
 
     def affinity(self) -> Floats32:
