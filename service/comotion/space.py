@@ -12,17 +12,16 @@ from .config import FusionConfig, to_ns
 from .event_time.entries import Instants
 from .event_time.stats import Stats
 from .event_time.troubles import Troubles
-from .extent_check import ExtentCheck
 from .hypotheses.drift import DriftCheck
 from .hypotheses.explained import explained
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
-from .last_grouping import extended, representatives
-from .moving_frame import Carrying
+from .moving_frame import MovingFrame
 from .partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
+from .sampling import extended, representatives
 from .saving import plain, refill
 from .shedding import FULL, Effort
-from .source_checks import SourceChecks
+from .source_checks import ExtentCheck, SourceChecks
 from .space_update import TRACK, SpaceUpdate
 from .tracks import Tracks
 from .trajectories.window import Ids, Window
@@ -40,8 +39,8 @@ class Space:
     ----------
     tracks
         Its trajectories.
-    carrying
-        Whether the frame moves, and where it is.
+    frame
+        Whether it moves, and where it is.
     owner
         The source that was the first to observe something here; empty where that is not known.
     fed_ns
@@ -74,7 +73,7 @@ class Space:
         self.drift = DriftCheck()
         self._groupings = 0
         declared = config.spaces.get(spec.name)
-        self.carrying = Carrying(spec.dim, spec.unit == "m", None if declared is None else declared.moving)
+        self.frame = MovingFrame(spec.dim, spec.unit == "m", None if declared is None else declared.moving)
 
     def store(self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None) -> bool:
         """Put released rows into the window, in event-time order; False if all are too far out.
@@ -91,7 +90,7 @@ class Space:
         in_scene, fresh, ended = bool(near.any()) or not len(rows), 0, 0
         if in_scene:
             fresh, ended = self.tracks.store(instants, allowance, rows[near], stamps[near])
-            self.carrying.declared[session] = batch.source, bool(batch.moving)
+            self.frame.declared[session] = batch.source, bool(batch.moving)
         if near.all() and self._stats.refused_rows - refused > ended:
             self._troubles.note("limit", batch.source, REFUSED)
         self.checks.look(instants, fresh, ended)
@@ -116,16 +115,15 @@ class Space:
         )
         tracks["position"] = np.nan
         tracks["position"][:, : window.dim] = window.newest(current)
-        self.carrying.follow(distinct(tracks["session"])[0].tolist(), self.tracks.sessions())
+        self.frame.follow(distinct(tracks["session"])[0].tolist(), self.tracks.sessions())
         self.extent.look(tracks["session"], window.newest(current))
         partition = self._partition(stamp_ns, effort)
         labels, hypotheses, events = registry.update(
             window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
         )
         # Links and joints follow from motion in the frame; what is published is relative to the world.
-        bodies, frame = [h for h in hypotheses if not h.absent], None
-        if self.carrying.frame is not None:
-            hypotheses, frame = self.carrying.frame.relative(stamp_ns, hypotheses, labels, partition.position)
+        bodies = [h for h in hypotheses if not h.absent]
+        hypotheses, frame = self.frame.relative(stamp_ns, hypotheses, labels, partition.position)
         seen = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
         tracks["label"] = labels
         tracks["confidence"] = partition.confidence * explained(tracks, bodies, seen)
@@ -175,7 +173,7 @@ class Space:
             "tracks": self.tracks.state(),
             "method": self._method.state(),
             "hypotheses": plain(self._hypotheses),
-            "frame": plain(self.carrying.frame),
+            "frame": plain(self.frame),
         }
 
     def load(self, state: dict[str, Any], *, keep_method: bool) -> None:
@@ -184,7 +182,7 @@ class Space:
         self._method.load(state["method"] if keep_method else {}, self._window)
         if keep_method:
             refill(self._hypotheses, state["hypotheses"])
+            refill(self.frame, state["frame"])
         else:
             self._window.label[:] = self._window.established[:] = NO_HYPOTHESIS
-        if state["frame"] is not None:
-            self.carrying.load(state["frame"] if keep_method else None)
+            self.frame.moving = state["frame"]["moving"]

@@ -168,7 +168,7 @@ class Spaces:
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Note sources that drift away from the others of a space, or that alone say that it is carried."""
         for space in self:
-            for source in space.carrying.contradicting:
+            for source in space.frame.contradicting:
                 text = f"that {space.spec.name} is carried, which others do not say"
                 self.troubles.note("contradicts-space", source, text)
             for number in space.drift.drifting:

@@ -5,13 +5,13 @@ from itertools import repeat
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, extent_check
+from comotion import Fusion, FusionConfig, source_checks
 from comotion.event_time.budget import Budget
 from comotion.event_time.troubles import Troubles
-from comotion.extent_check import ExtentCheck
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import in_words
 from comotion.shares import Turns
+from comotion.source_checks import ExtentCheck
 
 from ..builders import MS, T0, S, batch
 
@@ -98,8 +98,8 @@ class TestRows:
         assert ("large", "limit") in in_words(fusion.timeline.troubles.lately())
 
     def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
-        looked, plain = [], extent_check._reach
-        monkeypatch.setattr(extent_check, "_reach", lambda *args: looked.append(1) or plain(*args))
+        looked, plain = [], source_checks._reach
+        monkeypatch.setattr(source_checks, "_reach", lambda *args: looked.append(1) or plain(*args))
         counts = []
         for sources in (20, 200):
             check = ExtentCheck("m", 200.0, Troubles())

@@ -1,7 +1,7 @@
-"""Extends a partition of some trajectories to all the current ones.
+"""Draws the trajectories that a method groups, and extends their partition to all the current ones.
 
-Where a space is not grouped, or some of its trajectories only, the others keep their hypotheses. Those that
-have none join the group of the nearest trajectory that moves alike.
+The others keep their hypotheses. Those that have none join the group of the nearest trajectory that moves
+alike.
 """
 
 from dataclasses import replace
