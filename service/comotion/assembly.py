@@ -17,7 +17,7 @@ from .hypotheses.events import EVENT_MEMORY_NS
 from .joints.joints import Joints
 from .linking.linker import Linker
 from .partition import SpaceSpec
-from .saving import plain, refill, restored
+from .saving import NOT_KEPT
 from .shedding import Effort
 from .space_update import TRACK, SpaceUpdate
 
@@ -32,16 +32,19 @@ class Assembly:
     Errors go to `faults`: they cost joints, links and events, or the space that does not fit.
     """
 
-    config: FusionConfig
-    faults: Faults
-    _events: deque[Event] = field(default_factory=deque)
+    config: FusionConfig = field(metadata=NOT_KEPT)
+    faults: Faults = field(metadata=NOT_KEPT)
+    joints: Joints = field(init=False)
+    linker: Linker = field(init=False)
+    events: deque[Event] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        self._forget()
+        self.forget()
 
-    def _forget(self) -> None:
-        self._joints, self._linker = Joints(self.config.joints), Linker(self.config.linking)
-        self._events.clear()
+    def forget(self) -> None:
+        """Know nothing of joints, links and events."""
+        self.joints, self.linker = Joints(self.config.joints), Linker(self.config.linking)
+        self.events.clear()
 
     def message(
         self,
@@ -58,14 +61,13 @@ class Assembly:
         """
         stamp_ns = header["stamp_ns"]
         with self.faults.guard("putting an update together"):
-            joints, changes = self._joints.update(stamp_ns, updates, judging=effort.joints)
-            self._joints.keep(h.id for part in updates for h in part.hypotheses)
-            self._events.extend([*(event for part in updates for event in part.events), *changes])
-            while self._events and self._events[0].stamp_ns < stamp_ns - EVENT_MEMORY_NS:
-                self._events.popleft()
-            update = assemble(header, updates, sessions, self._events, joints)
-            return self._linker.linked(update, updates, deciding=effort.links)
-        self._forget()
+            joints, changes = self.joints.update(stamp_ns, updates, judging=effort.joints)
+            self.events.extend([*(event for part in updates for event in part.events), *changes])
+            while self.events and self.events[0].stamp_ns < stamp_ns - EVENT_MEMORY_NS:
+                self.events.popleft()
+            update = assemble(header, updates, sessions, self.events, joints)
+            return self.linker.linked(update, updates, deciding=effort.links)
+        self.forget()
         fitting: list[SpaceUpdate] = []
         for part in updates:
             with self.faults.guard(f"listing space {part.spec.name!r}"):
@@ -74,21 +76,6 @@ class Assembly:
                 continue
             reopen(part.spec)
         return assemble(header, fitting, sessions, [])
-
-    def state(self) -> dict[str, Any]:
-        """Events, links and joints as plain values."""
-        return {
-            "events": plain(self._events),
-            "links": plain(self._linker.links),
-            "joints": plain(self._joints),
-        }
-
-    def load(self, state: dict[str, Any], *, keep_joints: bool) -> None:
-        """Take up :meth:`state`; joints are those of a method."""
-        self._events = restored(deque[Event], state["events"])
-        self._linker.links = restored(dict[int, int], state["links"])
-        if keep_joints:
-            refill(self._joints, state["joints"])
 
 
 def assemble(

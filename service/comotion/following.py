@@ -39,14 +39,16 @@ class _Published:
 class PublishedIds:
     """The ids and births under which the hypotheses of this service are published.
 
+    Those are its own until it follows an active service.
+
     Attributes
     ----------
     ids
-        Gives out ids for hypotheses that have not been published yet.
+        Gives out ids for hypotheses that have not been published yet; None: it has not followed any service.
     """
 
     _published: dict[int, _Published] = field(default_factory=dict)
-    ids: IdAllocator = field(default_factory=IdAllocator)
+    ids: IdAllocator | None = None
     _leader: HypothesisUpdate | None = field(default=None, metadata=NOT_KEPT)
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
@@ -57,12 +59,15 @@ class PublishedIds:
         """
         highest = max((h.id for h in leader.hypotheses), default=0)
         # The leader may have given out ids in updates that were lost with it.
-        self.ids.following = max(self.ids.following, highest + ID_GAP)
+        following = 1 if self.ids is None else self.ids.following
+        self.ids = IdAllocator(max(following, highest + ID_GAP))
         self._leader = leader
         self._take_over(own, leader, {h.id for h in own.hypotheses if not h.absent})
 
     def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """An update of this service with the ids, births and events that clients know."""
+        if self.ids is None:
+            return update
         leader, led_until_ns, events = self._leader, 0, list[Event]()
         if leader is not None:
             led_until_ns, events = leader.stamp_ns, leader.events
@@ -91,10 +96,13 @@ class PublishedIds:
 
     def own(self, published: int) -> int | None:
         """The id inside this service of a published one."""
-        return next((number for number, known in self._published.items() if known.id == published), None)
+        entries = self._published.items()
+        return next((n for n, entry in entries if entry.id == published), None) if self.ids else published
 
     def name(self, own_id: int) -> int:
         """The published id of a hypothesis; a fresh one if it has none."""
+        if self.ids is None:
+            return own_id
         if own_id not in self._published:
             self._published[own_id] = _Published(self.ids.next())
         return self._published[own_id].id
@@ -120,13 +128,13 @@ class PublishedIds:
                 self._published[number] = _Published(name, born_ns, _motion(*poses))
 
     def _renamed(self, body: Hypothesis) -> Hypothesis:
-        known, pose, linked = self._published[body.id], body.pose, body.linked
-        if pose is not None and known.motion is not None:
-            pose = pose_of(transform(pose) * known.motion, len(pose.translation))
+        entry, pose, linked = self._published[body.id], body.pose, body.linked
+        if pose is not None and entry.motion is not None:
+            pose = pose_of(transform(pose) * entry.motion, len(pose.translation))
         return replace(
             body,
-            id=known.id,
-            born_ns=body.born_ns if known.born_ns is None else known.born_ns,
+            id=entry.id,
+            born_ns=body.born_ns if entry.born_ns is None else entry.born_ns,
             pose=pose,
             linked=None if linked is None else sorted(map(self.name, linked)),
         )

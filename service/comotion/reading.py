@@ -32,8 +32,8 @@ def put(values: dict[str, Any], name: str, value: Any) -> None:
     """Set a parameter; ``group.name`` is one of a group, ``linking.cameras.NAME`` one camera."""
     *groups, last = name.split(".", 2)
     for group in groups:
-        before = values.get(group)
-        values[group] = dict(before) if isinstance(before, Mapping) else {}
+        members = values.get(group)
+        values[group] = dict(members) if isinstance(members, Mapping) else {}
         values = values[group]
     values[last] = value
 
@@ -52,10 +52,10 @@ def _describe(error: ValidationError) -> str:
 def _suggestion(name: str) -> str:
     """The parameter most like a misspelt one, of its group or of any."""
     group, _, last = name.rpartition(".")
-    known = sorted(_parameter_names(FusionConfig), key=lambda full: full.rpartition(".")[0] == group)
-    short = {full.rpartition(".")[2]: full for full in known}
-    found = get_close_matches(last, short, 1)
-    return f"did you mean {short[found[0]]}?" if found else "see 'comotion config'"
+    names = sorted(_parameter_names(FusionConfig), key=lambda full: full.rpartition(".")[0] == group)
+    short = {full.rpartition(".")[2]: full for full in names}
+    likely = get_close_matches(last, short, 1)
+    return f"did you mean {short[likely[0]]}?" if likely else "see 'comotion config'"
 
 
 def _parameter_names(model: type[BaseModel]) -> Iterator[str]:

@@ -76,10 +76,10 @@ def named(
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
     if established:
         vote = vote & ~_overruled(window, partition, current)
-    known, voters = window.label[slots], groups[vote]
+    last, voters = window.label[slots], groups[vote]
     # Whose the votes are does not matter in the method of the thesis.
     sources = window.source[slots[vote]] * established
-    votes = supported(window, slots)[vote], known[vote]
+    votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
     count = len(partition.described)
     matched = continued(np.concatenate(votes), np.tile(voters, 2), count, matching, np.concatenate(weights))
@@ -88,7 +88,7 @@ def named(
         ids[k] = matched[k] if k in matched else allocate()
     now = np.append(ids, NO_HYPOTHESIS)[groups]
     window.label[slots] = now
-    window.label_ns[slots[now != known]] = stamp_ns
+    window.label_ns[slots[now != last]] = stamp_ns
     if established:
         _establish(window, slots, stamp_ns)
     return ids
@@ -152,7 +152,7 @@ def relabel(columns: Iterable[Labels], names: Mapping[int, int]) -> None:
     would stand for two groups.
     """
     for column in columns:
-        before = column.copy()
-        column[np.isin(before, list(names.values()))] = NO_HYPOTHESIS
+        labels = column.copy()
+        column[np.isin(labels, list(names.values()))] = NO_HYPOTHESIS
         for present, other in names.items():
-            column[before == present] = other
+            column[labels == present] = other

@@ -1,7 +1,6 @@
 """Recognises hypotheses that have no current member in new groups, by place and extent."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -24,27 +23,19 @@ _JUMP = 5.0
 _MAX_SEEN = 64
 
 
-@dataclass(frozen=True)
-class Appearance:
-    """A group when half of its members were first observed.
-
-    `stamp_ns` is that time; `positions` float64 [m, dim], of the members that were observed then.
-    """
-
-    stamp_ns: int
-    positions: Floats
+Appearance = tuple[int, Floats]
+"""When half of the members of a group were first observed, ns; where they were then, float64 [m, dim]."""
 
 
 def appearance(window: Window, slots: Slots) -> Appearance:
     """When and where the trajectories in `slots` intp [n] > 0 appeared, as far as the window tells."""
-    some = thinned(slots, _MAX_SEEN)
-    first = window.times[some, window.start[some]]
+    drawn = thinned(slots, _MAX_SEEN)
+    first = window.times[drawn, window.start[drawn]]
     stamp_ns = int(np.sort(first)[(len(first) - 1) // 2])
     column = np.arange(window.times.shape[1])
-    held = (column >= window.start[some, None]) & (column < window.stop[some, None])
-    held &= window.times[some] <= stamp_ns
-    positions = window.positions[some, last_true(held)]
-    return Appearance(stamp_ns, positions[held.any(1)])
+    held = (column >= window.start[drawn, None]) & (column < window.stop[drawn, None])
+    held &= window.times[drawn] <= stamp_ns
+    return stamp_ns, window.positions[drawn, last_true(held)][held.any(1)]
 
 
 def recognised(
@@ -61,37 +52,35 @@ def recognised(
     margin
         By how much, in nat, a pair must be better than every assignment without it.
     """
-    static = [one for one, record in absent.items() if record.static]
+    static = [number for number, record in absent.items() if record.static]
     # The static body is one, wherever it is seen: the last one known goes on.
-    last = max(static, key=lambda one: absent[one].seen_ns, default=None)
-    found = {new: last for new, first in newcomers.items() if first is None and last is not None}
-    rows = [one for one in absent if one not in static]
+    last = max(static, key=lambda number: absent[number].seen_ns, default=None)
+    pairs = {new: last for new, first in newcomers.items() if first is None and last is not None}
+    moving = {number: record for number, record in absent.items() if number not in static}
     groups = {new: first for new, first in newcomers.items() if first is not None}
-    if rows and groups:
-        usual = float(np.median([absent[one].speed for one in rows]))
-        costs = [[_cost(absent[one], group, usual) for group in groups.values()] for one in rows]
-        found |= {list(groups)[c]: rows[r] for r, c in _clear_pairs(np.array(costs), margin)}
-    return found
+    if moving and groups:
+        usual = float(np.median([record.speed for record in moving.values()]))
+        costs = [[_cost(record, *group, usual) for group in groups.values()] for record in moving.values()]
+        clear = _clear_pairs(np.array(costs), margin)
+        pairs |= {list(groups)[column]: list(moving)[row] for row, column in clear}
+    return pairs
 
 
-def _cost(record: Record, group: Appearance, usual: float) -> float:
+def _cost(record: Record, stamp_ns: int, positions: Floats, usual: float) -> float:
     """Negative log likelihood that a group is an absent body; infinite where it cannot be.
 
     A body moves at its own speed or the `usual` one, and about a place in the long run. Where a replay jumps,
     only the latter holds.
     """
-    (centroid, extent), (where, size) = _place(record.positions), _place(group.positions)
-    away = max((group.stamp_ns - record.seen_ns) * 1e-9, 0.0)
+    (centroid, extent), (where, size) = _place(record.positions), _place(positions)
+    away = max((stamp_ns - record.seen_ns) * 1e-9, 0.0)
     stays = float(np.exp(-away / _BACK))
     way = _WAY_ERROR * max(record.speed, usual) * min(away, _BACK)
     own = (_CENTROID_ERROR * extent) ** 2
+    predicted = record.place + stays * (centroid - record.place)
     costs = []
     for expected, variance, price in (
-        (
-            record.place + stays * (centroid - record.place),
-            own + (1 - stays**2) * record.spread + way**2,
-            0.0,
-        ),
+        (predicted, own + (1 - stays**2) * record.spread + way**2, 0.0),
         (record.place, own + record.spread, _JUMP),
     ):
         off = float(((where - expected) ** 2).sum() / variance) + (np.log(size / extent) / _EXTENT_ERROR) ** 2
@@ -113,15 +102,13 @@ def _clear_pairs(costs: Floats, margin: float) -> list[tuple[int, int]]:
     filled = np.where(possible, costs - costs[possible].min(), worst)
     rows, columns = linear_sum_assignment(filled)
     best = filled[rows, columns].sum()
-    found = []
-    for r, c in zip(rows.tolist(), columns.tolist(), strict=True):
-        if not possible[r, c]:
-            continue
+    pairs = []
+    for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         without = filled.copy()
-        without[r, c] = worst
-        if without[linear_sum_assignment(without)].sum() - best >= margin:
-            found.append((r, c))
-    return found
+        without[row, column] = worst
+        if possible[row, column] and without[linear_sum_assignment(without)].sum() - best >= margin:
+            pairs.append((row, column))
+    return pairs
 
 
 def _place(positions: Floats) -> tuple[Floats, float]:

@@ -93,8 +93,8 @@ class Members:
         nothing tells where a feature is that was lost long ago.
         """
         at = find(now.keys, self.keys)
-        known = (at >= 0) & now.sure
-        now.since[known] = np.minimum(now.since[known], self.since[at[known]])
+        lasting = (at >= 0) & now.sure
+        now.since[lasting] = np.minimum(now.since[lasting], self.since[at[lasting]])
         telling = self.seen >= now.seen[0] - _LAST_MEMBERS_NS
         if posed:
             telling |= self.lasted

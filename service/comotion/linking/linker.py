@@ -4,7 +4,7 @@ Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from comotion_schemas import HypothesisUpdate
 from ..arrays import Floats, ranks
 from ..config import LinkingConfig
 from ..partition import BodyMotion
+from ..saving import NOT_KEPT
 from ..space_update import SpaceUpdate
-from .camera import CameraModel
-from .image_tracks import sample_tracks
+from .image_tracks import CameraModel, sample_tracks
 from .reprojection import log_likelihoods
 
 # Motion must last for seconds before it links anything: more frequent decisions find nothing sooner.
@@ -28,24 +28,24 @@ _OUTLIER_SHARE = 0.2
 _MARGIN = 6.0
 
 
+@dataclass
 class Linker:
     """Links between spaces, and their memory.
 
-    Parameters
-    ----------
-    config
-        Parameters, and the calibration of each camera by name of its space.
-
     Attributes
     ----------
+    config
+        The calibration of each camera by name of its space.
     links
         The body of each linked hypothesis of an image, both by id.
     """
 
-    def __init__(self, config: LinkingConfig) -> None:
-        self._cameras = {space: CameraModel(camera) for space, camera in config.cameras.items()}
-        self.links: dict[int, int] = {}
-        self._due_ns: int | None = None
+    config: LinkingConfig = field(metadata=NOT_KEPT)
+    links: dict[int, int] = field(default_factory=dict)
+    _due_ns: int | None = field(default=None, metadata=NOT_KEPT)
+
+    def __post_init__(self) -> None:
+        self._cameras = {space: CameraModel(camera) for space, camera in self.config.cameras.items()}
 
     def linked(
         self, update: HypothesisUpdate, views: Sequence[SpaceUpdate], *, deciding: bool = True
@@ -61,11 +61,11 @@ class Linker:
             self._due_ns = update.stamp_ns + _PERIOD_NS
             self._look(views)
         # Between listed hypotheses alone; what a snapshot brings may be of another calibration.
-        frames = {name: camera.frame for name, camera in self._cameras.items()}
+        linkable = {(name, camera.frame) for name, camera in self._cameras.items()}
         self.links = {
             image: body
             for image, body in self.links.items()
-            if image in space and body in space and frames.get(space[image]) == space[body]
+            if (space.get(image), space.get(body)) in linkable
         }
         linked: dict[int, list[int]] = {}
         for image, body in self.links.items():
@@ -74,8 +74,10 @@ class Linker:
         for image, body in self.links.items():
             others = [other for other in linked[body] if space[other] != space[image]]
             linked[image] = [body, *others]
-        found = [replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses]
-        return replace(update, hypotheses=found)
+        hypotheses = [
+            replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses
+        ]
+        return replace(update, hypotheses=hypotheses)
 
     def _look(self, views: Sequence[SpaceUpdate]) -> None:
         """Decide anew for every hypothesis of every camera."""
@@ -113,7 +115,9 @@ def _bodies(name: str, views: Sequence[SpaceUpdate]) -> dict[int, BodyMotion]:
         if space.spec.name == name and space.spec.dim == 3:
             moving = {h.id for h in space.bodies if h.state == "moving"}
             motions = space.motions([h.id for h in space.bodies])
-            return {one: motion if one in moving else motion.at_rest() for one, motion in motions.items()}
+            return {
+                number: motion if number in moving else motion.at_rest() for number, motion in motions.items()
+            }
     return {}
 
 

@@ -187,20 +187,16 @@ class Window:
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
         self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
-        self._note([stamps] if isinstance(stamps, int) else np.unique(stamps).tolist())
+        for stamp in np.unique(stamps).tolist():
+            at = bisect_left(self.instants, stamp)
+            if self.instants[at : at + 1] != [stamp]:
+                self.instants.insert(at, stamp)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
         turns = np.full((len(slots), 4), np.nan) if quaternions is None else quaternions
         new, newest_ns = (positions, sigma, turns), (self.last_ns, self.far_ns)
         stamps = np.full(len(slots), stamps)
         return insert(slots, stamps, new, self.columns, newest_ns, self._complete, self.far)
-
-    def _note(self, stamps: list[int]) -> None:
-        """Keep the instants, of which most come in order."""
-        for stamp in stamps:
-            at = bisect_left(self.instants, stamp)
-            if self.instants[at : at + 1] != [stamp]:
-                self.instants.insert(at, stamp)
 
     def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
