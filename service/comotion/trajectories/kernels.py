@@ -63,40 +63,47 @@ def insert(
     (new_positions, new_sigma, new_quaternions), (last_ns, far_ns) = new, newest_ns
     stored = np.zeros(len(slots), np.bool_)
     for n in range(len(slots)):
-        s, stamp = slots[n], stamps[n]
-        at = newest_at(times[s], start[s], stop[s], stamp) + 1
-        if at > start[s] and times[s, at - 1] == stamp:
-            continue
-        for k in range(stop[s], at, -1):
-            times[s, k], speed[s, k], sigma[s, k] = times[s, k - 1], speed[s, k - 1], sigma[s, k - 1]
-            positions[s, k] = positions[s, k - 1]
-            if len(quaternions):
-                quaternions[s, k] = quaternions[s, k - 1]
-        times[s, at], positions[s, at], sigma[s, at] = stamp, new_positions[n], new_sigma[n]
+        s, stamp, at = slots[n], stamps[n], stop[slots[n]]
+        if at > start[s] and times[s, at - 1] >= stamp:
+            at = _place_between(columns, s, stamp)
+            if at < 0:
+                continue
+        times[s, at], sigma[s, at] = stamp, new_sigma[n]
+        for c in range(positions.shape[2]):
+            positions[s, at, c] = new_positions[n, c]
         if len(quaternions):
             quaternions[s, at] = new_quaternions[n]
-        stored[n], stop[s] = True, stop[s] + 1
+        stored[n], stop[s], last_ns[s] = True, stop[s] + 1, max(last_ns[s], stamp)
         # The speed of the next one becomes what it would have been had this one come in time.
         for k in range(at, min(at + 2, stop[s])):
-            step = _set_speed(columns, complete, s, k)
-            if k == stop[s] - 1 and step > far * far:
+            previous, squared = max(k - 1, start[s]), 0.0
+            for c in range(positions.shape[2]):
+                squared += (positions[s, k, c] - positions[s, previous, c]) ** 2
+            elapsed = max(times[s, k] - times[s, previous], 1)
+            speed[s, k] = np.sqrt(squared) / (elapsed * _SECONDS_PER_NS)
+            if k == start[s] + 1 and complete[s]:
+                speed[s, k - 1] = speed[s, k]
+            if k == stop[s] - 1 and squared > far * far:
                 far_ns[s] = times[s, k]
-        last_ns[s] = max(last_ns[s], stamp)
     return stored
 
 
 @compiled()
-def _set_speed(columns: Columns, complete: Bools, s: int, k: int) -> float:
-    """Set the speed at an observation; returns the squared step to it."""
-    times, positions, speed, first = columns.times, columns.positions, columns.speed, columns.start[s]
-    speed[s, k], squared = 0.0, 0.0
-    if k > first:
-        for c in range(positions.shape[2]):
-            squared += (positions[s, k, c] - positions[s, k - 1, c]) ** 2
-        speed[s, k] = np.sqrt(squared) / ((times[s, k] - times[s, k - 1]) * _SECONDS_PER_NS)
-        if k - 1 == first and complete[s]:
-            speed[s, k - 1] = speed[s, k]
-    return squared
+def _place_between(columns: Columns, s: int, stamp: int) -> int:
+    """Move the observations of a slot that are later than a time on by one; -1 where one has that time.
+
+    Returns the index of the place between them.
+    """
+    times, stop = columns.times, columns.stop[s]
+    at = newest_at(times[s], columns.start[s], stop, stamp) + 1
+    if at > columns.start[s] and times[s, at - 1] == stamp:
+        return -1
+    for k in range(stop, at, -1):
+        times[s, k], columns.speed[s, k] = times[s, k - 1], columns.speed[s, k - 1]
+        columns.sigma[s, k], columns.positions[s, k] = columns.sigma[s, k - 1], columns.positions[s, k - 1]
+        if len(columns.quaternions):
+            columns.quaternions[s, k] = columns.quaternions[s, k - 1]
+    return at
 
 
 @compiled()

@@ -68,9 +68,7 @@ class Window:
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
-        self.dim = dim
-        self.span_ns = span_ns
-        self.gap_ns = gap_ns
+        self.dim, self.span_ns, self.gap_ns = dim, span_ns, gap_ns
         self.capacity = 0
         self._rows = _FIRST_ROWS
         self._free: list[int] = []
@@ -187,14 +185,15 @@ class Window:
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
         self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
-        for stamp in np.unique(stamps).tolist():
+        for stamp in [stamps] if isinstance(stamps, int) else np.unique(stamps).tolist():
             at = bisect_left(self.instants, stamp)
             if self.instants[at : at + 1] != [stamp]:
                 self.instants.insert(at, stamp)
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
-        turns = np.full((len(slots), 4), np.nan) if quaternions is None else quaternions
-        new, newest_ns = (positions, sigma, turns), (self.last_ns, self.far_ns)
+        if quaternions is None:
+            quaternions = np.full((0 if self.quaternions is None else len(slots), 4), np.nan)
+        new, newest_ns = (positions, sigma, quaternions), (self.last_ns, self.far_ns)
         stamps = np.full(len(slots), stamps)
         return insert(slots, stamps, new, self.columns, newest_ns, self._complete, self.far)
 
@@ -220,14 +219,12 @@ class Window:
     def _reserve(self, slots: Slots, more: int) -> None:
         """Make sure that every slot can take some more observations."""
         slots = np.unique(slots) if more > 1 else slots
-        due = self._due_for_compaction(slots, more)
-        while len(due):
+        while len(due := self._due_for_compaction(slots, more)):
             full = due[self.stop[due] + more > self._rows]
             if int(self.counts(full).max(initial=-more)) + more - 1 <= 3 * self._rows // 4:
                 self._compact(due)
                 return
             self._renew_columns(self.capacity, 2 * self._rows)
-            due = self._due_for_compaction(slots, more)
 
     def _due_for_compaction(self, slots: Slots, more: int) -> Slots:
         """Those of `slots` whose observations should move to the beginning of their rows.
