@@ -13,16 +13,17 @@ from .event_time.entries import Instants
 from .event_time.stats import Stats
 from .event_time.troubles import Troubles
 from .hypotheses.drift import DriftCheck
-from .hypotheses.explained import explained
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
 from .moving_frame import MovingFrame
 from .partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
+from .pixels.method import PixelMethod
+from .rigid.method import RigidMethod
 from .sampling import extended, representatives
 from .saving import plain, refill
 from .shedding import FULL, Effort
 from .source_checks import ExtentCheck, SourceChecks
-from .space_update import TRACK, SpaceUpdate
+from .space_update import TRACK, SpaceUpdate, explained
 from .tracks import Tracks
 from .trajectories.window import Ids, Window
 
@@ -39,6 +40,8 @@ class Space:
     ----------
     tracks
         Its trajectories.
+    last
+        The last update; None before any.
     frame
         Whether it moves, and where it is.
     owner
@@ -51,7 +54,6 @@ class Space:
         self,
         config: FusionConfig,
         spec: SpaceSpec,
-        method: Method,
         ids: IdAllocator,
         stats: Stats,
         troubles: Troubles,
@@ -59,14 +61,14 @@ class Space:
         self.spec = spec
         self._stats, self._troubles = stats, troubles
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
+        method = self._method = make_method(config, spec)
         self.tracks = Tracks(self._window, method, stats)
-        self._method = method
         self._hypotheses = Registry(
             config.hypotheses, space=spec.name, allocator=ids, by_established=method.established
         )
         # Session numbers and ids of the trajectories that were grouped last.
         self._grouped: tuple[Slots, Ids] = np.zeros(0, np.intp), np.zeros(0, np.uint64)
-        self._last: SpaceUpdate | None = None
+        self.last: SpaceUpdate | None = None
         self.owner, self.fed_ns = "", 0
         self.extent = ExtentCheck(spec.unit, config.limits.extent, troubles)
         self.checks = SourceChecks(troubles)
@@ -127,15 +129,12 @@ class Space:
         seen = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
         tracks["label"] = labels
         tracks["confidence"] = partition.confidence * explained(tracks, bodies, seen)
-        motions = partial(self._method.motions, registry.ids, registry.references)
-        self._last = SpaceUpdate(
+        references = {number: record.reference for number, record in registry.records.items()}
+        motions = partial(self._method.motions, registry.ids, references)
+        self.last = SpaceUpdate(
             self.spec, window, current, tracks, hypotheses, bodies, motions, events, frame
         )
-        return self._last
-
-    def repeated(self) -> SpaceUpdate | None:
-        """The last update again, without events, and without trajectories that are gone; None before any."""
-        return None if self._last is None else self._last.repeated()
+        return self.last
 
     def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
@@ -186,3 +185,16 @@ class Space:
         else:
             self._window.label[:] = self._window.established[:] = NO_HYPOTHESIS
             self.frame.moving = state["frame"]["moving"]
+
+
+def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
+    """Build the method of `config.method` for one space."""
+    # Pixels with a third coordinate (a disparity) are no image plane: rigid motion is the better model.
+    if config.method == "comotion" and spec.unit == "px" and spec.dim == 2:
+        return PixelMethod(config, spec)
+    if config.method == "comotion":
+        return RigidMethod(config, spec)
+    # Its clustering imports scikit-learn, which takes half a second that the others do not need.
+    from .thesis.method import ThesisMethod  # noqa: PLC0415
+
+    return ThesisMethod(config, spec)

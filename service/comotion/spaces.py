@@ -25,9 +25,7 @@ from .event_time.faults import Faults
 from .event_time.stats import Key, Stats
 from .event_time.troubles import CLOCKS, Troubles
 from .hypotheses.identity import IdAllocator
-from .partition import Method, SpaceSpec
-from .pixels.method import PixelMethod
-from .rigid.method import RigidMethod
+from .partition import SpaceSpec
 from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .space import REFUSED, Space
@@ -152,7 +150,8 @@ class Spaces:
         shares = {name: self._shares(name, sessions) for name in self._spaces}
         for name in self._turns.take(self.at_ns, shares, update):
             with self.faults.guard(f"repeating space {name!r}"):
-                updates[name] = self._spaces[name].repeated()
+                last = self._spaces[name].last
+                updates[name] = None if last is None else last.repeated()
         for source in self._turns.costly:
             self.troubles.note("over-budget", source)
         self._note_troubles(sessions)
@@ -200,8 +199,7 @@ class Spaces:
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        method = make_method(self.config, spec)
-        space = Space(self.config, spec, method, self.ids, self.stats, self.troubles)
+        space = Space(self.config, spec, self.ids, self.stats, self.troubles)
         space.fed_ns = self.at_ns
         # In the order in which they were opened.
         self._spaces.pop(spec.name, None)
@@ -227,11 +225,11 @@ class Spaces:
         name = batch.space
         if self.refusal(batch) is not None:
             return "space-mismatch"
-        space = self._spaces.get(name)
-        if space is None or not space.spec.suits(batch):
+        space, spec = self._spaces.get(name), SpaceSpec(name, batch.unit, batch.dim)
+        if space is None or space.spec != spec:
             if space is None and not self._admit_space(batch.source):
                 return "limit"
-            space = self.open(SpaceSpec(name, batch.unit, batch.dim))
+            space = self.open(spec)
             space.owner = batch.source
         space.fed_ns = self.at_ns
         return None
@@ -285,16 +283,3 @@ class Spaces:
         elsewhere: Bools = np.zeros(len(ids), bool)
         elsewhere[unknown] = np.any(taken, axis=0)
         return elsewhere if elsewhere.any() else None
-
-
-def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
-    """Build the method of `config.method` for one space."""
-    # Pixels with a third coordinate (a disparity) are no image plane: rigid motion is the better model.
-    if config.method == "comotion" and spec.unit == "px" and spec.dim == 2:
-        return PixelMethod(config, spec)
-    if config.method == "comotion":
-        return RigidMethod(config, spec)
-    # Its clustering imports scikit-learn, which takes half a second that the others do not need.
-    from .thesis.method import ThesisMethod  # noqa: PLC0415
-
-    return ThesisMethod(config, spec)

@@ -149,7 +149,7 @@ class TestSpaces:
         assert max(self.grouped[1:]) <= 20, "within a period"
         assert len(update.track_id) == 24 + 120, "what waits is listed as it was"
         assert self.named == {"many"}
-        assert {space.spec.name for space in fusion._spaces if space._last} == set(fusion.spaces)
+        assert {space.spec.name for space in fusion._spaces if space.last} == set(fusion.spaces)
 
     @pytest.mark.parametrize(
         "costs",

@@ -18,7 +18,7 @@ import numpy as np
 from comotion_schemas import Event, Hypothesis
 
 from ..arrays import Labels, Slots
-from ..partition import NO_HYPOTHESIS, Matching, Partition, PoseReference
+from ..partition import NO_HYPOTHESIS, Matching, Partition
 from ..saving import NOT_KEPT
 from ..trajectories.window import Window
 from .events import Lifecycle
@@ -57,11 +57,6 @@ class Registry(Lifecycle):
     allocator: IdAllocator = field(kw_only=True, metadata=NOT_KEPT)
     by_established: bool = field(default=True, kw_only=True, metadata=NOT_KEPT)
     ids: Labels = field(default_factory=lambda: np.zeros(0, np.int64))
-
-    @property
-    def references(self) -> dict[int, PoseReference]:
-        """Birth and pose of each hypothesis."""
-        return {number: record.reference for number, record in self.records.items()}
 
     def update(
         self,

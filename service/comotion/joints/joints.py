@@ -19,7 +19,7 @@ from ..config import JointsConfig
 from ..partition import BodyMotion, SpaceSpec
 from ..saving import NOT_KEPT
 from ..space_update import SpaceUpdate
-from .models import KINDS
+from .models import KINDS, joint_position
 from .pair import Pair
 from .states import States
 
@@ -151,7 +151,7 @@ def _describe(pair: Pair, listed: Mapping[int, Hypothesis], spec: SpaceSpec) -> 
     point = R @ (model.c + model.u * (model.u @ (p - model.c)) if revolute else p) + t
     (spin_p, velocity_p), (spin_c, velocity_c) = _motion(parent, point), _motion(child, point)
     rate = float(axis @ (spin_c - spin_p if revolute else velocity_c - velocity_p))
-    position, (low, high) = pair.position(state), pair.range
+    position, (low, high) = joint_position(model, state) - pair.zero, pair.range
     if spec.dim == 2 and revolute and axis[2] < 0:
         position, rate, low, high = -position, -rate, -high, -low
     return replace(

@@ -57,6 +57,8 @@ class Pair:
         The best fit of each kind.
     range
         Least and largest position of the joint so far.
+    zero
+        Where on the model position 0 is: there the pair was first seen.
     typical_information
         float64 [6, 6], of a state of two frames.
     """
@@ -65,14 +67,14 @@ class Pair:
     point: Floats
     models: dict[JointKind, Model] = field(default_factory=dict)
     range: tuple[float, float] = (0.0, 0.0)
+    zero: float = 0.0
     typical_information: Floats = field(default_factory=lambda: np.eye(6))
     # What the window has left.
     _keys: States = field(default_factory=States.empty)
     # States up to here are key states, or of no account.
     _absorbed_ns: int = -(2**62)
-    # The state of position 0, and where on the model it is.
+    # The state of position 0.
     _first: States | None = None
-    _zero: float = 0.0
     # Whether both have moved in the space at a time.
     _together: bool = False
     _candidate: JointKind = "undetermined"
@@ -118,10 +120,6 @@ class Pair:
             self._keys = key_states(States.joined([self._keys, leaving]), radius)
             self._absorbed_ns = int(leaving.stamps[-1])
 
-    def position(self, state: States) -> float:
-        """Position of one state on the joint, 0 where the pair was first seen; 0 where there is no joint."""
-        return 0.0 if self.model is None else joint_position(self.model, state) - self._zero
-
     def _decide(
         self,
         states: States,
@@ -163,9 +161,9 @@ class Pair:
 
     def _see(self, fit: Fit) -> None:
         """Place the position 0 of the joint, and widen its range."""
-        self._zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
+        self.zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
         if fit.model.kind != "fixed":
-            low, high = quantiles(fit.q - self._zero, (0.01, 0.99))
+            low, high = quantiles(fit.q - self.zero, (0.01, 0.99))
             self.range = (min(self.range[0], low), max(self.range[1], high))
 
     def _broken(self, fit: Fit, age_ns: Stamps) -> bool:

@@ -13,8 +13,6 @@ from ..trajectories.window import Window
 
 # States of a trajectory that are compared, spread over its life.
 _STATES = 12
-# Three numbers are fitted to the states, of which each has two.
-_LEAST_STATES = 4
 # px; noise of a feature whose source does not report it. That of a position after many steps is so many times
 # the reported one of a step. Tracking drifts and calibration errs by a share of a displacement in the image.
 # Chosen on seed 0 of the link experiment, see docs/research/linking.md.
@@ -74,10 +72,6 @@ class ImageTracks:
     seen: Bools
     position: Floats
     variance: Floats
-
-    def fittable(self) -> Bools:
-        """Whether a trajectory has more states than a point needs to be fitted to any, bool [N]."""
-        return np.asarray(self.seen.sum(1) >= _LEAST_STATES)
 
 
 def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraModel) -> ImageTracks:

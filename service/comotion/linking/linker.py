@@ -22,6 +22,8 @@ from .reprojection import log_likelihoods
 _PERIOD_NS = 500_000_000
 # Members per hypothesis that are compared with the bodies.
 _REPRESENTATIVES = 12
+# Three numbers are fitted to the states of a member, of which each has two.
+_LEAST_STATES = 4
 # Share of a hypothesis' members that may be outliers.
 _OUTLIER_SHARE = 0.2
 # nat; four members that fit one body only have as much.
@@ -48,7 +50,7 @@ class Linker:
         self._cameras = {space: CameraModel(camera) for space, camera in self.config.cameras.items()}
 
     def linked(
-        self, update: HypothesisUpdate, views: Sequence[SpaceUpdate], *, deciding: bool = True
+        self, update: HypothesisUpdate, parts: Sequence[SpaceUpdate], *, deciding: bool = True
     ) -> HypothesisUpdate:
         """Return the update with `linked` filled in, where there is something to say.
 
@@ -59,7 +61,7 @@ class Linker:
         space = {h.id: h.space for h in update.hypotheses}
         if deciding and (self._due_ns is None or update.stamp_ns >= self._due_ns):
             self._due_ns = update.stamp_ns + _PERIOD_NS
-            self._look(views)
+            self._look(parts)
         # Between listed hypotheses alone; what a snapshot brings may be of another calibration.
         linkable = {(name, camera.frame) for name, camera in self._cameras.items()}
         self.links = {
@@ -79,25 +81,25 @@ class Linker:
         ]
         return replace(update, hypotheses=hypotheses)
 
-    def _look(self, views: Sequence[SpaceUpdate]) -> None:
+    def _look(self, parts: Sequence[SpaceUpdate]) -> None:
         """Decide anew for every hypothesis of every camera."""
         bodies: dict[str, dict[int, BodyMotion]] = {}
-        for view in views:
-            camera = self._cameras.get(view.spec.name)
-            if camera is None or view.spec.unit != "px" or view.spec.dim != 2:
+        for part in parts:
+            camera = self._cameras.get(part.spec.name)
+            if camera is None or part.spec.unit != "px" or part.spec.dim != 2:
                 continue
             if camera.frame not in bodies:
-                bodies[camera.frame] = _bodies(camera.frame, views)
+                bodies[camera.frame] = _bodies(camera.frame, parts)
             if bodies[camera.frame]:
-                self._link(view, bodies[camera.frame], camera)
+                self._link(part, bodies[camera.frame], camera)
 
-    def _link(self, view: SpaceUpdate, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
+    def _link(self, part: SpaceUpdate, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera, by its longest observed members."""
-        observed, all_labels = view.window.counts(view.slots), view.tracks["label"]
+        observed, all_labels = part.window.counts(part.slots), part.tracks["label"]
         chosen = (all_labels >= 0) & (ranks(all_labels, -observed) < _REPRESENTATIVES)
         ids, motions, labels = list(bodies), list(bodies.values()), all_labels[chosen]
-        tracks = sample_tracks(view.window, view.slots[chosen], motions[0].stamps, camera)
-        likelihoods, fittable = log_likelihoods(tracks, motions, camera), tracks.fittable()
+        tracks = sample_tracks(part.window, part.slots[chosen], motions[0].stamps, camera)
+        fittable, likelihoods = tracks.seen.sum(1) >= _LEAST_STATES, log_likelihoods(tracks, motions, camera)
         for image in np.unique(labels).tolist():
             previous = self.links.pop(image, None)
             column = ids.index(previous) if previous in ids else None
@@ -106,15 +108,15 @@ class Linker:
                 self.links[image] = ids[best]
 
 
-def _bodies(name: str, views: Sequence[SpaceUpdate]) -> dict[int, BodyMotion]:
+def _bodies(name: str, parts: Sequence[SpaceUpdate]) -> dict[int, BodyMotion]:
     """Motion of the hypotheses that a metric space lists, by id; what does not move rests.
 
     What a fit to the members of a body at rest says of their motion is noise.
     """
-    for space in views:
-        if space.spec.name == name and space.spec.dim == 3:
-            moving = {h.id for h in space.bodies if h.state == "moving"}
-            motions = space.motions([h.id for h in space.bodies])
+    for part in parts:
+        if part.spec.name == name and part.spec.dim == 3:
+            moving = {h.id for h in part.bodies if h.state == "moving"}
+            motions = part.motions([h.id for h in part.bodies])
             return {
                 number: motion if number in moving else motion.at_rest() for number, motion in motions.items()
             }
