@@ -5,8 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.identity import balanced
-from comotion.hypotheses.memory import recognised
+from comotion.hypotheses.identity import balanced, recognised
 from comotion.hypotheses.records import Current, Record
 from comotion.matching import continued, largest_first
 from comotion.partition import NO_HYPOTHESIS, PoseReference

@@ -3,7 +3,7 @@
 The steps of an update:
 
 1. Name the groups: those that share members with a hypothesis continue it (:mod:`.identity`).
-2. Recall: a new group that is a remembered hypothesis takes its id (:mod:`.memory`).
+2. Recall: a new group that is a remembered hypothesis takes its id.
 3. Confirm hypotheses and find the events (:mod:`.events`).
 4. Describe those with current members, measure them (:mod:`.extent`), and list the absent ones.
 
@@ -23,8 +23,7 @@ from ..saving import NOT_KEPT
 from ..trajectories.window import Window
 from .events import Lifecycle
 from .extent import box_of
-from .identity import IdAllocator, named, relabel, supported
-from .memory import appearance, recognised
+from .identity import IdAllocator, appearance, named, recognised, relabel, supported
 from .records import Current, Record, majority
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment

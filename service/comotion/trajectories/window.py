@@ -17,9 +17,6 @@ from .kernels import Columns, insert, transfer
 
 Ids = NDArray[np.uint64]
 
-# Number of moments at which full rows are compacted, spread over the slots: 16 keep the work of one instant
-# below a tenth of what it is if slots that were opened together are compacted together.
-_COMPACTION_PHASES = 16
 _COLUMNS = Columns._fields[:5]
 _KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "id", "label", "established")
 _PER_SLOT = ("start", "stop", "used", "live", "label_ns", "far_ns", *_KEPT)
@@ -219,23 +216,11 @@ class Window:
     def _reserve(self, slots: Slots, more: int) -> None:
         """Make sure that every slot can take some more observations."""
         slots = np.unique(slots) if more > 1 else slots
-        while len(due := self._due_for_compaction(slots, more)):
-            full = due[self.stop[due] + more > self._rows]
-            if int(self.counts(full).max(initial=-more)) + more - 1 <= 3 * self._rows // 4:
-                self._compact(due)
+        while len(full := slots[self.stop[slots] + more > self._rows]):
+            if int(self.counts(full).max()) + more - 1 <= 3 * self._rows // 4:
+                self._compact(full)
                 return
             self._renew_columns(self.capacity, 2 * self._rows)
-
-    def _due_for_compaction(self, slots: Slots, more: int) -> Slots:
-        """Those of `slots` whose observations should move to the beginning of their rows.
-
-        Those cannot take `more` observations at the end of their rows, or are near the end with a quarter of
-        the rows free at the beginning.
-        """
-        rows, stop = self._rows, self.stop[slots]
-        ahead = slots % _COMPACTION_PHASES * (rows // (4 * _COMPACTION_PHASES))
-        near_end = (self.start[slots] >= rows // 4) & (stop >= rows - ahead)
-        return slots[(stop + more > rows) | near_end]
 
     def _compact(self, slots: Slots) -> None:
         """Move the observations of slots to the beginning of their rows."""
