@@ -25,7 +25,9 @@ class Turns:
 
     budget: Budget
     costly: set[str] = field(default_factory=set)
-    # By space, in the order of their last updates: what each source has paid for the last ones, ns.
+    _round: int = 0
+    # By space: in which round it was updated last, and what each source has paid for its last updates, ns.
+    _updated: dict[str, int] = field(default_factory=dict)
     _costs: dict[str, deque[dict[str, int]]] = field(default_factory=dict)
 
     def take(
@@ -36,11 +38,12 @@ class Turns:
         `shares` has by name of a space the share of each source in what it costs; `update` updates one by its
         name. Returns the names of those that wait.
         """
-        new = {name: deque[dict[str, int]](maxlen=_REMEMBERED) for name in sorted(shares)}
-        last = {name: costs for name, costs in self._costs.items() if name in shares}
-        self._costs = {name: costs for name, costs in new.items() if name not in last} | last
-        waiting, any_updated = list(self._costs), False
+        self._round += 1
+        self._updated = {name: self._updated.get(name, 0) for name in shares}
+        self._costs = {name: self._costs.get(name, deque(maxlen=_REMEMBERED)) for name in shares}
+        waiting = sorted(shares, key=lambda name: (self._updated[name], name))
         self.budget.begin(at_ns, set().union(*shares.values()))
+        any_updated = False
         while waiting:
             left_waiting = []
             for name in waiting:
@@ -50,8 +53,11 @@ class Turns:
                 any_updated = True
                 with self.budget.charge(shares[name]):
                     update(name)
-                costs = self._costs[name] = self._costs.pop(name)
-                costs.append(_split(self.budget.cost_ns, shares[name]))
+                self._updated[name] = self._round
+                cost_ns = self.budget.cost_ns
+                self._costs[name].append(
+                    {source: round(part * cost_ns) for source, part in shares[name].items()}
+                )
             waiting = left_waiting
             if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
                 break
@@ -60,22 +66,20 @@ class Turns:
 
     def _costliest(self, shares: Mapping[str, Mapping[str, float]]) -> set[str]:
         """Sources whose spaces cost more than their share, and about as much as those of any other."""
-        paid: dict[str, dict[str, int]] = {}
-        for name, costs in self._costs.items():
-            sources: set[str] = set().union(*costs)
-            paid[name] = {source: median_low(cost.get(source, 0) for cost in costs) for source in sources}
+        paid = {name: _medians(costs) for name, costs in self._costs.items() if costs}
         # A space that has not been updated yet costs as others do.
-        usual_ns = median_low(sum(cost.values()) for cost in paid.values() if cost)
+        usual_ns = median_low(sum(cost.values()) for cost in paid.values())
         spent: Counter[str] = Counter()
         for name, parts in shares.items():
-            spent.update(paid[name] or _split(usual_ns, parts))
+            spent.update(paid.get(name) or {source: round(part * usual_ns) for source, part in parts.items()})
         least = max(self.budget.share_ns, _AS_COSTLY * max(spent.values()))
         return {source for source, cost_ns in spent.items() if source and cost_ns >= least}
 
 
-def _split(cost_ns: int, parts: Mapping[str, float]) -> dict[str, int]:
-    """What each source pays of a cost."""
-    return {source: round(part * cost_ns) for source, part in parts.items()}
+def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
+    """What each source has paid in the median."""
+    sources: set[str] = set().union(*costs)
+    return {source: median_low(cost.get(source, 0) for cost in costs) for source in sources}
 
 
 def allowance(spaces: Collection[Tracks], most: int, session: int, wanted: int) -> int:
