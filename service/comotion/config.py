@@ -27,9 +27,6 @@ Timeout = Annotated[float, Field(gt=0, le=86_400)]
 Bounded = Annotated[float, Field(ge=1e-9, le=1e9)]
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # of OpenCV's models
-# What "null" and "auto" stand for, by unit of the space.
-_SIGMA_SWITCH: dict[Unit, float] = {"m": 0.02, "px": 8.0}
-_V_MOVE: dict[Unit, float] = {"m": 0.1, "px": 20.0}
 
 
 class Group(BaseModel):
@@ -51,58 +48,58 @@ class ThesisConfig(Group):
         description="m/s or px/s; speed at which a feature weighs 0.9; "
         "auto: 0.1 m/s or 20 px/s, null: equal weights",
     )
-    stop_affinity: float = Field(
-        0.4, ge=0, lt=1, description="a cluster is split while its smallest affinity is not above this"
+    stop_affinity: Annotated[float, Field(ge=0, lt=1)] = Field(
+        default=0.4, description="a cluster is split while its smallest affinity is not above this"
     )
-    clustering: Clustering = Field("divisive-kmeans", description="how the affinities are clustered")
-
-    def switch_for(self, unit: Unit) -> float:
-        """Standard deviation where the affinity is 0.5, in `unit`."""
-        return _SIGMA_SWITCH[unit] if self.sigma_switch is None else self.sigma_switch
-
-    def v_move_for(self, unit: Unit) -> float | None:
-        """Speed of (3.2)'s λ in `unit` per second, or None for equal weights."""
-        return _V_MOVE[unit] if self.v_move == "auto" else self.v_move
+    clustering: Clustering = Field(default="divisive-kmeans", description="how the affinities are clustered")
 
 
 class RigidConfig(Group):
     """Parameters of the rigid-motion method; none depends on the scale of the scene."""
 
-    frame_rate: float = Field(
-        15.0, gt=0, le=200, description="Hz; rate of the common frames that trajectories are interpolated to"
+    frame_rate: Annotated[float, Field(gt=0, le=200)] = Field(
+        default=15.0, description="Hz; rate of the common frames that trajectories are interpolated to"
     )
     rigidity_motion: Above = Field(
-        0.01, description="share; a body may deform by this share of a trajectory's rms displacement"
+        default=0.01, description="share; a body may deform by this share of a trajectory's rms displacement"
     )
-    rigidity_extent: Above = Field(0.0015, description="share; ... but not by more than this of the scene")
+    rigidity_extent: Above = Field(
+        default=0.0015, description="share; ... but not by more than this of the scene"
+    )
     rigidity_contact: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.25, description="share; ... and by no less than this of what the trajectories of the scene do, rms"
+        default=0.25,
+        description="share; ... and by no less than this of what the trajectories of the scene do, rms",
     )
-    looseness: float = Field(
-        1.0, ge=0, le=10, description="factor of the variance by which bodies deform; 0: they are rigid"
+    looseness: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=1.0, description="factor of the variance by which bodies deform; 0: they are rigid"
     )
     residual_cap: Above = Field(
-        16.0, description="squared residual per dimension, in tolerances, from which on it costs no more"
+        default=16.0,
+        description="squared residual per dimension, in tolerances, from which on it costs no more",
     )
     outlier_share: float = Field(
-        0.5, gt=0, le=1, description="share of the cap that a frame of an outlier costs"
+        default=0.5, gt=0, le=1, description="share of the cap that a frame of an outlier costs"
     )
     pose_price: Above = Field(
-        1.0, description="half nats that a degree of freedom of a pose must gain beyond the noise it fits"
+        default=1.0,
+        description="half nats that a degree of freedom of a pose must gain beyond the noise it fits",
     )
-    birth_price: Above = Field(15.0, description="nat; price of a hypothesis beside its poses")
+    birth_price: Above = Field(default=15.0, description="nat; price of a hypothesis beside its poses")
     membership_price: Annotated[float, Field(ge=0, le=100)] = Field(
-        1.5,
+        default=1.5,
         description="price of the memberships of a moving body, as a factor of the nats that it takes to say "
         "which trajectories they are",
     )
-    stay: float = Field(2.0, ge=0, le=100, description="nat; preference of a trajectory for its hypothesis")
-    prior_weight: float = Field(
-        1.0, ge=0, le=10, description="weight of the spatial prior (log density of each hypothesis' members)"
+    stay: float = Field(
+        default=2.0, ge=0, le=100, description="nat; preference of a trajectory for its hypothesis"
     )
-    prior_floor: Above = Field(6.0, description="nat; most that the spatial prior may cost")
+    prior_weight: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
+    )
+    prior_floor: Above = Field(default=6.0, description="nat; most that the spatial prior may cost")
     min_life: Annotated[float, Field(ge=0.1, le=10)] = Field(
-        0.3, description="s of observation from which on a trajectory takes part in finding hypotheses"
+        default=0.3,
+        description="s of observation from which on a trajectory takes part in finding hypotheses",
     )
 
 
@@ -110,34 +107,35 @@ class PixelsConfig(Group):
     """Parameters of grouping in pixel space."""
 
     key_frames: int = Field(
-        24, ge=2, le=1000, description="instants of the window that trajectories are compared at"
+        default=24, ge=2, le=1000, description="instants of the window that trajectories are compared at"
     )
     most_tracks: Count = Field(
-        1200, description="most trajectories that are compared; the others follow their neighbours"
+        default=1200, description="most trajectories that are compared; the others follow their neighbours"
     )
-    local_motions: Count = Field(600, description="number of local affine motions")
+    local_motions: Count = Field(default=600, description="number of local affine motions")
     drift: Weight = Field(
-        0.02, description="share of a motion in the image by which features drift or a lens distorts it"
+        default=0.02,
+        description="share of a motion in the image by which features drift or a lens distorts it",
     )
-    smallest: Count = Field(5, description="members below which a group dissolves")
+    smallest: Count = Field(default=5, description="members below which a group dissolves")
 
 
 class HypothesesConfig(Group):
     """When a hypothesis is confirmed, and how long one without current members is remembered."""
 
     confirm: Annotated[float, Field(ge=0, le=60)] = Field(
-        0.5, description="s that a hypothesis, a loss or a return must last until it makes an event"
+        default=0.5, description="s that a hypothesis, a loss or a return must last until it makes an event"
     )
     members: Annotated[int, Field(ge=2, le=1000)] = Field(
-        3,
+        default=3,
         description="current members that confirm a hypothesis; 2 in a space with less than twice as many "
         "trajectories",
     )
-    memory: float = Field(
-        60.0, ge=0, le=86_400, description="s for which a hypothesis without current members is remembered"
+    memory: Annotated[float, Field(ge=0, le=86_400)] = Field(
+        default=60.0, description="s for which a hypothesis without current members is remembered"
     )
-    remembered: int = Field(
-        32, ge=0, le=1000, description="hypotheses without current members that are remembered in a space"
+    remembered: Annotated[int, Field(ge=0, le=1000)] = Field(
+        default=32, description="hypotheses without current members that are remembered in a space"
     )
 
 
@@ -155,7 +153,7 @@ class Camera(Group):
     distortion: tuple[Finite, ...] = Field(default=(), description="k1, k2, p1, p2, k3 ... as in OpenCV")
     translation: tuple[Finite, Finite, Finite] = Field(description="m; where the camera is")
     quaternion: tuple[Finite, Finite, Finite, Finite] = Field(description="x, y, z, w; camera to frame")
-    frame: str = Field("world", description="metric space that translation and quaternion lead to")
+    frame: str = Field(default="world", description="metric space that translation and quaternion lead to")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -245,44 +243,47 @@ class SpaceConfig(Group):
 class FusionConfig(Group):
     """Parameters of :class:`comotion.Fusion`; frozen, validated, dumpable."""
 
-    method: Method = Field("comotion", description="how hypotheses are inferred")
+    method: Method = Field(default="comotion", description="how hypotheses are inferred")
     window: float = Field(
-        10.0, gt=0, le=600, description="s; observations older than this leave the trajectories"
+        default=10.0, gt=0, le=600, description="s; observations older than this leave the trajectories"
     )
-    period: float = Field(0.1, ge=0.005, le=60, description="s between updates")
-    allowed_lateness: float = Field(
-        0.2, ge=0, le=10, description="s behind the watermark up to which an observation is still inserted"
+    period: float = Field(default=0.1, ge=0.005, le=60, description="s between updates")
+    allowed_lateness: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=0.2, description="s behind the watermark up to which an observation is still inserted"
     )
     max_lag: float = Field(
-        0.5, ge=0, le=10, description="s the watermark may stay behind the clock for a slow source"
+        default=0.5, ge=0, le=10, description="s the watermark may stay behind the clock for a slow source"
     )
-    source_timeout: float = Field(
-        1.0, gt=0, le=60, description="s without data after which a source no longer holds the watermark"
+    source_timeout: Annotated[float, Field(gt=0, le=60)] = Field(
+        default=1.0, description="s without data after which a source no longer holds the watermark"
     )
     track_timeout: Annotated[float, Field(gt=0, le=60)] = Field(
-        0.5, description="s without observation after which a trajectory is outdated (or 3 source periods)"
+        default=0.5,
+        description="s without observation after which a trajectory is outdated (or 3 source periods)",
     )
     max_tracks: int = Field(
-        5000, ge=1, le=100_000, description="trajectories kept at once; further ones are refused"
+        default=5000, ge=1, le=100_000, description="trajectories kept at once; further ones are refused"
     )
 
     thesis: ThesisConfig = Field(
-        ThesisConfig(), description="the method of the thesis, in spaces of either unit"
+        default=ThesisConfig(), description="the method of the thesis, in spaces of either unit"
     )
-    rigid: RigidConfig = Field(RigidConfig(), description="the default method in spaces of unit m")
-    pixels: PixelsConfig = Field(PixelsConfig(), description="the default method in spaces of unit px")
+    rigid: RigidConfig = Field(default=RigidConfig(), description="the default method in spaces of unit m")
+    pixels: PixelsConfig = Field(
+        default=PixelsConfig(), description="the default method in spaces of unit px"
+    )
     hypotheses: HypothesesConfig = Field(
-        HypothesesConfig(), description="confirmation and memory, for all methods"
+        default=HypothesesConfig(), description="confirmation and memory, for all methods"
     )
     linking: LinkingConfig = Field(
-        LinkingConfig(), description="links between spaces in pixels and metric spaces"
+        default=LinkingConfig(), description="links between spaces in pixels and metric spaces"
     )
 
     joints: JointsConfig = Field(
-        JointsConfig(), description="joints between the hypotheses of a metric space"
+        default=JointsConfig(), description="joints between the hypotheses of a metric space"
     )
     limits: LimitsConfig = Field(
-        LimitsConfig(), description="bounds on what sources may make the service hold"
+        default=LimitsConfig(), description="bounds on what sources may make the service hold"
     )
     spaces: dict[str, SpaceConfig] = Field(
         default_factory=dict,
