@@ -120,7 +120,7 @@ def divisive(matrix: Floats, count: int) -> Labels:
     """Divisive k-means of the thesis, which finds the number itself."""
     del count
     cluster = make_clustering("divisive-kmeans", ThesisConfig().stop_affinity)
-    return cluster(matrix.astype(np.float32), np.arange(len(matrix))).labels
+    return cluster(matrix.astype(np.float32), np.arange(len(matrix)))[0]
 
 
 CLUSTERINGS: dict[str, Callable[[Floats, int], Labels]] = {

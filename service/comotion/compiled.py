@@ -25,16 +25,8 @@ _USED_BY_KERNELS = {"compiled.py", "partition.py"}
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 # Of a parallel kernel, only loops over :data:`numba_range` are shared out.
-_OWN_LOOPS = {
-    "comprehension": False,
-    "reduction": False,
-    "inplace_binop": False,
-    "setitem": False,
-    "numpy": False,
-    "stencil": False,
-    "fusion": False,
-    "prange": True,
-}
+_OTHERS = ("comprehension", "reduction", "inplace_binop", "setitem", "numpy", "stencil", "fusion")
+_OWN_LOOPS = dict.fromkeys(_OTHERS, False) | {"prange": True}
 
 numba_range = numba.prange
 """A range whose turns are shared out among the cores, in kernels compiled with ``parallel=True``."""

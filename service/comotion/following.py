@@ -5,11 +5,9 @@ find bodies. So the standby compares its own updates with the published ones: hy
 trajectories are the same body. When it takes over, it publishes under the ids that clients know.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
@@ -26,10 +24,14 @@ _TAKEOVER_NS = 10_000_000_000
 
 
 @dataclass(frozen=True)
-class _Origin:
-    """The birth that clients know, and the motion from there to the birth here; None where unknown."""
+class _Published:
+    """What clients know a hypothesis as: its id, and its birth where that was under another service.
 
-    born_ns: int
+    `motion` leads from there to the birth in this service; None where unknown.
+    """
+
+    id: int
+    born_ns: int | None = None
     motion: RigidTransform | None = None
 
 
@@ -37,15 +39,16 @@ class _Origin:
 class PublishedIds:
     """The ids and births under which the hypotheses of this service are published.
 
+    Those are its own until it follows an active service.
+
     Attributes
     ----------
     ids
-        Gives out ids for hypotheses that have not been published yet.
+        Gives out ids for hypotheses that have not been published yet; None: it has not followed any service.
     """
 
-    _names: dict[int, int] = field(default_factory=dict)
-    _origins: dict[int, _Origin] = field(default_factory=dict)
-    ids: IdAllocator = field(default_factory=IdAllocator)
+    _published: dict[int, _Published] = field(default_factory=dict)
+    ids: IdAllocator | None = None
     _leader: HypothesisUpdate | None = field(default=None, metadata=NOT_KEPT)
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:
@@ -56,74 +59,85 @@ class PublishedIds:
         """
         highest = max((h.id for h in leader.hypotheses), default=0)
         # The leader may have given out ids in updates that were lost with it.
-        self.ids.following = max(self.ids.following, highest + ID_GAP)
+        following = 1 if self.ids is None else self.ids.following
+        self.ids = IdAllocator(max(following, highest + ID_GAP))
         self._leader = leader
-        present, given = {h.id for h in own.hypotheses if not h.absent}, {h.id for h in leader.hypotheses}
-        self._names = {
-            own_id: name for own_id, name in self._names.items() if own_id not in present or name not in given
-        }
-        unknown = {own_id for own_id in present if self._names.get(own_id) not in given}
-        self._take_over(own, leader, unknown)
+        self._take_over(own, leader, {h.id for h in own.hypotheses if not h.absent})
 
     def apply(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """An update of this service with the ids, births and events that clients know."""
-        leader = self._leader
-        if leader is not None and update.stamp_ns - leader.stamp_ns <= _TAKEOVER_NS:
-            present = {h.id for h in update.hypotheses if not h.absent}
-            self._take_over(update, leader, present - set(self._names))
-        led_until_ns, events = (0, []) if leader is None else (leader.stamp_ns, leader.events)
+        if self.ids is None:
+            return update
+        leader, led_until_ns, events = self._leader, 0, list[Event]()
+        if leader is not None:
+            led_until_ns, events = leader.stamp_ns, leader.events
+            if update.stamp_ns - led_until_ns <= _TAKEOVER_NS:
+                present = {h.id for h in update.hypotheses if not h.absent}
+                self._take_over(update, leader, present - set(self._published))
         in_events = ((e.hypothesis, *e.others) for e in update.events)
-        names = {
-            number: self.name(number)
-            for number in sorted({h.id for h in update.hypotheses}.union(*in_events))
-        }
+        numbers = sorted({h.id for h in update.hypotheses}.union(*in_events))
+        names = {number: self.name(number) for number in numbers}
         recent = [e for e in update.events if e.stamp_ns > led_until_ns]
         oldest_ns = update.stamp_ns - EVENT_MEMORY_NS
+        labels = update.track_hypothesis.copy()
+        for number, name in names.items():
+            labels[update.track_hypothesis == number] = name
         return replace(
             update,
-            track_hypothesis=_renamed(update.track_hypothesis, names),
-            hypotheses=sorted((self._hypothesis(h, names) for h in update.hypotheses), key=lambda h: h.id),
+            track_hypothesis=labels,
+            hypotheses=sorted(map(self._renamed, update.hypotheses), key=lambda h: h.id),
             joints=[replace(j, parent=names[j.parent], child=names[j.child]) for j in update.joints],
-            events=[e for e in events if e.stamp_ns >= oldest_ns] + [_event(e, names) for e in recent],
+            events=[e for e in events if e.stamp_ns >= oldest_ns]
+            + [
+                replace(e, hypothesis=names[e.hypothesis], others=[names[other] for other in e.others])
+                for e in recent
+            ],
         )
 
     def own(self, published: int) -> int | None:
         """The id inside this service of a published one."""
-        return next((own_id for own_id, name in self._names.items() if name == published), None)
+        entries = self._published.items()
+        return next((n for n, entry in entries if entry.id == published), None) if self.ids else published
+
+    def name(self, own_id: int) -> int:
+        """The published id of a hypothesis; a fresh one if it has none."""
+        if self.ids is None:
+            return own_id
+        if own_id not in self._published:
+            self._published[own_id] = _Published(self.ids.next())
+        return self._published[own_id].id
 
     def _take_over(self, own: HypothesisUpdate, leader: HypothesisUpdate, unnamed: set[int]) -> None:
-        """Name some hypotheses as a published update does, as far as it knows them."""
+        """Publish some hypotheses as the leader does, as far as it knows them."""
         own_bodies, leading = {h.id: h for h in own.hypotheses}, {h.id: h for h in leader.hypotheses}
-        in_use = {
-            self._names[number]
-            for number in own_bodies
-            if number in self._names and not own_bodies[number].absent
-        }
+        last = self._published
+        published = {n: p for n, p in last.items() if n not in unnamed or p.id not in leading}
+        in_use = {published[n].id for n, h in own_bodies.items() if n in published and not h.absent}
         pairs = {
             number: name
             for number, name in (same_bodies(own, leader).items() if unnamed else ())
             if number in unnamed and name not in in_use
         }
-        taken = set(pairs.values())
-        self._names = {number: name for number, name in self._names.items() if name not in taken} | pairs
+        self._published = {n: p for n, p in published.items() if p.id not in pairs.values()}
         for number, name in pairs.items():
-            origin = self._origins.get(number)
-            if origin is None or origin.born_ns != leading[name].born_ns or own.stamp_ns == leader.stamp_ns:
-                self._origins[number] = _origin(own_bodies[number], leading[name])
-        self._origins = {number: self._origins[number] for number in self._names if number in self._origins}
+            entry, born_ns = last.get(number), leading[name].born_ns
+            if entry is not None and entry.born_ns == born_ns and own.stamp_ns != leader.stamp_ns:
+                self._published[number] = replace(entry, id=name)
+            else:
+                poses = own_bodies[number].pose, leading[name].pose
+                self._published[number] = _Published(name, born_ns, _motion(*poses))
 
-    def name(self, own_id: int) -> int:
-        """The published id of a hypothesis; a fresh one if it has none."""
-        if own_id not in self._names:
-            self._names[own_id] = self.ids.next()
-        return self._names[own_id]
-
-    def _hypothesis(self, body: Hypothesis, names: Mapping[int, int]) -> Hypothesis:
-        origin = self._origins.get(body.id)
-        born_ns = body.born_ns if origin is None else origin.born_ns
-        linked = None if body.linked is None else sorted(self.name(other) for other in body.linked)
-        pose = body.pose if origin is None or body.pose is None else _since(body.pose, origin)
-        return replace(body, id=names[body.id], born_ns=born_ns, pose=pose, linked=linked)
+    def _renamed(self, body: Hypothesis) -> Hypothesis:
+        entry, pose, linked = self._published[body.id], body.pose, body.linked
+        if pose is not None and entry.motion is not None:
+            pose = pose_of(transform(pose) * entry.motion, len(pose.translation))
+        return replace(
+            body,
+            id=entry.id,
+            born_ns=body.born_ns if entry.born_ns is None else entry.born_ns,
+            pose=pose,
+            linked=None if linked is None else sorted(map(self.name, linked)),
+        )
 
 
 def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, int]:
@@ -161,26 +175,6 @@ def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
     return labels
 
 
-def _origin(own: Hypothesis, leader: Hypothesis) -> _Origin:
-    """Birth that clients know of one body, from its poses at one time since either birth."""
-    if own.pose is None or leader.pose is None:
-        return _Origin(leader.born_ns)
-    return _Origin(leader.born_ns, transform(own.pose).inv() * transform(leader.pose))
-
-
-def _since(pose: Pose, origin: _Origin) -> Pose:
-    """The pose since the birth that clients know."""
-    if origin.motion is None:
-        return pose
-    return pose_of(transform(pose) * origin.motion, len(pose.translation))
-
-
-def _renamed(labels: NDArray[np.uint32], names: Mapping[int, int]) -> NDArray[np.uint32]:
-    renamed = labels.copy()
-    for own_id, name in names.items():
-        renamed[labels == own_id] = name
-    return renamed
-
-
-def _event(event: Event, names: Mapping[int, int]) -> Event:
-    return replace(event, hypothesis=names[event.hypothesis], others=[names[other] for other in event.others])
+def _motion(own: Pose | None, leader: Pose | None) -> RigidTransform | None:
+    """From the birth that clients know to the own one, by the poses at one time since either birth."""
+    return None if own is None or leader is None else transform(own).inv() * transform(leader)

@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, RejectionReason
 
 from . import snapshot
-from .assembly import Assembly, Header, at_rest, moved
+from .assembly import Assembly, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.budget import Budget, CostClock
 from .event_time.faults import Faults
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
-from .event_time.troubles import CLOCKS
 from .following import PublishedIds
 from .hypotheses.identity import ID_GAP, IdAllocator
+from .joints.joints import Joints
 from .partition import SpaceSpec
-from .saving import plain, restored
+from .saving import plain, refill
 from .shedding import FULL, Effort
-from .space import MAX_COORDINATE
 from .spaces import Spaces
+from .tracks import MAX_COORDINATE
 
 # Share of a period for updating spaces, and for that with reading and publishing. The first is less than what
 # makes updates slow: a source that spends all of it must not make all others leave out work.
@@ -101,7 +101,7 @@ class Fusion:
         troubles = self.timeline.troubles
         self._spaces = Spaces(self.config, self._ids, self.stats, self.faults, self._grouping, troubles)
         self._assembly = Assembly(self.config, self.faults)
-        self._published: PublishedIds | None = None
+        self._published = PublishedIds()
         self._effort = FULL
         self._latest: HypothesisUpdate | None = None
         self._seq = 0
@@ -141,14 +141,20 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        wrong = timeline.troubles.sources(*CLOCKS)
-        self._spaces.mistrust(frozenset(n for n, (name, _) in timeline.sessions.items() if name in wrong))
         updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
-        in_use = self._spaces.sessions_in_use()
+        in_use = self._spaces.sessions()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
-        period_ns, live = to_ns(self.config.period), bool(timeline.sources.sending(at_ns))
-        header = Header(self.scene, self.session, self._seq, stamp, now_ns, period_ns, live)
+        live = bool(timeline.sources.sending(at_ns))
+        header = {
+            "scene": self.scene,
+            "session": self.session,
+            "seq": self._seq,
+            "stamp_ns": stamp,
+            "published_ns": now_ns,
+            "period_ns": to_ns(self.config.period),
+            "live": live,
+        }
         self._seq += 1
         self.stats.updates += 1
         self.stats.shed += self._effort != FULL
@@ -156,7 +162,7 @@ class Fusion:
         if not live and any(source.heard_ns is not None for source in timeline.sources.values()):
             update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
-        return self._latest if self._published is None else self._published.apply(self._latest)
+        return self._published.apply(self._latest)
 
     def measure(self, clock: CostClock, grouping: CostClock | None = None) -> None:
         """Limit what each source may cost, as the budgets of `limits` say; without, nothing is limited.
@@ -186,7 +192,6 @@ class Fusion:
             An update of the active service, with about the watermark of the last own update.
         """
         if self._latest is not None:
-            self._published = self._published or PublishedIds()
             self._published.follow(self._latest, published)
 
     def affinity(self, space: str) -> AffinitySnapshot:
@@ -212,12 +217,10 @@ class Fusion:
         list[int]
             The ids of the forgotten hypotheses, ascending.
         """
-        if hypothesis is not None and self._published is not None:
-            hypothesis = self._published.own(hypothesis)
-            if hypothesis is None:
-                return []
-        forgotten = (own_id for space in self._spaces for own_id in space.forget(hypothesis))
-        return sorted(forgotten if self._published is None else map(self._published.name, forgotten))
+        own = None if hypothesis is None else self._published.own(hypothesis)
+        if own is None and hypothesis is not None:
+            return []
+        return sorted(self._published.name(number) for space in self._spaces for number in space.forget(own))
 
     def snapshot(self, *, clean: bool = False) -> bytes:
         """Everything that must survive a restart: identities, windows, sequence numbers and the watermark.
@@ -242,11 +245,11 @@ class Fusion:
             "session": self.session,
             "next_id": following,
             "timeline": self.timeline.state(),
-            **self._assembly.state(),
+            "assembly": plain(self._assembly),
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
-        if self._published is not None:
+        if self._published.ids is not None:
             following = max(following, self._published.ids.following + ID_GAP)
         return partial(snapshot.pieces, state, following)
 
@@ -266,14 +269,17 @@ class Fusion:
         fusion = cls(config, scene=state["scene"], session=session or state["session"])
         fusion._ids.following = int(state["next_id"])
         fusion.timeline.load(state["timeline"])
-        fusion._assembly.load(state, keep_joints=state["method"] == config.method)
-        if state["published"] is not None:
-            fusion._published = restored(PublishedIds, state["published"])
+        refill(fusion._assembly, state["assembly"])
+        # The trajectories serve every method; what a method has derived from them is its own.
+        same_method = state["method"] == config.method
+        if not same_method:
+            fusion._assembly.joints = Joints(config.joints)
+        refill(fusion._published, state["published"])
+        if fusion._published.ids is not None:
             fusion._published.ids.following += ID_GAP
         for part in state["spaces"]:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
-            # The trajectories serve every method; what a method has derived from them is its own.
-            space.load(part, keep_method=state["method"] == config.method)
+            space.load(part, keep_method=same_method)
         return fusion
 
     def _refusal(self, batch: ObservationBatch) -> RejectionReason | None:

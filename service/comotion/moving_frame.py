@@ -11,7 +11,6 @@ hypothesis.
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -20,7 +19,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
-from .saving import NOT_KEPT, refill
+from .saving import NOT_KEPT
 
 # Another body becomes the world if it is so many times larger.
 _TIMES_LARGER = 2.0
@@ -35,7 +34,7 @@ _MEMORY_NS = 15_000_000_000
 
 @dataclass
 class MovingFrame:
-    """The frame of one space over time.
+    """The frame of one space over time: it moves as configured, else if all its sources say so.
 
     Attributes
     ----------
@@ -43,10 +42,22 @@ class MovingFrame:
         2 or 3.
     metric
         Whether poses are in the unit of the space: without, only the states are known.
+    configured
+        Whether it moves; None: as the sources say.
+    moving
+        Whether it moves now.
+    declared
+        By session number its source, and whether that says that the frame moves.
+    contradicting
+        Sources that say so where not all do.
     """
 
     dim: int = field(metadata=NOT_KEPT)
     metric: bool = field(metadata=NOT_KEPT)
+    configured: bool | None = field(default=None, metadata=NOT_KEPT)
+    moving: bool = False
+    declared: dict[int, tuple[str, bool]] = field(default_factory=dict, metadata=NOT_KEPT)
+    contradicting: list[str] = field(default_factory=list, metadata=NOT_KEPT)
     _world: int | None = None
     _anchor: RigidTransform = field(default_factory=RigidTransform.identity)
     _frame: RigidTransform = field(default_factory=RigidTransform.identity)
@@ -55,6 +66,16 @@ class MovingFrame:
     # Before the first world: stamp, poses by hypothesis.
     _early: list[tuple[int, dict[int, RigidTransform]]] = field(default_factory=list, metadata=NOT_KEPT)
 
+    def follow(self, present: list[int], in_use: set[int]) -> None:
+        """Follow the declarations of sessions with current trajectories; forget those not in use."""
+        claims = [self.declared[number] for number in present if number in self.declared]
+        self.declared = {number: claim for number, claim in self.declared.items() if number in in_use}
+        if self.configured is not None:
+            self.moving = self.configured
+        elif claims:
+            self.moving = all(moving for _, moving in claims)
+        self.contradicting = [name for name, moving in claims if moving and not self.moving]
+
     def relative(
         self, stamp_ns: int, hypotheses: list[Hypothesis], labels: Labels, positions: Floats
     ) -> tuple[list[Hypothesis], Pose | None]:
@@ -62,27 +83,35 @@ class MovingFrame:
 
         `stamp_ns` is the watermark; `labels` int64 [n] and `positions` float64 [n, dim] are those of the
         current trajectories. Returns the hypotheses, and x(world) = R x(frame) + t; None while the world has
-        no pose.
+        no pose, and where the frame rests.
         """
+        if not self.moving:
+            self._world, self._anchor, self._frame = (
+                None,
+                RigidTransform.identity(),
+                RigidTransform.identity(),
+            )
+            self._births, self._past, self._early = {}, deque(), []
+            return hypotheses, None
         present = {h.id: h for h in hypotheses if not h.absent}
         self._choose(stamp_ns, present, labels, positions)
         world = None if self._world is None else present.get(self._world)
         if self._world is None:
             poses = {number: transform(h.pose) for number, h in present.items() if h.pose is not None}
             self._early = [*self._early[-_MOST_BEFORE:], (stamp_ns, poses)]
+        has_pose = world is not None and world.pose is not None
         if world is not None and world.pose is not None:
             self._frame = self._anchor * transform(world.pose).inv()
         self._past.append((stamp_ns, self._frame))
         while self._past[0][0] < stamp_ns - _MEMORY_NS:
             self._past.popleft()
-        for number, h in present.items():
-            if number not in self._births:
-                self._births[number] = min(self._past, key=lambda past: abs(past[0] - h.born_ns))[1]
         listed = {h.id for h in hypotheses}
         self._births = {number: born for number, born in self._births.items() if number in listed}
+        for number in present.keys() - self._births.keys():
+            born_ns = present[number].born_ns
+            self._births[number] = min(self._past, key=lambda past: abs(past[0] - born_ns))[1]
         described = [h if h.absent else self._described(h, world) for h in hypotheses]
-        has_pose = self.metric and world is not None and world.pose is not None
-        return described, pose_of(self._frame, self.dim) if has_pose else None
+        return described, pose_of(self._frame, self.dim) if self.metric and has_pose else None
 
     def _choose(
         self, stamp_ns: int, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats
@@ -93,27 +122,22 @@ class MovingFrame:
             for number, h in present.items()
             if h.pose is not None or not self.metric
         }
-        if not sizes:
+        largest = max(sizes, key=lambda number: (sizes[number], -number), default=self._world)
+        if largest is None or largest == self._world:
             return
-        largest = max(sizes, key=lambda number: (sizes[number], -number))
         if self._world is None and not _is_first(stamp_ns, present[largest], labels):
             return
         if self._world in sizes and sizes[largest] < _TIMES_LARGER * sizes[self._world]:
-            return
-        if largest == self._world:
             return
         pose = present[largest].pose
         # The place of the frame does not change with the body that is taken for the world.
         self._anchor = self._frame if pose is None else self._frame * transform(pose)
         if self._world is None:
-            self._look_back(largest)
+            # Find where the frame was before.
+            placed = [(stamp, poses[largest]) for stamp, poses in self._early if largest in poses]
+            self._past = deque((stamp, self._anchor * pose.inv()) for stamp, pose in placed)
+            self._births, self._early = {}, []
         self._world = largest
-
-    def _look_back(self, world: int) -> None:
-        """Find where the frame was before the first world was chosen."""
-        placed = [(stamp, poses[world]) for stamp, poses in self._early if world in poses]
-        self._past = deque((stamp, self._anchor * pose.inv()) for stamp, pose in placed)
-        self._births, self._early = {}, []
 
     def _described(self, body: Hypothesis, world: Hypothesis | None) -> Hypothesis:
         if body.id == self._world:
@@ -128,51 +152,6 @@ class MovingFrame:
         return replace(
             body, state=state, pose=pose_of(moved, self.dim), twist=_relative_twist(body, world, self.dim)
         )
-
-
-@dataclass
-class Carrying:
-    """Whether the frame of a space moves: as configured, else as all its sources say.
-
-    Attributes
-    ----------
-    frame
-        The frame; None while it rests.
-    declared
-        By session number its source, and whether that says that the frame moves.
-    contradicting
-        Sources that say so where not all do.
-    """
-
-    dim: int
-    metric: bool
-    configured: bool | None
-    frame: MovingFrame | None = None
-    declared: dict[int, tuple[str, bool]] = field(default_factory=dict)
-    contradicting: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._carry(moving=bool(self.configured))
-
-    def follow(self, present: list[int], in_use: set[int]) -> None:
-        """Follow the declarations of sessions with current trajectories; forget those not in use."""
-        claims = [self.declared[number] for number in present if number in self.declared]
-        if self.configured is None and claims:
-            self._carry(moving=all(moving for _, moving in claims))
-        self.contradicting = [name for name, moving in claims if moving and self.frame is None]
-        self.declared = {number: claim for number, claim in self.declared.items() if number in in_use}
-
-    def load(self, state: Mapping[str, Any] | None) -> None:
-        """The frame moves: as it was kept, or anew where nothing was."""
-        self._carry(moving=True)
-        if self.frame is not None and state is not None:
-            refill(self.frame, state)
-
-    def _carry(self, *, moving: bool) -> None:
-        if not moving:
-            self.frame = None
-        elif self.frame is None:
-            self.frame = MovingFrame(self.dim, self.metric)
 
 
 def _is_first(stamp_ns: int, body: Hypothesis, labels: Labels) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import ObservationBatch, Pose, Twist
+from comotion_schemas import Pose, Twist
 from comotion_schemas.hypotheses import HypothesisState
 
 from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps
@@ -27,10 +27,6 @@ class SpaceSpec:
     name: str
     unit: Unit
     dim: int
-
-    def suits(self, batch: ObservationBatch) -> bool:
-        """Whether a batch agrees on unit and dimension."""
-        return (batch.unit, batch.dim) == (self.unit, self.dim)
 
 
 @dataclass(frozen=True)

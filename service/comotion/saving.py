@@ -72,11 +72,18 @@ def restored(kind: Any, state: Any) -> Any:
 
 
 def refill(target: Any, state: Mapping[str, Any]) -> None:
-    """Set the fields of a dataclass to those that :func:`plain` has kept of one of its type."""
+    """Set the fields of a dataclass to those that :func:`plain` has kept of one of its type.
+
+    A field that is a dataclass with fields that are not kept is refilled in turn.
+    """
     kind: Any = type(target)
     types = _types(kind)
     for name in _kept(kind):
-        setattr(target, name, restored(types[name], state[name]))
+        member: Any = type(getattr(target, name))
+        if hasattr(member, "__dataclass_fields__") and len(_kept(member)) < len(fields(member)):
+            refill(getattr(target, name), state[name])
+        else:
+            setattr(target, name, restored(types[name], state[name]))
 
 
 @cache

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from statistics import median_low
 
 from .event_time.budget import Budget
-from .space import Space
+from .tracks import Tracks
 
 # Updates of a space whose costs are remembered: their median counts, as a single cost is no measure.
 _REMEMBERED = 5
@@ -82,7 +82,7 @@ def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
     return {source: median_low(cost.get(source, 0) for cost in costs) for source in sources}
 
 
-def allowance(spaces: Collection[Space], most: int, session: int, wanted: int) -> int:
+def allowance(spaces: Collection[Tracks], most: int, session: int, wanted: int) -> int:
     """How many new trajectories a session may open of `most` in all; sessions above their share lose some."""
     free = max(most - sum(space.occupied() for space in spaces), 0)
     if wanted <= free:

@@ -9,7 +9,7 @@ order:
 4. New bodies, and offsets between sources, are searched for at every fifth grouping. At the others, the
    known bodies are fitted and the trajectories assigned to them (rigid method).
 5. to 8. Of a large space a half, a fourth, an eighth, a 16th of the trajectories are grouped, some of every
-   hypothesis. The others keep their hypotheses; new ones join by place and motion (:mod:`.last_grouping`).
+   hypothesis. The others keep their hypotheses; new ones join by place and motion (:mod:`.sampling`).
 """
 
 from collections import deque

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from comotion_schemas import ObservationBatch, RejectionReason
+from comotion_schemas.messages import ProblemKind
 
 from .arrays import Bools
 from .config import FusionConfig, SpaceConfig, to_ns
@@ -22,11 +23,9 @@ from .event_time.budget import Budget
 from .event_time.entries import Instants
 from .event_time.faults import Faults
 from .event_time.stats import Key, Stats
-from .event_time.troubles import Troubles
+from .event_time.troubles import CLOCKS, Troubles
 from .hypotheses.identity import IdAllocator
-from .partition import Method, SpaceSpec
-from .pixels.method import PixelMethod
-from .rigid.method import RigidMethod
+from .partition import SpaceSpec
 from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .space import REFUSED, Space
@@ -110,7 +109,7 @@ class Spaces:
             if refused is not None:
                 return refused
             space, first_rows, most = self._spaces[name], self._cut(instant), self.config.max_tracks
-            may_open = partial(allowance, self._spaces.values(), most, instant.session)
+            may_open = partial(allowance, [other.tracks for other in self], most, instant.session)
             fits = space.store(first_rows, may_open, self._elsewhere(first_rows, space))
             self._end(instant)
             return None if fits else "range"
@@ -120,12 +119,7 @@ class Spaces:
     def end_session(self, session: int) -> None:
         """Mark all trajectories of a session number as ended for good."""
         for space in self:
-            space.index.end_session(session)
-
-    def mistrust(self, mistimed: frozenset[int]) -> None:
-        """Compare no motion with that of sessions whose clock is known to be wrong, by number."""
-        for space in self:
-            space.drift.mistimed = mistimed
+            space.tracks.end_session(session)
 
     def update(
         self,
@@ -149,21 +143,31 @@ class Spaces:
                     return
                 self._rebuild(name, keep=keep)
 
+        # Where a clock is known to be wrong, no motion is compared.
+        mistimed = self._doubted(sessions, *CLOCKS)
+        for space in self:
+            space.drift.mistimed = mistimed
         shares = {name: self._shares(name, sessions) for name in self._spaces}
         for name in self._turns.take(self.at_ns, shares, update):
             with self.faults.guard(f"repeating space {name!r}"):
-                updates[name] = self._spaces[name].repeated()
+                last = self._spaces[name].last
+                updates[name] = None if last is None else last.repeated()
         for source in self._turns.costly:
             self.troubles.note("over-budget", source)
         self._note_troubles(sessions)
-        doubted = self.troubles.sources("ids-reused", "ids-short-lived")
-        numbers = [number for number, (source, _) in sessions.items() if source in doubted]
-        return [part.doubted(numbers) for _, part in sorted(updates.items()) if part is not None]
+        doubted = self._doubted(sessions, "ids-reused", "ids-short-lived")
+        listed = [part for _, part in sorted(updates.items()) if part is not None]
+        return [part.doubted(doubted) for part in listed] if doubted else listed
+
+    def _doubted(self, sessions: Mapping[int, Key], *kinds: ProblemKind) -> list[int]:
+        """Numbers of the sessions of sources with a trouble of some kinds."""
+        sources = self.troubles.sources(*kinds)
+        return [number for number, (source, _) in sessions.items() if source in sources]
 
     def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
         """Note sources that drift away from the others of a space, or that alone say that it is carried."""
         for space in self:
-            for source in space.carrying.contradicting:
+            for source in space.frame.contradicting:
                 text = f"that {space.spec.name} is carried, which others do not say"
                 self.troubles.note("contradicts-space", source, text)
             for number in space.drift.drifting:
@@ -173,28 +177,29 @@ class Spaces:
     def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
         space = self._spaces[name]
-        held = {sessions[number][0]: count for number, count in space.held().items() if number in sessions}
+        held = {
+            sessions[number][0]: count for number, count in space.tracks.held().items() if number in sessions
+        }
         total = sum(held.values())
         return {source: n / total for source, n in held.items()} if total else {space.owner: 1.0}
 
-    def sessions_in_use(self) -> set[int]:
+    def sessions(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
-        numbers: set[int] = set().union(*(space.sessions_in_use() for space in self))
+        numbers: set[int] = set().union(*(space.tracks.sessions() for space in self))
         return numbers
 
     def tidy(self, in_use: set[int]) -> None:
         """Forget empty spaces in which nothing was published for long, and sessions without tracks."""
         expiry_ns = to_ns(max(self.config.limits.expiry, self.config.hypotheses.memory))
         for name, space in list(self._spaces.items()):
-            if not space.sessions_in_use() and self.at_ns - space.fed_ns > expiry_ns:
+            if not space.tracks.sessions() and self.at_ns - space.fed_ns > expiry_ns:
                 del self._spaces[name]
         for space in self:
             space.checks.keep(in_use)
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        method = make_method(self.config, spec)
-        space = Space(self.config, spec, method, self.ids, self.stats, self.troubles)
+        space = Space(self.config, spec, self.ids, self.stats, self.troubles)
         space.fed_ns = self.at_ns
         # In the order in which they were opened.
         self._spaces.pop(spec.name, None)
@@ -220,11 +225,11 @@ class Spaces:
         name = batch.space
         if self.refusal(batch) is not None:
             return "space-mismatch"
-        space = self._spaces.get(name)
-        if space is None or not space.spec.suits(batch):
+        space, spec = self._spaces.get(name), SpaceSpec(name, batch.unit, batch.dim)
+        if space is None or space.spec != spec:
             if space is None and not self._admit_space(batch.source):
                 return "limit"
-            space = self.open(SpaceSpec(name, batch.unit, batch.dim))
+            space = self.open(spec)
             space.owner = batch.source
         space.fed_ns = self.at_ns
         return None
@@ -261,33 +266,20 @@ class Spaces:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""
         if instant.last and instant.batch.ended is not None:
             for space in self:
-                if space.index.knows(instant.session):
-                    space.index.end(instant.batch.ended, instant.session)
+                if space.tracks.knows(instant.session):
+                    space.tracks.end(instant.batch.ended, instant.session)
 
     def _elsewhere(self, instant: Instants, home: Space) -> Bools | None:
         """Which rows have an id that their session uses in another space, bool [n]; None for none."""
-        others = [space for space in self if space is not home and space.index.knows(instant.session)]
+        others = [space for space in self if space is not home and space.tracks.knows(instant.session)]
         if not others:
             return None
         ids = instant.batch.ids[instant.rows]
         # An id that has a trajectory here has none elsewhere.
-        unknown = home.index.find(ids, instant.session) < 0
+        unknown = home.tracks.find(ids, instant.session) < 0
         if not unknown.any():
             return None
-        taken = [space.index.find(ids[unknown], instant.session) >= 0 for space in others]
+        taken = [space.tracks.find(ids[unknown], instant.session) >= 0 for space in others]
         elsewhere: Bools = np.zeros(len(ids), bool)
         elsewhere[unknown] = np.any(taken, axis=0)
         return elsewhere if elsewhere.any() else None
-
-
-def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
-    """Build the method of `config.method` for one space."""
-    # Pixels with a third coordinate (a disparity) are no image plane: rigid motion is the better model.
-    if config.method == "comotion" and spec.unit == "px" and spec.dim == 2:
-        return PixelMethod(config, spec)
-    if config.method == "comotion":
-        return RigidMethod(config, spec)
-    # Its clustering imports scikit-learn, which takes half a second that the others do not need.
-    from .thesis.method import ThesisMethod  # noqa: PLC0415
-
-    return ThesisMethod(config, spec)

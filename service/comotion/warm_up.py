@@ -55,11 +55,8 @@ def compile_ahead(method: str, kinds: list[tuple[Unit, int]]) -> Iterator[None]:
     """Compile the kernels of some of the scenes that are not on disk; yields twice a second meanwhile."""
     cache_folder = folder()
     # A file says that the kernels of a method and scene are there.
-    marks = (
-        {}
-        if cache_folder is None
-        else {kind: cache_folder / f"{method}-{kind[0]}{kind[1]}.compiled" for kind in kinds}
-    )
+    names = {kind: f"{method}-{kind[0]}{kind[1]}.compiled" for kind in kinds}
+    marks = {} if cache_folder is None else {kind: cache_folder / name for kind, name in names.items()}
     new = [kind for kind, mark in marks.items() if not mark.exists()]
     processes: dict[Unit, subprocess.Popen[bytes]] = {}
     try:
@@ -83,14 +80,10 @@ def compile_ahead(method: str, kinds: list[tuple[Unit, int]]) -> Iterator[None]:
 
 def _start(method: str, kinds: list[tuple[Unit, int]]) -> "subprocess.Popen[bytes]":
     """Start a process that compiles; it finds the modules of this one."""
-    command = [
-        sys.executable,
-        "-P",
-        "-c",
-        f"from {__name__} import _compile; _compile({method!r}, {kinds!r})",
-    ]
+    code = f"from {__name__} import _compile; _compile({method!r}, {kinds!r})"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)  # noqa: S603
+    command, silent = [sys.executable, "-P", "-c", code], subprocess.DEVNULL
+    return subprocess.Popen(command, stdout=silent, stderr=silent, env=environment)  # noqa: S603
 
 
 def _compile(method: str, kinds: list[tuple[Unit, int]]) -> None:

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comotion.thesis import equations
 from comotion.thesis.kernels import COMPARABLE_SAMPLES, FIRST, PLANES, SAMPLES, SECOND, STRIP, WEIGHTS
-from comotion.thesis.pair_sums import PairSums
+from comotion.thesis.pair_sums import PairSums, weight
 from comotion.trajectories.window import Window
 
 from ..builders import MS, T0
+from ..reference import thesis
 
 _LAST_MS = 2200
 SPAN, GAP, SIGMA_SWITCH = 1000 * MS, 500 * MS, 0.02
@@ -87,14 +87,14 @@ class SideBySide:
             known = self.history[track]
             times = np.array(sorted(known))
             x, inside = np.array([known[t] for t in times.tolist()]), times >= self.oldest
-            speed = equations.backward_speed(times, x)
-            pair.append(equations.Observations(times[inside], x[inside], speed[inside]))
+            speed = thesis.backward_speed(times, x)
+            pair.append(thesis.Observations(times[inside], x[inside], speed[inside]))
         if min(len(one.times) for one in pair) < 2:
             return None, 0
-        distance, speed = equations.distance_samples(*pair, GAP)
+        distance, speed = thesis.distance_samples(*pair, GAP)
         if len(distance) < 2:
             return None, len(distance)
-        return equations.variance(distance, equations.weight(speed, self.v_move)), len(distance)
+        return thesis.variance(distance, weight(speed, self.v_move)), len(distance)
 
     def all_pairs(self):
         """(row, column, track, track) of each pair, and all tracks."""
@@ -120,7 +120,7 @@ class SideBySide:
         found = matrix[np.ix_(rows, rows)]
         for a, b, i, j in pairs:
             variance, _ = self.expected(i, j)
-            expected = 0.5 if variance is None else equations.affinity(np.array(variance), SIGMA_SWITCH)
+            expected = 0.5 if variance is None else thesis.affinity(np.array(variance), SIGMA_SWITCH)
             assert found[a, b] == found[b, a] == pytest.approx(float(expected), abs=1e-5), (i, j)
 
 
@@ -188,20 +188,20 @@ def test_sums_equal_the_equations(script, v_move, every):
 def test_the_equations_of_a_pair_are_those_of_the_thesis_by_hand():
     """One is seen every 100 ms, the other between; only the other moves, at 1 m/s, from 3 m to 3.3 m."""
     ms = np.arange(0, 400, 100) * MS
-    one = equations.Observations(ms, np.zeros((4, 1)), np.zeros(4))
+    one = thesis.Observations(ms, np.zeros((4, 1)), np.zeros(4))
     x = 3.0 + np.arange(4)[:, None] / 10
-    other = equations.Observations(ms + 50 * MS, x, equations.backward_speed(ms, x))
-    distance, speed = equations.distance_samples(one, other, GAP)
+    other = thesis.Observations(ms + 50 * MS, x, thesis.backward_speed(ms, x))
+    distance, speed = thesis.distance_samples(one, other, GAP)
     # From 50 to 300 ms: at the instants of either.
     assert distance == pytest.approx([3.0, 3.05, 3.1, 3.15, 3.2, 3.25])
     assert speed == pytest.approx([1.0] * 6)
-    assert [len(equations.distance_samples(one, other, ms * MS)[0]) for ms in (99, 100)] == [0, 6]
-    found = equations.variance(distance, equations.weight(speed, 0.1))
+    assert [len(thesis.distance_samples(one, other, ms * MS)[0]) for ms in (99, 100)] == [0, 6]
+    found = thesis.variance(distance, weight(speed, 0.1))
     assert found == pytest.approx(np.var(distance))
-    assert equations.affinity(np.array([0.0, 1.0, 4.0]), 1.0) == pytest.approx([1, 0.5, 0.5**4])
-    weights = equations.weight(np.array([0.0, 0.1, 1.0]), 0.1)
+    assert thesis.affinity(np.array([0.0, 1.0, 4.0]), 1.0) == pytest.approx([1, 0.5, 0.5**4])
+    weights = weight(np.array([0.0, 0.1, 1.0]), 0.1)
     assert weights == pytest.approx([0.0023, 0.9, 1.0], rel=0.01)
-    assert equations.variance(np.array([1.0, 2.0]), np.array([3.0, 1.0])) == pytest.approx(3 / 16)
+    assert thesis.variance(np.array([1.0, 2.0]), np.array([3.0, 1.0])) == pytest.approx(3 / 16)
 
 
 @pytest.mark.parametrize("wild", [(0, 1000), (1000,)])

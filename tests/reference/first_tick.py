@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from comotion import Fusion, FusionConfig
-from comotion.linking import Camera
+from comotion.config import Camera
 from comotion.warm_up import prepare
 from comotion_schemas import encode
 

@@ -5,12 +5,13 @@ from itertools import repeat
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig
+from comotion import Fusion, FusionConfig, source_checks
 from comotion.event_time.budget import Budget
-from comotion.extent_check import ExtentCheck, _View
+from comotion.event_time.troubles import Troubles
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import in_words
 from comotion.shares import Turns
+from comotion.source_checks import ExtentCheck
 
 from ..builders import MS, T0, S, batch
 
@@ -97,15 +98,15 @@ class TestRows:
         assert ("large", "limit") in in_words(fusion.timeline.troubles.lately())
 
     def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
-        looked, plain = [], _View.reach
-        monkeypatch.setattr(_View, "reach", lambda *args: looked.append(1) or plain(*args))
+        looked, plain = [], source_checks._reach
+        monkeypatch.setattr(source_checks, "_reach", lambda *args: looked.append(1) or plain(*args))
         counts = []
         for sources in (20, 200):
-            check = ExtentCheck("m", 200.0)
-            check._views = {n: _View(np.zeros(3), POINTS) for n in range(sources)}
+            check = ExtentCheck("m", 200.0, Troubles())
+            check.look(np.repeat(np.arange(sources), len(POINTS)), np.tile(POINTS, (sources, 1)))
             looked.clear()
-            assert check.fits(sources, POINTS) is None
-            assert check.fits(sources, 1e6 * POINTS).sum() == 0
+            assert check.near(sources, "far", POINTS).all()
+            assert not check.near(sources, "far", 1e6 * POINTS).any()
             counts.append(len(looked))
         assert counts[0] == counts[1] > 0
 
@@ -148,7 +149,7 @@ class TestSpaces:
         assert max(self.grouped[1:]) <= 20, "within a period"
         assert len(update.track_id) == 24 + 120, "what waits is listed as it was"
         assert self.named == {"many"}
-        assert {space.spec.name for space in fusion._spaces if space._listed} == set(fusion.spaces)
+        assert {space.spec.name for space in fusion._spaces if space.last} == set(fusion.spaces)
 
     @pytest.mark.parametrize(
         "costs",

@@ -155,17 +155,23 @@ def test_a_source_whose_clock_is_known_to_be_wrong_is_not_compared(monkeypatch):
     assert scene.drifting == []
 
 
+def motion_of(first, last):
+    """The motion of one body, from where its features are first and last."""
+    seen = np.zeros(len(first), drift._columns(first.shape[1]))
+    seen["first"], seen["last"] = first, last
+    return drift._motions(seen)[0]
+
+
 def test_motions_of_flat_or_thin_bodies_are_rotations_and_say_nothing_else():
     """A plane is not turned over, and a line leaves a rotation open."""
     rng = np.random.default_rng(1)
     for _ in range(200):
-        before = rng.normal(0, 0.05, (4, 2))
-        after = before + rng.normal(0, 0.01, (4, 2))
-        motion = drift._motions(drift._Seen(before, after, before, after, *np.zeros((2, 4), int)))[0]
+        first = rng.normal(0, 0.05, (4, 2))
+        motion = motion_of(first, first + rng.normal(0, 0.01, (4, 2)))
         assert motion.R.shape == (2, 2)
         assert np.linalg.det(motion.R) == pytest.approx(1)
         assert motion.freedom == 5
     line = np.outer(np.arange(5.0), [1, 0, 0])
-    motion = drift._motions(drift._Seen(line, line + 1, line, line, *np.zeros((2, 5), int)))[0]
+    motion = motion_of(line, line + 1)
     assert np.allclose(motion.R, np.eye(3))
     assert np.allclose(motion.t, 1)

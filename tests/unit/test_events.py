@@ -117,7 +117,7 @@ def test_each_event_follows_from_the_one_before(updates):
 
 def test_an_id_that_has_merged_does_not_come_back_with_features_that_were_hidden():
     window, allocator = Window(3, 20 * S, S), IdAllocator()
-    registry = Registry("world", allocator, HypothesesConfig())
+    registry = Registry(HypothesesConfig(), space="world", allocator=allocator)
     slots, places = window.open(10, 0), np.random.default_rng(0).normal(size=(10, 3))
 
     def update(k, groups, current):

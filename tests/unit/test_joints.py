@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.config import JointsConfig
-from comotion.joints.evidence import first_guess
 from comotion.joints.joints import Joints
-from comotion.joints.models import fit
+from comotion.joints.models import first_guess, fit
 from comotion.joints.pair import Pair
 from comotion.joints.states import relative_states
 from comotion.partition import BodyMotion
@@ -71,7 +70,7 @@ def test_the_kind_is_known_once_it_has_moved(kind, reach):
     right = 0
     for seed in range(5):
         found = judged(child(kind, np.linspace(0, reach, 60), seed))
-        right += found.known.kind == kind
+        right += found.joint.kind == kind
         assert np.degrees(np.arccos(abs(found.models[kind].u @ AXIS))) < 3
     assert right == 5
 
@@ -79,14 +78,14 @@ def test_the_kind_is_known_once_it_has_moved(kind, reach):
 @pytest.mark.parametrize(("kind", "reach"), [("revolute", np.radians(4)), ("prismatic", 0.008)])
 def test_what_has_hardly_moved_is_undetermined(kind, reach):
     for seed in range(5):
-        assert judged(child(kind, np.linspace(0, reach, 60), seed)).known.kind == "undetermined"
+        assert judged(child(kind, np.linspace(0, reach, 60), seed)).joint.kind == "undetermined"
 
 
 def test_a_body_that_drifts_off_is_free():
     t = np.linspace(0, 4, 60)
     R = Rotation.from_rotvec(np.column_stack([np.sin(t), 0.3 * t, np.cos(2 * t)])).as_matrix()
     body = motion(R, np.column_stack([0.2 * t, 0.1 * np.sin(2 * t), 0.05 * t**2]))
-    assert judged(body).known.kind == "free"
+    assert judged(body).joint.kind == "free"
 
 
 def test_bodies_that_move_as_one_are_fixed():
@@ -99,7 +98,7 @@ def test_bodies_that_move_as_one_are_fixed():
     found = Pair.of(1, 2, "world", np.zeros(3))
     for _ in range(2):
         found.judge(carrier, held)
-    assert found.known.kind == "fixed"
+    assert found.joint.kind == "fixed"
 
 
 def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
@@ -108,7 +107,7 @@ def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
         found.judge(world(150, first), child("revolute", q, seed=first, start=first))
-    assert found.known.kind == "revolute"
+    assert found.joint.kind == "revolute"
     assert len(found._keys) <= 10
     # For the last 150 frames it has rested.
     low, high = found.range
@@ -118,11 +117,11 @@ def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
 def test_a_joint_that_breaks_is_released():
     q = np.linspace(0, 1.2, 150)
     found = judged(child("revolute", q))
-    assert found.known.kind == "revolute"
+    assert found.joint.kind == "revolute"
     body = child("revolute", np.concatenate([q[30:], np.full(30, 1.2)]), start=30)
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
     found.judge(world(150, 30), body)
-    assert found.known.kind in {"undetermined", "free"}
+    assert found.joint.kind in {"undetermined", "free"}
 
 
 def test_a_fit_that_is_hopeless_goes_on_at_the_next_judgement():

@@ -16,7 +16,7 @@ from comotion.runtime import output
 from comotion.runtime.log_limit import limited
 from comotion.runtime.output import Queryables
 from comotion.runtime.problems import Problems
-from comotion.trajectories.track_index import MAX_ENDED, TrackIndex
+from comotion.tracks import MAX_ENDED, Tracks
 from comotion.trajectories.window import Window
 from comotion_schemas import Keys
 
@@ -71,11 +71,11 @@ def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
 
 
 def test_of_ids_that_have_ended_the_newest_are_remembered():
-    index = TrackIndex(Window(3, S, S))
-    index.end(np.arange(MAX_ENDED, dtype=np.uint64), 1)
-    index.end(np.arange(MAX_ENDED, MAX_ENDED + 5, dtype=np.uint64), 1)
-    asked = np.array([0, 4, 5, MAX_ENDED + 4], np.uint64)
-    assert index.has_ended(asked, 1).tolist() == [False, False, True, True]
+    tracks = Tracks(Window(3, S, S), None, Stats())
+    tracks.end(np.arange(MAX_ENDED, dtype=np.uint64), 1)
+    tracks.end(np.arange(MAX_ENDED, MAX_ENDED + 5, dtype=np.uint64), 1)
+    ((session, ids),) = tracks.state()["ended"]
+    assert (session, ids.tolist()) == (1, list(range(5, MAX_ENDED + 5)))
 
 
 class TestSpaces:

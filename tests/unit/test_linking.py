@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.linking import Camera
-from comotion.linking.camera import CameraModel
+from comotion.config import Camera
+from comotion.linking.image_tracks import CameraModel
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import decode, encode
 

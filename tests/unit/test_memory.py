@@ -5,8 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from comotion.hypotheses.identity import balanced
-from comotion.hypotheses.memory import Appearance, recognised
+from comotion.hypotheses.identity import balanced, recognised
 from comotion.hypotheses.records import Current, Record
 from comotion.matching import continued, largest_first
 from comotion.partition import NO_HYPOTHESIS, PoseReference
@@ -31,7 +30,7 @@ def current(places, count=8):
 
 
 def appeared(seconds, centre, scale=1.0):
-    return Appearance(round(seconds * S), CORNERS * scale + centre)
+    return round(seconds * S), CORNERS * scale + centre
 
 
 def memory(*bodies):

@@ -115,7 +115,7 @@ def blocks(sizes, inside=0.9, outside=0.05, noise=0.03, seed=0):
 
 def cluster(name, affinity):
     affinity = np.asarray(affinity, np.float32)
-    return make_clustering(name, STOP)(affinity, np.arange(len(affinity))).labels
+    return make_clustering(name, STOP)(affinity, np.arange(len(affinity)))[0]
 
 
 @pytest.mark.parametrize("name", ALL)

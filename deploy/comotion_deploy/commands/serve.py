@@ -14,7 +14,7 @@ from .camera_sources import read_calibration
 
 if TYPE_CHECKING:
     from comotion import FusionConfig
-    from comotion.linking import Camera
+    from comotion.config import Camera
     from comotion_sources.calibration.files import Calibration
 
 
@@ -127,7 +127,7 @@ def with_cameras(config: "FusionConfig", texts: list[str] | None) -> "FusionConf
 
 def _camera(text: str) -> "tuple[str, Camera]":
     """Parse NAME=FILE[,FILE] to the name of the space and the camera."""
-    from comotion.linking import Camera
+    from comotion.config import Camera
 
     name, separator, where = text.partition("=")
     if not (name and separator and where):

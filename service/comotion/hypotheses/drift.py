@@ -6,13 +6,14 @@ its clock runs away. A body that moves otherwise for one source alone is no drif
 """
 
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Labels, Slots, Stamps, find, ranks
+from ..arrays import Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
@@ -48,23 +49,13 @@ class _Motion(NamedTuple):
     features: int
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Of N trajectories: positions and velocities then and now, float64 [N, dim]; session and hypothesis."""
+# Of N trajectories: positions and velocities at the beginning and the end, session and hypothesis.
+_Seen = NDArray[Any]
 
-    before: Floats
-    after: Floats
-    speed_before: Floats
-    speed_after: Floats
-    source: Slots
-    label: Labels
 
-    def where(self, rows: Bools) -> "_Seen":
-        return _Seen(**{name: column[rows] for name, column in vars(self).items()})
-
-    def by(self, sources: Collection[int], *, others: bool = False) -> "_Seen":
-        """What some sources see, or all `others`."""
-        return self.where(np.isin(self.source, list(sources), invert=others))
+def _columns(dim: int) -> np.dtype[Any]:
+    vectors = ((name, np.float64, dim) for name in ("first", "last", "first_speed", "last_speed"))
+    return np.dtype([*vectors, ("source", np.intp), ("label", np.int64)])
 
 
 @dataclass
@@ -74,16 +65,16 @@ class DriftCheck:
     Where a clock is known to be wrong, nobody can tell which of two sources has moved.
     """
 
-    mistimed: frozenset[int] = frozenset()
+    mistimed: Sequence[int] = ()
     # Times, keys and hypotheses of the last looks.
     _looks: deque[tuple[int, Stamps, Labels]] = field(default_factory=deque)
-    # By session number: looks in a row that have found a drift; after so many the looks that it lasts too.
-    _found: dict[int, int] = field(default_factory=dict)
+    # By session number: looks in a row with a drift; after so many the looks that it lasts too.
+    _counts: dict[int, int] = field(default_factory=dict)
 
     @property
     def drifting(self) -> list[int]:
         """Numbers of the sessions that drift, ascending."""
-        return sorted(one for one, looks in self._found.items() if looks >= _LOOKS)
+        return sorted(number for number, looks in self._counts.items() if looks >= _LOOKS)
 
     def look(
         self, window: Window, current: Slots, labels: Labels, stamp_ns: int, delays_ns: Mapping[int, int]
@@ -104,22 +95,21 @@ class DriftCheck:
         """
         if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS:
             return
-        current = current[~np.isin(window.source[current], list(self.mistimed))]
+        current = current[~np.isin(window.source[current], self.mistimed)]
         # What has parted since is a question: what was one body before?
         while len(self._looks) > 1 and self._looks[1][0] <= stamp_ns - _LAG_NS - _SPAN_NS:
             self._looks.popleft()
-        here = set(np.unique(window.source[current]).tolist())
-        known = here.intersection(self.drifting)
-        found = set(known)
-        if self._looks and len(here) > 1:
+        present = set(np.unique(window.source[current]).tolist())
+        drifting = present.intersection(self.drifting)
+        apart = set(drifting)
+        if self._looks and len(present) > 1:
             seen = _seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS, delays_ns)
-            found = _judged(seen, known)
+            apart = _judged(seen, drifting)
         self._looks.append((stamp_ns, window.key[current], labels[current]))
-        lasting = {one: self._found[one] - 1 for one in known}
-        again = {one: self._found.get(one, 0) + 1 for one in found}
-        self._found = lasting | {
-            one: looks if looks < _LOOKS else _LOOKS + _MORE_LOOKS - 1 for one, looks in again.items()
-        }
+        lasting = {number: self._counts[number] - 1 for number in drifting}
+        again = {number: self._counts.get(number, 0) + 1 for number in apart}
+        most = _LOOKS + _MORE_LOOKS - 1
+        self._counts = lasting | {n: looks if looks < _LOOKS else most for n, looks in again.items()}
 
 
 def _seen(
@@ -133,59 +123,58 @@ def _seen(
     """Current trajectories that had a hypothesis, by their keys and hypotheses then."""
     order = np.argsort(keys)
     at = find(window.key[current], keys[order])
-    known = at >= 0
-    slots, label = current[known], labels[order][at[known]]
+    slots, label = current[at >= 0], labels[order][at[at >= 0]]
     slots, label = slots[label != NO_HYPOTHESIS], label[label != NO_HYPOTHESIS]
     # What one source sees of one body; the first of these features.
     views = label * (window.source.max(initial=0) + 1) + window.source[slots]
     few = ranks(views, window.key[slots]) < _MAX_FEATURES
     slots, label = slots[few], label[few]
-    before_ns = stamp_ns - _SPAN_NS
-    stamps = np.array([before_ns, before_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
-    source, step_s = window.source[slots], _STEP_NS * 1e-9
-    x, held = np.zeros((len(stamps), len(slots), window.dim)), np.zeros(len(slots), np.bool_)
-    for one in np.unique(source).tolist():
-        mine = source == one
-        states = states_at(window, slots[mine], stamps - delays_ns.get(one, 0), _DENSE_NS)
-        x[:, mine], held[mine] = states.position, states.held.all(0)
-    speeds = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
-    return _Seen(x[0], x[3], *speeds, source, label).where(held)
+    first_ns = stamp_ns - _SPAN_NS
+    stamps = np.array([first_ns, first_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
+    seen, held = np.zeros(len(slots), _columns(window.dim)), np.zeros(len(slots), np.bool_)
+    seen["source"], seen["label"], step_s = window.source[slots], label, _STEP_NS * 1e-9
+    for number in np.unique(seen["source"]).tolist():
+        own = seen["source"] == number
+        states = states_at(window, slots[own], stamps - delays_ns.get(number, 0), _DENSE_NS)
+        x, held[own] = states.position, states.held.all(0)
+        seen["first"][own], seen["last"][own] = x[0], x[3]
+        seen["first_speed"][own], seen["last_speed"][own] = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s
+    return seen[held]
 
 
-def _judged(seen: _Seen, known: Collection[int]) -> set[int]:
-    """Sessions that drift, of which some are `known` to; who cannot be judged is as it was.
+def _judged(seen: _Seen, drifting: Collection[int]) -> set[int]:
+    """Sessions that drift, of which some did so until now; who cannot be judged is as it was.
 
     Of those apart from all others the clearest one drifts; then the rest is compared without it. Of two
     nobody knows; that which sees the calmest body move less is believed.
     """
-    drifting = set(known)
+    judged = set(drifting)
     while True:
-        rest = seen.by(drifting, others=True)
-        names = np.unique(rest.source).tolist()
-        gains = {one: _gain(_motions(rest.by([one], others=True)), rest.by([one])) for one in names}
-        apart = {one: gain for one, gain in gains.items() if gain >= 1}
+        rest = seen[~np.isin(seen["source"], list(judged))]
+        views = {number: rest["source"] == number for number in np.unique(rest["source"]).tolist()}
+        gains = {number: _gain(_motions(rest[~own]), rest[own]) for number, own in views.items()}
+        apart = {number: gain for number, gain in gains.items() if gain >= 1}
         if not apart:
             break
         if len(gains) == 2:
-            apart = {one: _calmest(rest.by([one])) for one in gains}
-        drifting.add(max(apart, key=lambda one: apart[one]))
+            apart = {number: _calmest(rest[own]) for number, own in views.items()}
+        judged.add(max(apart, key=lambda number: apart[number]))
     motions = _motions(rest)
-    steady = {one for one in known if _gain(motions, seen.by([one])) < 1}
-    return drifting - steady
+    return judged - {number for number in drifting if _gain(motions, seen[seen["source"] == number]) < 1}
 
 
 def _motions(seen: _Seen) -> dict[int, _Motion]:
     """Of each hypothesis that enough features tell, the rigid motion that fits best (Kabsch)."""
-    dim = seen.before.shape[1]
-    names, row, counts = np.unique(seen.label, return_inverse=True, return_counts=True)
+    dim = seen["first"].shape[1]
+    names, row, counts = np.unique(seen["label"], return_inverse=True, return_counts=True)
     share = (row == np.arange(len(names))[:, None]) / counts[:, None]
-    middle, now = share @ seen.before, share @ seen.after
-    before, after = seen.before - middle[row], seen.after - now[row]
-    U, _, V = np.linalg.svd((share[:, None] * before.T) @ after)
+    middle, now = share @ seen["first"], share @ seen["last"]
+    first, last = seen["first"] - middle[row], seen["last"] - now[row]
+    U, _, V = np.linalg.svd((share[:, None] * first.T) @ last)
     V[:, -1] *= np.sign(np.linalg.det(U @ V))[:, None]
     R = (U @ V).transpose(0, 2, 1)
     t = now - np.einsum("kij,kj->ki", R, middle)
-    squares = ((np.einsum("nij,nj->ni", R[row], before) - after) ** 2).sum(1)
+    squares = ((np.einsum("nij,nj->ni", R[row], first) - last) ** 2).sum(1)
     squared = np.bincount(row, squares, len(names)).tolist()
     return {
         label: _Motion(R[k], t[k], squared[k], count * dim - dim * (dim + 1) // 2, count)
@@ -194,30 +183,30 @@ def _motions(seen: _Seen) -> dict[int, _Motion]:
     }
 
 
-def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
+def _gain(motions: dict[int, _Motion], seen: _Seen) -> float:
     """What a change of a source's offset explains by the motions that others see: 1 is clear.
 
     NaN where they share too little, or where no change explains the difference.
     """
-    shared = [one for one in motions if np.count_nonzero(other.label == one) >= _MIN_FEATURES]
-    if shared:
-        shared = _agreed({one: motions[one] for one in shared}, other.before)
+    names, counts = np.unique(seen["label"], return_counts=True)
+    enough = set(names[counts >= _MIN_FEATURES].tolist())
+    shared = _agreed({body: motion for body, motion in motions.items() if body in enough}, seen["first"])
     if len(shared) < _MIN_BODIES:
         return np.nan
-    other = other.where(np.isin(other.label, shared))
-    centre = other.before.mean(0)
-    extent = float(np.sqrt(((other.before - centre) ** 2).sum(1).mean()))
-    apart = np.empty_like(other.after)
-    was = _offsets(other.before, other.speed_before, centre)
-    change = _offsets(other.after, other.speed_after, centre)
+    seen = seen[np.isin(seen["label"], list(shared))]
+    centre = seen["first"].mean(0)
+    extent = float(np.sqrt(((seen["first"] - centre) ** 2).sum(1).mean()))
+    apart = np.empty_like(seen["last"])
+    was = _offsets(seen["first"], seen["first_speed"], centre)
+    change = _offsets(seen["last"], seen["last_speed"], centre)
     lasting = change.copy()
-    for one in shared:
-        rows, motion = other.label == one, motions[one]
-        apart[rows] = other.after[rows] - other.before[rows] @ motion.R.T - motion.t
+    for body, motion in shared.items():
+        rows = seen["label"] == body
+        apart[rows] = seen["last"][rows] - seen["first"][rows] @ motion.R.T - motion.t
         lasting[rows] -= np.einsum("cd,ndp->ncp", motion.R, was[rows])
     # That of the worse side: thousands of exact features do not make the others exact.
-    sides = [motions[one] for one in shared], list(_motions(other).values())
-    squares = [sum(one.squared for one in side) / max(sum(one.freedom for one in side), 1) for side in sides]
+    sides = [list(side.values()) for side in (shared, _motions(seen))]
+    squares = [sum(m.squared for m in side) / max(sum(m.freedom for m in side), 1) for side in sides]
     noise = float(np.sqrt(max(squares))) + 1e-9 * extent
     dim = len(centre)
     prior = np.repeat([_ROTATION, _SHIFT * extent, _DELAY], [2 * dim - 3, dim, 1]) / noise
@@ -225,18 +214,19 @@ def _gain(motions: dict[int, _Motion], other: _Seen) -> float:
     constant = _left(e, J0 * prior)
     changing = _left(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
     # The fewer features tell the motions, the more their errors look like a change.
-    clear = _CLEAR * len(prior) * (1 + 2 * len(other.label) / sum(motions[one].features for one in shared))
+    features = sum(motion.features for motion in shared.values())
+    clear = _CLEAR * len(prior) * (1 + 2 * len(seen) / features)
     return (constant - changing) / clear if changing < _LEFT * len(e) else np.nan
 
 
-def _agreed(motions: dict[int, _Motion], places: Floats) -> list[int]:
+def _agreed(motions: dict[int, _Motion], places: Floats) -> dict[int, _Motion]:
     """Bodies that others see move as one, in a scene of places [n, dim].
 
     Where they disagree one of them may be right: what they see together is no measure for another.
     """
-    noise = {one: motion.squared / max(motion.freedom, 1) for one, motion in motions.items()}
+    noise = {body: motion.squared / max(motion.freedom, 1) for body, motion in motions.items()}
     most = max(_AGREE * min(noise.values(), default=0.0), _EXACT * float(places.var(0).sum()))
-    return [one for one in noise if noise[one] <= most]
+    return {body: motion for body, motion in motions.items() if noise[body] <= most}
 
 
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
@@ -256,6 +246,6 @@ def _left(e: Floats, J: Floats) -> float:
 
 def _calmest(seen: _Seen) -> float:
     """Mean squared displacement of the body that moves least, as one source sees it."""
-    squared = ((seen.after - seen.before) ** 2).sum(1)
-    bodies = (squared[seen.label == one] for one in np.unique(seen.label))
-    return min((float(one.mean()) for one in bodies if len(one) >= _MIN_FEATURES), default=np.inf)
+    squared = ((seen["last"] - seen["first"]) ** 2).sum(1)
+    bodies = (squared[seen["label"] == body] for body in np.unique(seen["label"]))
+    return min((float(body.mean()) for body in bodies if len(body) >= _MIN_FEATURES), default=np.inf)

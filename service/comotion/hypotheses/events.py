@@ -85,49 +85,46 @@ class Lifecycle:
         """
         step = 0 if self._stamp_ns is None else max(stamp_ns - self._stamp_ns, 0)
         self._stamp_ns = stamp_ns
-        for one in sorted(sizes.keys() - self.records.keys()):
-            self.records[one] = Record(PoseReference.new(stamp_ns), origins.get(one))
-        changes: list[_Change] = [("ended", one, []) for one in self._forgotten]
+        for number in sorted(sizes.keys() - self.records.keys()):
+            self.records[number] = Record(PoseReference.new(stamp_ns), origins.get(number))
+        changes: list[_Change] = [("ended", number, []) for number in self._forgotten]
         self._forgotten = []
         merged: dict[int, list[int]] = {}
-        for one, record in sorted(self.records.items()):
-            if one in sizes:
-                enough = sizes[one] >= least
-                changes += self._seen(one, record, step if enough else -max(step, 1))
+        for number, record in sorted(self.records.items()):
+            if number in sizes:
+                enough = sizes[number] >= least
+                changes += self._seen(number, record, step if enough else -max(step, 1))
             elif record.stage == "unconfirmed":
-                del self.records[one]
-            elif self._lost(stamp_ns, record) and (heir := heirs.get(one)) != one:
+                del self.records[number]
+            elif self._lost(stamp_ns, record) and (heir := heirs.get(number)) != number:
                 if heir is None:
                     record.stage = "absent"
-                    changes.append(("absent", one, []))
+                    changes.append(("absent", number, []))
                 elif self.confirmed(heir):
-                    merged.setdefault(heir, []).append(one)
+                    merged.setdefault(heir, []).append(number)
         changes += [("merged", heir, gone) for heir, gone in merged.items()]
         expired = self._expired(stamp_ns)
-        for one in (*expired, *(one for gone in merged.values() for one in gone)):
-            del self.records[one]
-        changes += [("ended", one, []) for one in expired]
+        for number in (*expired, *(number for gone in merged.values() for number in gone)):
+            del self.records[number]
+        changes += [("ended", number, []) for number in expired]
         changes.sort(key=lambda change: (_ORDER.index(change[0]), change[1]))
-        return [Event(stamp_ns=stamp_ns, kind=k, hypothesis=one, others=others) for k, one, others in changes]
+        return [
+            Event(stamp_ns=stamp_ns, kind=k, hypothesis=number, others=others)
+            for k, number, others in changes
+        ]
 
-    def forget(self, hypothesis: int) -> None:
-        """Drop all that is known of a hypothesis; a confirmed one ends at the next update."""
-        if self.confirmed(hypothesis):
-            self._forgotten.append(hypothesis)
-        del self.records[hypothesis]
-
-    def _seen(self, one: int, record: Record, step: int) -> list[_Change]:
+    def _seen(self, number: int, record: Record, step: int) -> list[_Change]:
         # The time before it appeared or returned does not count for it.
         record.support_ns = 0 if record.support_ns is None else max(record.support_ns + step, 0)
         record.since_ns = None
         if record.stage == "present" or step < 0 or record.support_ns < self._confirm_ns:
             return []
-        before, record.stage = record.stage, "present"
-        if before == "absent":
-            return [("returned", one, [])]
+        last, record.stage = record.stage, "present"
+        if last == "absent":
+            return [("returned", number, [])]
         if record.origin is not None and self.confirmed(record.origin):
-            return [("split", one, [record.origin])]
-        return [("born", one, [])]
+            return [("split", number, [record.origin])]
+        return [("born", number, [])]
 
     def _lost(self, stamp_ns: int, record: Record) -> bool:
         """Whether a hypothesis has been without current members for long enough to say so."""
@@ -137,8 +134,8 @@ class Lifecycle:
 
     def _expired(self, stamp_ns: int) -> list[int]:
         """The absent ones that are remembered no longer, the longest absent first."""
-        absent = [(r.since_ns, one) for one, r in self.records.items() if r.stage == "absent"]
-        waiting = sorted((since, one) for since, one in absent if since is not None)
+        absent = [(r.since_ns, number) for number, r in self.records.items() if r.stage == "absent"]
+        waiting = sorted((since, number) for since, number in absent if since is not None)
         oldest_ns = stamp_ns - to_ns(self.config.memory)
         surplus = len(waiting) - self.config.remembered
-        return [one for k, (since, one) in enumerate(waiting) if k < surplus or since < oldest_ns]
+        return [number for k, (since, number) in enumerate(waiting) if k < surplus or since < oldest_ns]

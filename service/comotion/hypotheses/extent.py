@@ -58,16 +58,16 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
 def _points(record: Record) -> Floats:
     """Points of the body, float64 [m, dim] in its axes: its members, and those that were lost."""
     members = record.members
-    here = members.present
-    shown = here & members.sure if (here & members.sure).any() else here
+    present = members.present
+    shown = present & members.sure if (present & members.sure).any() else present
     if not record.posed:
         points = members.points[shown]
         return points[_together(points)]
-    lost = np.flatnonzero(~here & members.lasted)
+    lost = np.flatnonzero(~present & members.lasted)
     if len(lost) > _MAX_POINTS:
         far = lost[_farthest(members.points[lost])]
-        kept = np.isin(np.arange(len(here)), np.setdiff1d(lost, far), invert=True)
-        record.members = members.of(kept)
+        rows = np.isin(np.arange(len(present)), np.setdiff1d(lost, far), invert=True)
+        record.members = members.of(rows)
         lost = far
     return np.concatenate([members.points[shown], members.points[lost]])
 
@@ -92,7 +92,7 @@ def _farthest(points: Floats) -> Ints:
     return np.unique((points @ _ALL_AROUND[points.shape[1]]).argmax(0))
 
 
-def _best_axes(points: Floats, before: Floats) -> Floats:
+def _best_axes(points: Floats, last: Floats) -> Floats:
     """Axes of a small box around points [m, dim], as columns; the last ones if they are as good.
 
     The candidates share an axis with the principal axes of the points. The size of a box is half its
@@ -105,19 +105,15 @@ def _best_axes(points: Floats, before: Floats) -> Floats:
     turns = _TURNS[points.shape[1]]
     sizes = _sizes(points @ principal, turns)
     best = int(sizes.argmin())
-    if sizes[best] >= _SMALLER * _sizes(points, before[None])[0]:
-        return before
-    return _like(principal @ turns[best], before)
+    if sizes[best] >= _SMALLER * _sizes(points, last[None])[0]:
+        return last
+    return _like(principal @ turns[best], last)
 
 
-def _turns() -> dict[int, Floats]:
-    """Rotations about each axis, float64 [n, dim, dim] by dim; all boxes are met within a right angle."""
-    angles = np.arange(0, np.pi / 2, _STEP)
-    turns = [Rotation.from_rotvec(np.outer(angles, axis)).as_matrix() for axis in np.eye(3)]
-    return {2: turns[2][:, :2, :2], 3: np.concatenate(turns)}
-
-
-_TURNS = _turns()
+# Rotations about each axis, float64 [n, dim, dim] by dim; all boxes are met within a right angle.
+_ANGLES = np.arange(0, np.pi / 2, _STEP)
+_TURNS = {3: np.concatenate([Rotation.from_rotvec(np.outer(_ANGLES, u)).as_matrix() for u in np.eye(3)])}
+_TURNS[2] = _TURNS[3][-len(_ANGLES) :, :2, :2]
 # Rotations that exchange axes of a box.
 _SAME_BOX = {3: np.round(Rotation.create_group("O").as_matrix())}
 _SAME_BOX[2] = np.array([turn[:2, :2] for turn in _SAME_BOX[3] if turn[2, 2] > 0])
@@ -132,8 +128,8 @@ def _sizes(points: Floats, axes: Floats) -> Floats:
     return np.asarray(size)
 
 
-def _like(axes: Floats, before: Floats) -> Floats:
+def _like(axes: Floats, last: Floats) -> Floats:
     """The same axes in the order and with the signs that turn them least from others; right-handed."""
     axes = axes * np.append(np.ones(len(axes) - 1), np.linalg.det(axes))
     alike = axes @ _SAME_BOX[len(axes)]
-    return np.asarray(alike[(alike * before).sum((1, 2)).argmax()])
+    return np.asarray(alike[(alike * last).sum((1, 2)).argmax()])

@@ -48,11 +48,11 @@ class Current:
         order = np.argsort(self.labels, kind="stable")
         names, first = np.unique(self.labels[order], return_index=True)
         rows = zip(names.tolist(), np.split(order, first[1:]), strict=False)
-        return {one: mine for one, mine in rows if one != NO_HYPOTHESIS}
+        return {number: members for number, members in rows if number != NO_HYPOTHESIS}
 
-    def centroid(self, one: int) -> Floats:
+    def centroid(self, hypothesis: int) -> Floats:
         """Of a hypothesis that has members, float64 [dim]."""
-        return np.asarray(self.positions[self.members[one]].mean(0), np.float64)
+        return np.asarray(self.positions[self.members[hypothesis]].mean(0), np.float64)
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class Members:
         nothing tells where a feature is that was lost long ago.
         """
         at = find(now.keys, self.keys)
-        known = (at >= 0) & now.sure
-        now.since[known] = np.minimum(now.since[known], self.since[at[known]])
+        lasting = (at >= 0) & now.sure
+        now.since[lasting] = np.minimum(now.since[lasting], self.since[at[lasting]])
         telling = self.seen >= now.seen[0] - _LAST_MEMBERS_NS
         if posed:
             telling |= self.lasted
@@ -195,18 +195,18 @@ class Record:
         R, t = self.pose
         return np.asarray(self.members.last.points @ R.T + t, np.float64)
 
-    def see(self, stamp_ns: int, one: int, current: Current, *, posed: bool) -> None:
+    def see(self, stamp_ns: int, hypothesis: int, current: Current, *, posed: bool) -> None:
         """Take in its current members, with the reference brought up to date where it is `posed`."""
-        mine = current.members[one]
-        positions = current.positions[mine]
+        rows = current.members[hypothesis]
+        positions = current.positions[rows]
         self._settle(positions.mean(0), (stamp_ns - self.seen_ns) * 1e-9)
         self.seen_ns = stamp_ns
-        before = self.members if posed == self.posed else Members.none()
+        previous = self.members if posed == self.posed else Members.none()
         self.posed = posed
         R, t = self.pose
-        since = np.where(current.sure[mine], stamp_ns, _NEVER)
-        now = Members(current.keys[mine], (positions - t) @ R, np.full(len(mine), stamp_ns), since)
-        self.members = before.followed_by(now, current.keys, posed=posed)
+        since = np.where(current.sure[rows], stamp_ns, _NEVER)
+        now = Members(current.keys[rows], (positions - t) @ R, np.full(len(rows), stamp_ns), since)
+        self.members = previous.followed_by(now, current.keys, posed=posed)
 
     def heir(self, keys: Stamps, labels: Labels) -> int | None:
         """Hypothesis that most of the last members belong to now; None if more of them are lost.
@@ -218,11 +218,7 @@ class Record:
         """
         last = self.members.last.keys
         at = find(last, keys)
-        now = labels[at[at >= 0]]
-        found, counts = np.unique(now[now != NO_HYPOTHESIS], return_counts=True)
-        if not len(found) or 2 * counts.sum() <= len(last):
-            return None
-        return int(found[counts.argmax()])
+        return majority(labels[at[at >= 0]], len(last) // 2 + 1)
 
     def move(self, centroid: Floats | None, stamp_ns: int) -> None:
         """Take up its pose where it returns: how it has turned meanwhile is not known.
@@ -244,3 +240,9 @@ class Record:
         way = now - self.place
         self.place = self.place + share * way
         self.spread = (1 - share) * (self.spread + share * float(way @ way) / len(way))
+
+
+def majority(labels: Labels, least: int) -> int | None:
+    """Hypothesis of most of some trajectories; None where fewer than `least` have any."""
+    names, counts = np.unique(labels[labels != NO_HYPOTHESIS], return_counts=True)
+    return int(names[counts.argmax()]) if len(names) and counts.sum() >= least else None

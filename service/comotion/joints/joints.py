@@ -4,7 +4,7 @@ Every pair of confirmed hypotheses that may touch is judged in turn, a few at an
 a joint between two judgements follows from the poses and velocities of its hypotheses.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,10 +16,10 @@ from comotion_schemas.rigid import rotation, spin, three
 
 from ..arrays import Floats
 from ..config import JointsConfig
-from ..linking.linker import SpaceView
 from ..partition import BodyMotion, SpaceSpec
 from ..saving import NOT_KEPT
-from .models import KINDS
+from ..space_update import SpaceUpdate
+from .models import KINDS, joint_position
 from .pair import Pair
 from .states import States
 
@@ -47,34 +47,34 @@ class Joints:
     _judged_ns: dict[Key, int] = field(default_factory=dict)
 
     def update(
-        self, stamp_ns: int, views: Sequence[SpaceView], *, judging: bool = True
+        self, stamp_ns: int, updates: Sequence[SpaceUpdate], *, judging: bool = True
     ) -> tuple[list[Joint], list[Event]]:
-        """Judge some pairs, unless `judging` is False, and describe all that may touch."""
+        """Judge some pairs, unless `judging` is False, and describe all that may touch.
+
+        Pairs of hypotheses that exist no more are forgotten.
+        """
         spaces = []
-        for view in views:
-            if view.spec.unit == "m" and self.config.pairs:
-                listed = {h.id: h for h in view.hypotheses if h.confirmed and h.pose is not None}
-                spaces.append((view, listed, _touching(listed)))
+        for part in updates:
+            if part.spec.unit == "m" and self.config.pairs:
+                listed = {h.id: h for h in part.bodies if h.confirmed and h.pose is not None}
+                spaces.append((part, listed, _touching(listed)))
         due = self._due([key for *_, near in spaces for key in near], stamp_ns) if judging else []
         changes: dict[tuple[EventKind, int], list[int]] = {}
         joints = []
-        for view, listed, near in spaces:
-            mine = [key for key in due if key in near]
-            motions = view.motions({one for key in mine for one in key}) if mine else {}
-            for key in (key for key in mine if motions.keys() >= set(key)):
-                self._judge(key, motions, listed, view.spec.name, changes)
-            joints += [_describe(self._pairs[key], listed, view.spec) for key in near if key in self._pairs]
+        for part, listed, near in spaces:
+            chosen = [key for key in due if key in near]
+            motions = part.motions({number for key in chosen for number in key}) if chosen else {}
+            for key in (key for key in chosen if motions.keys() >= set(key)):
+                self._judge(key, motions, listed, part.spec.name, changes)
+            joints += [_describe(self._pairs[key], listed, part.spec) for key in near if key in self._pairs]
+        existing = {h.id for part in updates for h in part.hypotheses}
+        self._pairs = {key: pair for key, pair in self._pairs.items() if existing.issuperset(key)}
+        self._judged_ns = {key: at for key, at in self._judged_ns.items() if existing.issuperset(key)}
         # One for each parent and kind, by which clients distinguish events.
         return joints, [
             Event(stamp_ns=stamp_ns, kind=kind, hypothesis=parent, others=children)
             for (kind, parent), children in changes.items()
         ]
-
-    def keep(self, hypotheses: Iterable[int]) -> None:
-        """Forget the pairs of hypotheses that exist no more."""
-        known = set(hypotheses)
-        self._pairs = {key: pair for key, pair in self._pairs.items() if known.issuperset(key)}
-        self._judged_ns = {key: at for key, at in self._judged_ns.items() if known.issuperset(key)}
 
     def _due(self, near: list[Key], stamp_ns: int) -> list[Key]:
         """The pairs that were judged longest ago, as many as there is time for."""
@@ -97,12 +97,12 @@ class Joints:
             parent, child = _roles(key, motions, listed)
             self._pairs[key] = Pair.of(parent, child, space, motions[child].centre.copy())
         pair = self._pairs[key]
-        before = pair.known.kind
-        pair.judge(motions[pair.known.parent], motions[pair.known.child])
-        ends: tuple[tuple[EventKind, JointKind], ...] = (("released", before), ("joined", pair.known.kind))
-        for change, kind in ends if before != pair.known.kind else ():
+        last = pair.joint.kind
+        pair.judge(motions[pair.joint.parent], motions[pair.joint.child])
+        ends: tuple[tuple[EventKind, JointKind], ...] = (("released", last), ("joined", pair.joint.kind))
+        for change, kind in ends if last != pair.joint.kind else ():
             if kind in KINDS:
-                changes.setdefault((change, pair.known.parent), []).append(pair.known.child)
+                changes.setdefault((change, pair.joint.parent), []).append(pair.joint.child)
 
 
 def _roles(key: Key, motions: Mapping[int, BodyMotion], listed: Mapping[int, Hypothesis]) -> Key:
@@ -115,7 +115,7 @@ def _roles(key: Key, motions: Mapping[int, BodyMotion], listed: Mapping[int, Hyp
 
 def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
     """Pairs whose boxes are near each other."""
-    boxes = {one: h.box for one, h in sorted(listed.items()) if h.box is not None}
+    boxes = {number: h.box for number, h in sorted(listed.items()) if h.box is not None}
     names = list(boxes)
     if len(names) < 2:
         return []
@@ -127,7 +127,7 @@ def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
     size = 2 * np.linalg.norm(half, axis=1)
     gap = (np.abs(centre[:, None] - centre) - half[:, None] - half).clip(0)
     # Of a small part few places are seen: what it hangs on may be as far as the larger part is long.
-    moving = np.array([listed[one].state != "static" for one in names])
+    moving = np.array([listed[number].state != "static" for number in names])
     larger, smaller = np.maximum(size[:, None], size), np.minimum(size[:, None], size)
     margin = _REACH * np.where(moving[:, None] & moving, larger, smaller)
     near = np.argwhere(np.triu(np.linalg.norm(gap, axis=2) <= margin, 1))
@@ -136,7 +136,7 @@ def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:
 
 def _describe(pair: Pair, listed: Mapping[int, Hypothesis], spec: SpaceSpec) -> Joint:
     """A joint as it is published."""
-    joint, model = pair.known, pair.model
+    joint, model = pair.joint, pair.model
     parent, child = listed[joint.parent], listed[joint.child]
     if model is None or joint.kind == "fixed" or parent.pose is None or child.pose is None:
         return joint
@@ -151,7 +151,7 @@ def _describe(pair: Pair, listed: Mapping[int, Hypothesis], spec: SpaceSpec) -> 
     point = R @ (model.c + model.u * (model.u @ (p - model.c)) if revolute else p) + t
     (spin_p, velocity_p), (spin_c, velocity_c) = _motion(parent, point), _motion(child, point)
     rate = float(axis @ (spin_c - spin_p if revolute else velocity_c - velocity_p))
-    position, (low, high) = pair.position(state), pair.range
+    position, (low, high) = joint_position(model, state) - pair.zero, pair.range
     if spec.dim == 2 and revolute and axis[2] < 0:
         position, rate, low, high = -position, -rate, -high, -low
     return replace(
@@ -165,9 +165,9 @@ def _describe(pair: Pair, listed: Mapping[int, Hypothesis], spec: SpaceSpec) -> 
     )
 
 
-def _motion(one: Hypothesis, point: Floats) -> tuple[Floats, Floats]:
+def _motion(body: Hypothesis, point: Floats) -> tuple[Floats, Floats]:
     """Angular velocity of a hypothesis, and velocity of its point that is at `point`, float64 [3] each."""
-    if one.twist is None:
+    if body.twist is None:
         return np.zeros(3), np.zeros(3)
-    turning = spin(one.twist)
-    return turning, three(one.twist.linear) + np.cross(turning, point - three(one.centroid))
+    turning = spin(body.twist)
+    return turning, three(body.twist.linear) + np.cross(turning, point - three(body.centroid))

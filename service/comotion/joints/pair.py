@@ -11,8 +11,7 @@ from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats, Stamps
 from ..partition import BodyMotion
-from .evidence import judge, principal
-from .models import KINDS, Fit, Model, joint_position
+from .models import KINDS, Fit, Model, joint_position, judge, principal
 from .states import States, averaged, key_states, quantiles, relative_states, turns_between
 
 # s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
@@ -50,7 +49,7 @@ class Pair:
 
     Attributes
     ----------
-    known
+    joint
         The joint as it was judged last, without where it is.
     point
         float64 [3], the point of the child whose place is followed, in the child's axes.
@@ -58,22 +57,24 @@ class Pair:
         The best fit of each kind.
     range
         Least and largest position of the joint so far.
+    zero
+        Where on the model position 0 is: there the pair was first seen.
     typical_information
         float64 [6, 6], of a state of two frames.
     """
 
-    known: Joint
+    joint: Joint
     point: Floats
     models: dict[JointKind, Model] = field(default_factory=dict)
     range: tuple[float, float] = (0.0, 0.0)
+    zero: float = 0.0
     typical_information: Floats = field(default_factory=lambda: np.eye(6))
     # What the window has left.
     _keys: States = field(default_factory=States.empty)
     # States up to here are key states, or of no account.
     _absorbed_ns: int = -(2**62)
-    # The state of position 0, and where on the model it is.
+    # The state of position 0.
     _first: States | None = None
-    _zero: float = 0.0
     # Whether both have moved in the space at a time.
     _together: bool = False
     _candidate: JointKind = "undetermined"
@@ -88,7 +89,7 @@ class Pair:
     @property
     def model(self) -> Model | None:
         """The joint; None where there is none."""
-        return self.models[self.known.kind] if self.known.kind in KINDS else None
+        return self.models[self.joint.kind] if self.joint.kind in KINDS else None
 
     def judge(self, parent: BodyMotion, child: BodyMotion) -> None:
         """Decide anew what the pair is."""
@@ -102,26 +103,22 @@ class Pair:
         self.typical_information = window.information[-1]
         radius = child.radius or parent.radius
         fits, chances = judge(states, self.models, _REACH * max(radius, _MIN_RADIUS))
-        if self.known.kind in KINDS and self._broken(fits[self.known.kind], stamp_ns - window.stamps):
+        if self.joint.kind in KINDS and self._broken(fits[self.joint.kind], stamp_ns - window.stamps):
             self._begin_again(stamp_ns)
             return
-        before = self.known.kind
-        self.models = {kind: one.model for kind, one in fits.items()}
+        last = self.joint.kind
+        self.models = {kind: fitted.model for kind, fitted in fits.items()}
         rate = (len(window) - 1) / max(float(np.ptp(window.stamps)) * 1e-9, 1e-9)
         self._decide(states, fits, chances, len(states) / rate)
-        if self.known.kind in KINDS:
-            if before != self.known.kind:
+        if self.joint.kind in KINDS:
+            if last != self.joint.kind:
                 self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
-            self._see(fits[self.known.kind])
+            self._see(fits[self.joint.kind])
         # What is about to leave the window is remembered.
         leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
         if len(leaving):
             self._keys = key_states(States.joined([self._keys, leaving]), radius)
             self._absorbed_ns = int(leaving.stamps[-1])
-
-    def position(self, state: States) -> float:
-        """Position of one state on the joint, 0 where the pair was first seen; 0 where there is no joint."""
-        return 0.0 if self.model is None else joint_position(self.model, state) - self._zero
 
     def _decide(
         self,
@@ -131,8 +128,8 @@ class Pair:
         seconds: float,
     ) -> None:
         """Take up the most probable kind, where enough speaks for it; states are of so many `seconds`."""
-        kind, known = max(chances, key=lambda one: chances[one]), self.known.kind
-        own = chances.get(known, 0.0)
+        kind, last = max(chances, key=lambda name: chances[name]), self.joint.kind
+        own = chances.get(last, 0.0)
         decided = chances[kind] >= _MIN_CONFIDENCE and (
             self._together if kind == "fixed" else _apart(states.R, fits["fixed"].model.R0, states.p)
         )
@@ -140,33 +137,33 @@ class Pair:
         if kind in fits:
             decided &= int(np.ptp(states.stamps)) >= self._patience_ns
             decided &= sigmas.get("sigma_axis", 0.0) <= _MAX_AXIS_SIGMA
-        if known in KINDS and kind != known and own > 1 - _MIN_CONFIDENCE:
+        if last in KINDS and kind != last and own > 1 - _MIN_CONFIDENCE:
             # What speaks against the joint is no better than doubt.
-            self.known = replace(self.known, confidence=own)
+            self.joint = replace(self.joint, confidence=own)
         else:
             if not decided or kind not in KINDS:
                 self._lose()
             # A free body may for a moment move as if it had a joint.
-            if decided and kind in (self._candidate, known, "free"):
+            if decided and kind in (self._candidate, last, "free"):
                 self._take_up(kind, chances[kind], sigmas)
             else:
                 self._take_up("undetermined", 0.0, {})
         self._candidate = kind
 
     def _take_up(self, kind: JointKind, confidence: float, sigmas: dict[str, float]) -> None:
-        known: dict[str, Any] = dict.fromkeys(_SIGMAS) | sigmas
-        self.known = replace(self.known, kind=kind, confidence=confidence, **known)
+        errors: dict[str, Any] = dict.fromkeys(_SIGMAS) | sigmas
+        self.joint = replace(self.joint, kind=kind, confidence=confidence, **errors)
 
     def _lose(self) -> None:
         """A pair that has lost a joint must show the next one for longer."""
-        if self.known.kind in KINDS:
+        if self.joint.kind in KINDS:
             self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MAX_PATIENCE_NS)
 
     def _see(self, fit: Fit) -> None:
         """Place the position 0 of the joint, and widen its range."""
-        self._zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
+        self.zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
         if fit.model.kind != "fixed":
-            low, high = quantiles(fit.q - self._zero, (0.01, 0.99))
+            low, high = quantiles(fit.q - self.zero, (0.01, 0.99))
             self.range = (min(self.range[0], low), max(self.range[1], high))
 
     def _broken(self, fit: Fit, age_ns: Stamps) -> bool:
@@ -175,8 +172,8 @@ class Pair:
         if recent.all() or not recent.any():
             return False
         per_freedom = fit.squared / fit.model.freedom
-        (now,), (before,) = quantiles(per_freedom[recent], (0.5,)), quantiles(per_freedom[~recent], (0.5,))
-        return now > max(_BROKEN, _WORSE * before)
+        (now,), (earlier,) = quantiles(per_freedom[recent], (0.5,)), quantiles(per_freedom[~recent], (0.5,))
+        return now > max(_BROKEN, _WORSE * earlier)
 
     def _begin_again(self, stamp_ns: int) -> None:
         self._lose()

@@ -120,10 +120,10 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
 
 def skew(v: Floats) -> Floats:
     """Matrices [v]x of vectors [n, 3], [n, 3, 3]."""
-    found = np.zeros((len(v), 3, 3))
-    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    found[:, 1, 0], found[:, 2, 0], found[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
-    return found
+    matrices = np.zeros((len(v), 3, 3))
+    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
+    return matrices
 
 
 def turned(R: Floats, by: Floats) -> Floats:
@@ -140,7 +140,7 @@ def quantiles(values: Floats, shares: tuple[float, ...]) -> list[float]:
     """Quantiles of n > 0 values by linear interpolation, as ``np.quantile`` at a tenth of its cost."""
     last = len(values) - 1
     wanted = np.array(shares) * last
-    return [float(one) for one in np.interp(wanted, np.arange(last + 1), np.sort(values))]
+    return [float(value) for value in np.interp(wanted, np.arange(last + 1), np.sort(values))]
 
 
 def key_states(states: States, radius: float) -> States:

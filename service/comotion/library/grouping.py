@@ -15,7 +15,7 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.text import counted
 from comotion_schemas.types import Unit
 
-from ..arrays import Floats, Labels
+from ..arrays import Floats, Labels, last_true
 from ..config import FusionConfig, to_ns
 from ..event_time.faults import warn_of
 from ..fusion import Fusion
@@ -115,7 +115,7 @@ def _of_source(
     seen = np.isfinite(states[..., 0])
     ids = np.arange(states.shape[1], dtype=np.uint64)
     # A feature ends after its last observation.
-    last = np.where(seen.any(axis=0), len(states) - 1 - np.argmax(seen[::-1], axis=0), -2)
+    last = np.where(seen.any(axis=0), last_true(seen.T), -2)
     for k, t in enumerate((times - origin).tolist()):
         ended, positions = ids[last == k - 1], states[k, seen[k]].astype(np.float32)
         ending = ended if ended.size else None

@@ -11,7 +11,7 @@ from comotion_schemas.colours import RGB, Palette, marker
 from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.types import Unit
 
-from ..arrays import Floats, Labels
+from ..arrays import Floats, Labels, last_true
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,9 +97,8 @@ def _figure() -> "Figure":
 
 def last_labels(labels: Labels) -> Labels:
     """The last label of each feature, int64 [N]; -1 where it never had one."""
-    labelled = labels >= 0
-    last = len(labels) - 1 - np.argmax(labelled[::-1], axis=0)
-    return np.where(labelled.any(axis=0), labels[last, np.arange(labels.shape[1])], -1)
+    last = labels[last_true(labels.T >= 0), np.arange(labels.shape[1])]
+    return np.where((labels >= 0).any(axis=0), last, -1)
 
 
 def _draw_group(axes: Any, paths: list[Floats], hypothesis: int, name: str, rgb: RGB) -> None:

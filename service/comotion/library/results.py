@@ -119,16 +119,18 @@ class Grouping:
         """
         import pandas  # noqa: PLC0415 - no dependency of ours
 
-        columns: dict[str, list[Any]] = {name: [] for name in ("source", "time", "feature", "hypothesis")}
-        seen = {name: np.nonzero(np.isfinite(states[..., 0])) for name, states in self._positions.items()}
-        for name, (rows, features) in seen.items():
-            columns["source"] += [name] * len(rows)
-            columns["time"].append(self._times[name][rows])
-            columns["feature"].append(features)
-            columns["hypothesis"].append(self.by_source[name][rows, features])
-        places = np.concatenate([self._positions[name][at] for name, at in seen.items()])
-        table = {name: part if name == "source" else np.concatenate(part) for name, part in columns.items()}
-        return pandas.DataFrame(table | dict(zip("xyz", places.T, strict=False)))
+        parts = []
+        for name, states in self._positions.items():
+            rows, features = np.nonzero(np.isfinite(states[..., 0]))
+            columns = {
+                "source": name,
+                "time": self._times[name][rows],
+                "feature": features,
+                "hypothesis": self.by_source[name][rows, features],
+            }
+            places = zip("xyz", states[rows, features].T, strict=False)
+            parts.append(pandas.DataFrame(columns | dict(places)))
+        return pandas.concat(parts, ignore_index=True)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.labels, dtype=dtype, copy=copy)

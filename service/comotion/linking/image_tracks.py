@@ -1,22 +1,55 @@
-"""Trajectories of a camera, undistorted, at the frames of the bodies' poses."""
+"""Calibrated cameras, and their trajectories, undistorted, at the frames of the bodies' poses."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from ..config import Camera
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-from .camera import CameraModel
 
 # States of a trajectory that are compared, spread over its life.
 _STATES = 12
-# Three numbers are fitted to the states, of which each has two.
-_LEAST_STATES = 4
 # px; noise of a feature whose source does not report it. That of a position after many steps is so many times
 # the reported one of a step. Tracking drifts and calibration errs by a share of a displacement in the image.
 # Chosen on seed 0 of the link experiment, see docs/research/linking.md.
 _NOISE, _NOISE_FACTOR, _DRIFT = 0.3, 2.0, 0.02
+
+
+class CameraModel:
+    """A calibrated camera that does not move.
+
+    Attributes
+    ----------
+    frame
+        The metric space that the extrinsics lead to.
+    rotation, translation
+        float64 [3, 3] and [3] (m), camera to `frame`.
+    focal
+        px; geometric mean of the focal lengths.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.frame = camera.frame
+        self.rotation: Floats = Rotation.from_quat(camera.quaternion).as_matrix()
+        self.translation: Floats = np.asarray(camera.translation)
+        self.focal = math.sqrt(camera.fx * camera.fy)
+        self._matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+        self._distortion = np.array(camera.distortion) if any(camera.distortion) else None
+        if self._distortion is not None:
+            import cv2  # noqa: F401, PLC0415 - takes a while: now rather than during an update
+
+    def normalised(self, pixels: Floats) -> Floats:
+        """Undistorted image coordinates at focal length one, float64 [N, 2], of pixels float64 [N, 2]."""
+        if self._distortion is not None and len(pixels):
+            import cv2  # noqa: PLC0415 - slow to import, and few cameras need it
+
+            flat = cv2.undistortPoints(pixels[:, None], self._matrix, self._distortion)
+            return np.asarray(flat.reshape(-1, 2), np.float64)
+        return np.asarray((pixels - self._matrix[:2, 2]) / self._matrix.diagonal()[:2], np.float64)
 
 
 @dataclass(frozen=True)
@@ -39,10 +72,6 @@ class ImageTracks:
     seen: Bools
     position: Floats
     variance: Floats
-
-    def fittable(self) -> Bools:
-        """Whether a trajectory has more states than a point needs to be fitted to any, bool [N]."""
-        return np.asarray(self.seen.sum(1) >= _LEAST_STATES)
 
 
 def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraModel) -> ImageTracks:

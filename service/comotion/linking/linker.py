@@ -3,68 +3,54 @@
 Links tie hypotheses of calibrated cameras to bodies of a metric space.
 """
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from comotion_schemas import Hypothesis, HypothesisUpdate
+from comotion_schemas import HypothesisUpdate
 
-from ..arrays import Floats, Labels, Slots, ranks
+from ..arrays import Floats, ranks
 from ..config import LinkingConfig
-from ..partition import BodyMotion, SpaceSpec
-from ..trajectories.window import Window
-from .camera import CameraModel
-from .image_tracks import sample_tracks
+from ..partition import BodyMotion
+from ..saving import NOT_KEPT
+from ..space_update import SpaceUpdate
+from .image_tracks import CameraModel, sample_tracks
 from .reprojection import log_likelihoods
 
 # Motion must last for seconds before it links anything: more frequent decisions find nothing sooner.
 _PERIOD_NS = 500_000_000
 # Members per hypothesis that are compared with the bodies.
 _REPRESENTATIVES = 12
+# Three numbers are fitted to the states of a member, of which each has two.
+_LEAST_STATES = 4
 # Share of a hypothesis' members that may be outliers.
 _OUTLIER_SHARE = 0.2
 # nat; four members that fit one body only have as much.
 _MARGIN = 6.0
 
 
-@dataclass(frozen=True)
-class SpaceView:
-    """A space as of this update.
-
-    `labels` int64 [n] are the hypotheses of the `current` slots; `motions` gives the motion of some
-    hypotheses, in axes that stay the same, as far as it is known.
-    """
-
-    spec: SpaceSpec
-    window: Window
-    current: Slots
-    labels: Labels
-    hypotheses: list[Hypothesis]
-    motions: Callable[[Collection[int]], dict[int, BodyMotion]]
-
-
+@dataclass
 class Linker:
     """Links between spaces, and their memory.
 
-    Parameters
-    ----------
-    config
-        Parameters, and the calibration of each camera by name of its space.
-
     Attributes
     ----------
+    config
+        The calibration of each camera by name of its space.
     links
         The body of each linked hypothesis of an image, both by id.
     """
 
-    def __init__(self, config: LinkingConfig) -> None:
-        self._cameras = {space: CameraModel(camera) for space, camera in config.cameras.items()}
-        self.links: dict[int, int] = {}
-        self._due_ns: int | None = None
+    config: LinkingConfig = field(metadata=NOT_KEPT)
+    links: dict[int, int] = field(default_factory=dict)
+    _due_ns: int | None = field(default=None, metadata=NOT_KEPT)
+
+    def __post_init__(self) -> None:
+        self._cameras = {space: CameraModel(camera) for space, camera in self.config.cameras.items()}
 
     def linked(
-        self, update: HypothesisUpdate, views: Sequence[SpaceView], *, deciding: bool = True
+        self, update: HypothesisUpdate, parts: Sequence[SpaceUpdate], *, deciding: bool = True
     ) -> HypothesisUpdate:
         """Return the update with `linked` filled in, where there is something to say.
 
@@ -75,13 +61,13 @@ class Linker:
         space = {h.id: h.space for h in update.hypotheses}
         if deciding and (self._due_ns is None or update.stamp_ns >= self._due_ns):
             self._due_ns = update.stamp_ns + _PERIOD_NS
-            self._look(views)
+            self._look(parts)
         # Between listed hypotheses alone; what a snapshot brings may be of another calibration.
-        frames = {name: camera.frame for name, camera in self._cameras.items()}
+        linkable = {(name, camera.frame) for name, camera in self._cameras.items()}
         self.links = {
             image: body
             for image, body in self.links.items()
-            if image in space and body in space and frames.get(space[image]) == space[body]
+            if (space.get(image), space.get(body)) in linkable
         }
         linked: dict[int, list[int]] = {}
         for image, body in self.links.items():
@@ -90,28 +76,30 @@ class Linker:
         for image, body in self.links.items():
             others = [other for other in linked[body] if space[other] != space[image]]
             linked[image] = [body, *others]
-        found = [replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses]
-        return replace(update, hypotheses=found)
+        hypotheses = [
+            replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses
+        ]
+        return replace(update, hypotheses=hypotheses)
 
-    def _look(self, views: Sequence[SpaceView]) -> None:
+    def _look(self, parts: Sequence[SpaceUpdate]) -> None:
         """Decide anew for every hypothesis of every camera."""
         bodies: dict[str, dict[int, BodyMotion]] = {}
-        for view in views:
-            camera = self._cameras.get(view.spec.name)
-            if camera is None or view.spec.unit != "px" or view.spec.dim != 2:
+        for part in parts:
+            camera = self._cameras.get(part.spec.name)
+            if camera is None or part.spec.unit != "px" or part.spec.dim != 2:
                 continue
             if camera.frame not in bodies:
-                bodies[camera.frame] = _bodies(camera.frame, views)
+                bodies[camera.frame] = _bodies(camera.frame, parts)
             if bodies[camera.frame]:
-                self._link(view, bodies[camera.frame], camera)
+                self._link(part, bodies[camera.frame], camera)
 
-    def _link(self, view: SpaceView, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
+    def _link(self, part: SpaceUpdate, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera, by its longest observed members."""
-        observed = view.window.counts(view.current)
-        chosen = (view.labels >= 0) & (ranks(view.labels, -observed) < _REPRESENTATIVES)
-        ids, motions, labels = list(bodies), list(bodies.values()), view.labels[chosen]
-        tracks = sample_tracks(view.window, view.current[chosen], motions[0].stamps, camera)
-        likelihoods, fittable = log_likelihoods(tracks, motions, camera), tracks.fittable()
+        observed, all_labels = part.window.counts(part.slots), part.tracks["label"]
+        chosen = (all_labels >= 0) & (ranks(all_labels, -observed) < _REPRESENTATIVES)
+        ids, motions, labels = list(bodies), list(bodies.values()), all_labels[chosen]
+        tracks = sample_tracks(part.window, part.slots[chosen], motions[0].stamps, camera)
+        fittable, likelihoods = tracks.seen.sum(1) >= _LEAST_STATES, log_likelihoods(tracks, motions, camera)
         for image in np.unique(labels).tolist():
             previous = self.links.pop(image, None)
             column = ids.index(previous) if previous in ids else None
@@ -120,16 +108,18 @@ class Linker:
                 self.links[image] = ids[best]
 
 
-def _bodies(name: str, views: Sequence[SpaceView]) -> dict[int, BodyMotion]:
+def _bodies(name: str, parts: Sequence[SpaceUpdate]) -> dict[int, BodyMotion]:
     """Motion of the hypotheses that a metric space lists, by id; what does not move rests.
 
     What a fit to the members of a body at rest says of their motion is noise.
     """
-    for space in views:
-        if space.spec.name == name and space.spec.dim == 3:
-            moving = {h.id for h in space.hypotheses if h.state == "moving"}
-            motions = space.motions([h.id for h in space.hypotheses])
-            return {one: motion if one in moving else motion.at_rest() for one, motion in motions.items()}
+    for part in parts:
+        if part.spec.name == name and part.spec.dim == 3:
+            moving = {h.id for h in part.bodies if h.state == "moving"}
+            motions = part.motions([h.id for h in part.bodies])
+            return {
+                number: motion if number in moving else motion.at_rest() for number, motion in motions.items()
+            }
     return {}
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from ..partition import BodyMotion
-from .camera import CameraModel
-from .image_tracks import ImageTracks
+from .image_tracks import CameraModel, ImageTracks
 
 _GAUSS_NEWTON_STEPS = 3
 # Squared residual of a state, in variances, from which on it costs no more.

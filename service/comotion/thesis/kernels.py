@@ -1,6 +1,6 @@
 """Compiled: the sums of (3.3) over all pairs, step by step, and the affinities (3.4) that follow.
 
-The twin in NumPy is :mod:`comotion.thesis.equations`. :func:`_add_samples` and :func:`_compare` are those two
+The twin in NumPy is `tests/reference/thesis.py`. :func:`_add_samples` and :func:`_compare` are those two
 steps for a block, the pairs of two strips of 128 rows. The blocks of the lower triangle lie one after the
 other, so that a pass goes through memory once, however many instants it brings, and more trajectories append
 blocks.

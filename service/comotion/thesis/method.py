@@ -10,16 +10,14 @@ To be read beside "Inferring Object Hypotheses Based on Feature Motion from Diff
 6. Label propagation: a cluster continues the hypothesis with which it shares the most trajectories
    (:mod:`comotion.hypotheses`, by :func:`comotion.matching.largest_first`).
 
-Steps 2 to 4 are in :mod:`~comotion.thesis.equations` as the thesis states them, for one pair. What runs is
-:mod:`~comotion.thesis.pair_sums`, which follows the changes of the window for all pairs.
+Steps 2 to 4 follow the changes of the window for all pairs (:mod:`~comotion.thesis.pair_sums`). As the thesis
+states them, for one pair, they are in `tests/reference/thesis.py`, which a test compares.
 """
-
-import math
 
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, Slots
-from ..config import FusionConfig
+from ..config import FusionConfig, Unit
 from ..matching import largest_first
 from ..partition import Group, Method, Partition, Previous, SpaceSpec
 from ..trajectories.interpolation import recent_steps
@@ -29,6 +27,9 @@ from .pair_sums import PairSums
 
 # Velocities span half a second: in a single step at 15 Hz, noise moves a feature as far as slow motion does.
 _VELOCITY_SPAN_NS = 500_000_000
+# What "null" of `sigma_switch` and "auto" of `v_move` stand for, by unit of the space.
+_SIGMA_SWITCH: dict[Unit, float] = {"m": 0.02, "px": 8.0}
+_V_MOVE: dict[Unit, float] = {"m": 0.1, "px": 20.0}
 
 
 class ThesisMethod(Method):
@@ -47,11 +48,12 @@ class ThesisMethod(Method):
     established = False
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
-        v_move = config.thesis.v_move_for(spec.unit)
+        thesis = config.thesis
+        v_move = _V_MOVE[spec.unit] if thesis.v_move == "auto" else thesis.v_move
         # With equal weights there still is a speed from which on a hypothesis counts as moving.
-        self._v_moving = v_move or FusionConfig().thesis.v_move_for(spec.unit) or math.inf
-        self._pair_sums = PairSums(v_move, config.thesis.switch_for(spec.unit))
-        self._cluster = make_clustering(config.thesis.clustering, config.thesis.stop_affinity)
+        self._v_moving = v_move or _V_MOVE[spec.unit]
+        self._pair_sums = PairSums(v_move, thesis.sigma_switch or _SIGMA_SWITCH[spec.unit])
+        self._cluster = make_clustering(thesis.clustering, thesis.stop_affinity)
         self._affinity: Floats32 = np.zeros((0, 0), np.float32)
         # Which of its rows are those of the last update's trajectories.
         self._rows: Slots = np.zeros(0, np.intp)
@@ -71,15 +73,15 @@ class ThesisMethod(Method):
         self._affinity = self._pair_sums.affinity(window)
         self._rows = self._pair_sums.rows.of[current]
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
-        clusters = self._cluster(self._affinity, self._rows)
+        groups, cohesion = self._cluster(self._affinity, self._rows)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
         return Partition(
             slots=current,
-            groups=clusters.labels,
+            groups=groups,
             deciding=np.ones(len(current), np.bool_),
-            confidence=clusters.cohesion,
-            position=window.positions[current, window.stop[current] - 1],
-            described=self._describe(window, current, clusters.labels),
+            confidence=cohesion,
+            position=window.newest(current),
+            described=self._describe(window, current, groups),
         )
 
     def affinity(self) -> Floats32:

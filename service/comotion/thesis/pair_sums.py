@@ -1,4 +1,4 @@
-"""Affinities of all pairs by :mod:`~comotion.thesis.equations`, computed incrementally.
+"""Affinities of all pairs by (3.2) to (3.5) of the thesis, computed incrementally.
 
 At an instant at which trajectory i was observed, i and j have one distance sample if j has a state there: it
 is observed too, or inside a segment (between two observations) that is short enough to interpolate (3.5).
@@ -17,10 +17,14 @@ from numpy.typing import NDArray
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
-from .equations import AFFINITY_AT_SWITCH, weight
 from .kernels import BOTH, CHANGING, HELD, OBSERVED, PLANES, SAMPLE_PLANES, STRIP, WEIGHT, X, update_pairs
 from .rows import Rows
 
+# The thesis chooses λ and γ such that the weight is 0.9 at v_move and the affinity 0.5 at sigma_switch.
+_WEIGHT_SHORT_OF_ONE = 0.1
+AFFINITY_AT_SWITCH = 0.5
+# ε of (3.2) in units of v_move²; the thesis gives no number. At rest a weight then is 0.0023.
+_EPSILON = 1e-3
 # Times before and after all others.
 _NEVER, _LATEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _MIN_OBSERVATIONS = 2
@@ -216,6 +220,25 @@ class PairSums:
         present = np.asarray(self._samples[:, : self._waiting].any(axis=3), np.bool_)
         update_pairs(self.sums, self._samples, self._signs[: self._waiting], present, rate, affinity)
         self._waiting = 0
+
+
+def weight(speed: Floats, v_move: float | None) -> Floats:
+    """(3.2): w = 1 − exp(−λ(v² + ε)) with λ = −ln(1 − 0.9)/v_move².
+
+    As w grows with v, the weight of a pair is the larger of the weights of its two trajectories.
+
+    Parameters
+    ----------
+    speed
+        float64 [...]; the larger speed of the two trajectories at each sample. (After (3.5) the thesis prints
+        the observed trajectory's alone; the maximum of (3.2) is kept.)
+    v_move
+        Speed at which the weight is 0.9, in the unit of `speed`; None: all weights are 1.
+    """
+    if v_move is None:
+        return np.ones_like(speed)
+    rate = -math.log(_WEIGHT_SHORT_OF_ONE) / v_move**2
+    return -np.expm1(-rate * (speed**2 + _EPSILON * v_move**2))
 
 
 def _by_strip(values: NDArray[Any]) -> NDArray[Any]:

@@ -5,10 +5,8 @@ Compiled code that needs states one by one calls :func:`~comotion.trajectories.k
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..arrays import Bools, Floats, Slots, Stamps
-from .kernels import fill_recent_steps, fill_states
+from . import kernels
 from .window import Window
 
 
@@ -49,13 +47,8 @@ def states_at(window: Window, slots: Slots, stamps: Stamps, gap_ns: int | None =
     stamps
         int64 [T] ns, ascending.
     """
-    shape = len(stamps), len(slots)
-    flags = np.zeros((2, *shape), np.bool_)
-    states = States(np.zeros((*shape, window.dim)), np.zeros(shape), *flags)
     longest_ns = window.gap_ns if gap_ns is None else gap_ns
-    columns = window.times, window.positions, window.speed, window.start, window.stop, longest_ns
-    fill_states(*columns, slots, stamps, states.position, states.speed, states.observed, states.held)
-    return states
+    return States(*kernels.states_at(window.columns, longest_ns, slots, stamps))
 
 
 def recent_steps(window: Window, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
@@ -80,7 +73,4 @@ def recent_steps(window: Window, slots: Slots, span_ns: int) -> tuple[Floats, St
     elapsed
         int64 [n] ns: the time between the two observations; 0 where there is one only.
     """
-    step, elapsed = np.zeros((len(slots), window.dim)), np.zeros(len(slots), np.int64)
-    columns = window.times, window.positions, window.start, window.stop
-    fill_recent_steps(*columns, slots, span_ns, step, elapsed)
-    return step, elapsed
+    return kernels.recent_steps(window.columns, slots, span_ns)

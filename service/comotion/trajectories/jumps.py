@@ -43,7 +43,7 @@ def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     """
     if not len(slots):
         return slots, slots
-    newest = window.positions[slots, window.stop[slots] - 1]
+    newest = window.newest(slots)
     window.far = _LEAST * float(np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean()))
     recent = since_ns - _CONFIRMED_NS
     candidates = (window.far_ns[slots] > recent) & (window.counts(slots) > _BEFORE + _AFTER + 1)

@@ -1,73 +1,109 @@
-"""Compiled loops over the observations of a window: storing, searching, interpolating.
+"""Compiled loops over the observations of a window: storing, searching, interpolating."""
 
-Every function works on the columns of :class:`~comotion.trajectories.window.Window`: `times` int64 [S, M] ns,
-`positions` float64 [S, M, dim], `speed` and `sigma` float64 [S, M], for S slots of up to M observations
-each, of which ``start[s]:stop[s]`` (intp [S]) are in use.
-"""
+from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Slots, Stamps
 from ..compiled import compiled
 
-# Most searches are for the newest or the oldest observations: steps from either end before a bisection.
-_LINEAR_STEPS = 4
 _SECONDS_PER_NS = 1e-9
 
 
+class Columns(NamedTuple):
+    """The columns of :class:`~comotion.trajectories.window.Window`, of S slots of up to M observations each.
+
+    Attributes
+    ----------
+    times
+        int64 [S, M], ns.
+    positions, speed, sigma, quaternions
+        float64 [S, M, dim], [S, M], [S, M] and [S, M, 4], the last [0, 0, 0] where there are none.
+    start, stop
+        intp [S]: the observations in use are ``start[s]:stop[s]``.
+    """
+
+    times: Stamps
+    positions: Floats
+    speed: Floats
+    sigma: Floats
+    quaternions: Floats
+    start: Slots
+    stop: Slots
+
+
 @compiled()
-def append(
+def insert(
     slots: Slots,
     stamps: Stamps,
-    new_positions: Floats,
-    new_sigma: Floats,
-    times: Stamps,
-    positions: Floats,
-    speed: Floats,
-    sigma: Floats,
-    start: Slots,
-    stop: Slots,
+    new: tuple[Floats, Floats, Floats],
+    columns: Columns,
+    newest_ns: tuple[Stamps, Stamps],
     complete: Bools,
     far: float,
-    far_ns: Stamps,
-) -> Slots:
-    """Store observations, each behind the newest of its slot, in place; `stop` moves on.
-
-    Returns the index of each in its slot, intp [n]. `far_ns` int64 [S] becomes the stamp of an observation
-    that is farther than `far` from the previous one.
+) -> Bools:
+    """Store observations, each in its place in time; returns which, bool [n], as a slot has one a time.
 
     Speed is the backward difference. The first observation of a trajectory takes the second's, while it is
     still in the window (`complete`, bool [S]).
+
+    Parameters
+    ----------
+    slots, stamps
+        intp [n], and int64 [n] ascending in each slot.
+    new
+        Positions float64 [n, dim], sigma [n] and quaternions [n, 4].
+    columns
+        They and their `stop` are changed in place.
+    newest_ns
+        int64 [S] each: the time of the newest observation ever, and of the newest one that was farther than
+        `far` from the previous one. In place as well.
     """
-    where = np.empty(len(slots), np.intp)
+    times, positions, speed, sigma, quaternions, start, stop = columns
+    (new_positions, new_sigma, new_quaternions), (last_ns, far_ns) = new, newest_ns
+    stored = np.zeros(len(slots), np.bool_)
     for n in range(len(slots)):
-        s = slots[n]
-        at = where[n] = stop[s]
-        times[s, at], sigma[s, at], speed[s, at] = stamps[n], new_sigma[n], 0.0
-        squared = 0.0
+        s, stamp, at = slots[n], stamps[n], stop[slots[n]]
+        if at > start[s] and times[s, at - 1] >= stamp:
+            at = _place_between(columns, s, stamp)
+            if at < 0:
+                continue
+        times[s, at], sigma[s, at] = stamp, new_sigma[n]
         for c in range(positions.shape[2]):
             positions[s, at, c] = new_positions[n, c]
-            if at > start[s]:
-                squared += (positions[s, at, c] - positions[s, at - 1, c]) ** 2
-        if squared > far * far:
-            far_ns[s] = stamps[n]
-        if at > start[s]:
-            speed[s, at] = np.sqrt(squared) / ((stamps[n] - times[s, at - 1]) * _SECONDS_PER_NS)
-            if at - 1 == start[s] and complete[s]:
-                speed[s, at - 1] = speed[s, at]
-        stop[s] = at + 1
-    return where
+        if len(quaternions):
+            quaternions[s, at] = new_quaternions[n]
+        stored[n], stop[s], last_ns[s] = True, stop[s] + 1, max(last_ns[s], stamp)
+        # The speed of the next one becomes what it would have been had this one come in time.
+        for k in range(at, min(at + 2, stop[s])):
+            previous, squared = max(k - 1, start[s]), 0.0
+            for c in range(positions.shape[2]):
+                squared += (positions[s, k, c] - positions[s, previous, c]) ** 2
+            elapsed = max(times[s, k] - times[s, previous], 1)
+            speed[s, k] = np.sqrt(squared) / (elapsed * _SECONDS_PER_NS)
+            if k == start[s] + 1 and complete[s]:
+                speed[s, k - 1] = speed[s, k]
+            if k == stop[s] - 1 and squared > far * far:
+                far_ns[s] = times[s, k]
+    return stored
 
 
 @compiled()
-def count_older(slots: Slots, before_ns: int, times: Stamps, start: Slots, stop: Slots) -> Slots:
-    """How many observations of each of n slots are older than a time, intp [n]."""
-    counts = np.zeros(len(slots), np.intp)
-    for n in range(len(slots)):
-        s = slots[n]
-        while start[s] + counts[n] < stop[s] and times[s, start[s] + counts[n]] < before_ns:
-            counts[n] += 1
-    return counts
+def _place_between(columns: Columns, s: int, stamp: int) -> int:
+    """Move the observations of a slot that are later than a time on by one; -1 where one has that time.
+
+    Returns the index of the place between them.
+    """
+    times, stop = columns.times, columns.stop[s]
+    at = newest_at(times[s], columns.start[s], stop, stamp) + 1
+    if at > columns.start[s] and times[s, at - 1] == stamp:
+        return -1
+    for k in range(stop, at, -1):
+        times[s, k], columns.speed[s, k] = times[s, k - 1], columns.speed[s, k - 1]
+        columns.sigma[s, k], columns.positions[s, k] = columns.sigma[s, k - 1], columns.positions[s, k - 1]
+        if len(columns.quaternions):
+            columns.quaternions[s, k] = columns.quaternions[s, k - 1]
+    return at
 
 
 @compiled()
@@ -93,20 +129,8 @@ def transfer(
 @compiled()
 def newest_at(times: Stamps, start: int, stop: int, stamp: int) -> int:
     """Index of the newest time at or before `stamp` among ``times[start:stop]``; ``start - 1`` for none."""
-    for _ in range(_LINEAR_STEPS):
-        if stop <= start or times[stop - 1] <= stamp:
-            return stop - 1
-        stop -= 1
-    for _ in range(_LINEAR_STEPS):
-        if stop <= start or times[start] > stamp:
-            return start - 1
-        start += 1
-    # Backwards by twice as much each time, then bisection.
-    reach = _LINEAR_STEPS
-    while stop - reach > start and times[stop - reach] > stamp:
-        stop -= reach
-        reach *= 2
-    start = max(start, stop - reach)
+    if stop > start and times[stop - 1] <= stamp:
+        return stop - 1
     while start < stop:
         middle = (start + stop) // 2
         if times[middle] <= stamp:
@@ -179,44 +203,31 @@ def segment_at(
 
 
 @compiled()
-def fill_recent_steps(
-    times: Stamps,
-    positions: Floats,
-    start: Slots,
-    stop: Slots,
-    slots: Slots,
-    span_ns: int,
-    step: Floats,
-    elapsed: Stamps,
-) -> None:
-    """Fill step [n, dim] and elapsed [n]: since the newest observation `span_ns` before the last."""
+def recent_steps(columns: Columns, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
+    """As :func:`.interpolation.recent_steps`."""
+    times, positions, start, stop = columns.times, columns.positions, columns.start, columns.stop
+    step, elapsed = np.zeros((len(slots), positions.shape[2])), np.zeros(len(slots), np.int64)
     for n in range(len(slots)):
         s, last = slots[n], stop[slots[n]] - 1
         first = max(newest_at(times[s], start[s], stop[s], times[s, last] - span_ns), start[s])
         elapsed[n] = times[s, last] - times[s, first]
         for c in range(positions.shape[2]):
             step[n, c] = positions[s, last, c] - positions[s, first, c]
+    return step, elapsed
 
 
 @compiled()
-def fill_states(
-    times: Stamps,
-    positions: Floats,
-    speed: Floats,
-    start: Slots,
-    stop: Slots,
-    gap_ns: int,
-    slots: Slots,
-    stamps: Stamps,
-    position: Floats,
-    pace: Floats,
-    observed: Bools,
-    held: Bools,
-) -> None:
-    """Fill position [T, n, dim], pace, observed, held [T, n] at ascending stamps [T], zero and False before.
+def states_at(
+    columns: Columns, gap_ns: int, slots: Slots, stamps: Stamps
+) -> tuple[Floats, Floats, Bools, Bools]:
+    """As :func:`.interpolation.states_at`: position, speed, and whether each was observed and held.
 
-    The pace is the speed at an observation; between two that of the segment, which is kept where it ends.
+    The speed is that at an observation; between two that of the segment, which is kept where it ends.
     """
+    times, positions, start, stop = columns.times, columns.positions, columns.start, columns.stop
+    shape = len(stamps), len(slots)
+    position, pace = np.zeros((*shape, positions.shape[2])), np.zeros(shape)
+    observed, held = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
     for n in range(len(slots) if len(stamps) else 0):
         s = slots[n]
         newest = newest_at(times[s], start[s], stop[s], stamps[0])
@@ -225,7 +236,8 @@ def fill_states(
             left, right, share = segment_at(times[s], start[s], stop[s], newest, stamps[t], gap_ns, 0)
             if left < 0:
                 continue
-            observed[t, n], held[t, n], pace[t, n] = left == right, True, speed[s, right]
+            observed[t, n], held[t, n], pace[t, n] = left == right, True, columns.speed[s, right]
             for c in range(positions.shape[2]):
                 left_value = positions[s, left, c]
                 position[t, n, c] = left_value + share * (positions[s, right, c] - left_value)
+    return position, pace, observed, held

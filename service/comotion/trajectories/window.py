@@ -12,15 +12,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Labels, Slots, Stamps, untouched_zeros
-from .kernels import append, count_older, transfer
+from ..arrays import Bools, Floats, Labels, Slots, Stamps, ranks, untouched_zeros
+from .kernels import Columns, insert, transfer
 
 Ids = NDArray[np.uint64]
 
-# Number of moments at which full rows are compacted, spread over the slots: 16 keep the work of one instant
-# below a tenth of what it is if slots that were opened together are compacted together.
-_COMPACTION_PHASES = 16
-_COLUMNS = ("times", "positions", "speed", "sigma", "quaternions")
+_COLUMNS = Columns._fields[:5]
 _KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "id", "label", "established")
 _PER_SLOT = ("start", "stop", "used", "live", "label_ns", "far_ns", *_KEPT)
 # Of a slot without a trajectory that has been observed; else 0.
@@ -68,9 +65,7 @@ class Window:
     """
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
-        self.dim = dim
-        self.span_ns = span_ns
-        self.gap_ns = gap_ns
+        self.dim, self.span_ns, self.gap_ns = dim, span_ns, gap_ns
         self.capacity = 0
         self._rows = _FIRST_ROWS
         self._free: list[int] = []
@@ -101,9 +96,19 @@ class Window:
         self.established: Labels = np.zeros(0, np.int64)
         self.far, self.far_ns = np.inf, np.zeros(0, np.int64)
 
+    @property
+    def columns(self) -> Columns:
+        """For compiled loops."""
+        turns = np.zeros((0, 0, 0)) if self.quaternions is None else self.quaternions
+        return Columns(self.times, self.positions, self.speed, self.sigma, turns, self.start, self.stop)
+
     def held(self, column: NDArray[Any], slot: int) -> NDArray[Any]:
         """The observations in a slot, a view of a column such as `times`, [M, ...]."""
         return column[slot, self.start[slot] : self.stop[slot]]
+
+    def newest(self, slots: Slots) -> Floats:
+        """The newest position in each slot, which holds one, float64 [n, dim]."""
+        return self.positions[slots, self.stop[slots] - 1]
 
     def slots(self) -> Slots:
         """Slots in use, oldest trajectory first, intp [n]."""
@@ -148,10 +153,11 @@ class Window:
             rows *= 2
         if rows < _STILL_USED * self._rows:
             self._compact(np.flatnonzero(self.used))
-            self._rows = rows
         elif self._written <= _MANY_SLOTS or in_use >= _STILL_USED * self._written:
             return
-        self._renew_columns(self.capacity, self._rows)
+        else:
+            rows = self._rows
+        self._renew_columns(self.capacity, rows)
         self._written = in_use
 
     def insert(
@@ -176,46 +182,28 @@ class Window:
             [n]; False where the slot already has an observation at this time: it is left alone.
         """
         self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
-        self._note([stamps] if isinstance(stamps, int) else np.unique(stamps).tolist())
-        stamps = np.full(len(slots), stamps)
-        if quaternions is not None and self.quaternions is None:
-            self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
-        stored: Bools = self.last_ns[slots] < stamps
-        if stored.all():
-            self._append(slots, stamps, positions, sigma, quaternions)
-            return stored
-        late = np.flatnonzero(~stored)
-        turns = None if quaternions is None else quaternions[stored]
-        self._append(slots[stored], stamps[stored], positions[stored], sigma[stored], turns)
-        for k in late.tolist():
-            turn = None if quaternions is None else quaternions[k]
-            at = int(slots[k]), int(stamps[k])
-            stored[k] = self._insert_between(*at, positions[k], float(sigma[k]), turn)
-        return stored
-
-    def _note(self, stamps: list[int]) -> None:
-        """Keep the instants, of which most come in order."""
-        for stamp in stamps:
+        for stamp in [stamps] if isinstance(stamps, int) else np.unique(stamps).tolist():
             at = bisect_left(self.instants, stamp)
             if self.instants[at : at + 1] != [stamp]:
                 self.instants.insert(at, stamp)
-
-    def _append(
-        self, slots: Slots, stamps: Stamps, positions: Floats, sigma: Floats, quaternions: Floats | None
-    ) -> None:
-        columns = self.times, self.positions, self.speed, self.sigma
-        places = self.start, self.stop, self._complete
-        at = append(slots, stamps, positions, sigma, *columns, *places, self.far, self.far_ns)
-        if self.quaternions is not None:
-            self.quaternions[slots, at] = np.nan if quaternions is None else quaternions
-        self.last_ns[slots] = stamps
+        if quaternions is not None and self.quaternions is None:
+            self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
+        if quaternions is None:
+            quaternions = np.full((0 if self.quaternions is None else len(slots), 4), np.nan)
+        new, newest_ns = (positions, sigma, quaternions), (self.last_ns, self.far_ns)
+        stamps = np.full(len(slots), stamps)
+        return insert(slots, stamps, new, self.columns, newest_ns, self._complete, self.far)
 
     def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
-        slots = self.slots()
-        counts = count_older(slots, before_ns, self.times, self.start, self.stop)
-        affected = counts > 0
-        return slots[affected], counts[affected]
+        slots, counts = self.slots(), np.zeros(self.capacity, np.intp)
+        old = slots
+        while len(old):
+            at = self.start[old] + counts[old]
+            old = old[(at < self.stop[old]) & (self.times[old, at % self._rows] < before_ns)]
+            counts[old] += 1
+        affected = slots[counts[slots] > 0]
+        return affected, counts[affected]
 
     def evict(self, slots: Slots, counts: Slots) -> None:
         """Drop the oldest observations of slots."""
@@ -225,75 +213,22 @@ class Window:
         oldest = self.times[held, self.start[held]].min(initial=np.iinfo(np.int64).max)
         del self.instants[: bisect_left(self.instants, int(oldest))]
 
-    def _insert_between(
-        self, slot: int, stamp_ns: int, position: Floats, sigma: float, quaternion: Floats | None
-    ) -> bool:
-        start, stop = int(self.start[slot]), int(self.stop[slot])
-        at = start + int(np.searchsorted(self.times[slot, start:stop], stamp_ns))
-        if at < stop and self.times[slot, at] == stamp_ns:
-            return False
-        for column in self._columns():
-            column[slot, at + 1 : stop + 1] = column[slot, at:stop]
-        self.times[slot, at] = stamp_ns
-        self.positions[slot, at] = position
-        self.sigma[slot, at] = sigma
-        if self.quaternions is not None:
-            self.quaternions[slot, at] = np.nan if quaternion is None else quaternion
-        self.stop[slot] += 1
-        # Both speeds become what they would have been had the observation come in time.
-        self._set_speed(slot, at)
-        self._set_speed(slot, at + 1)
-        return True
-
-    def _set_speed(self, slot: int, at: int) -> None:
-        """Backward difference; the first observation of a trajectory takes the second's."""
-        if at == self.start[slot]:
-            self.speed[slot, at] = 0.0
-            return
-        step = self.positions[slot, at] - self.positions[slot, at - 1]
-        self.speed[slot, at] = np.sqrt((step * step).sum()) / (
-            (self.times[slot, at] - self.times[slot, at - 1]) * 1e-9
-        )
-        if at - 1 == self.start[slot] and self._complete[slot]:
-            self.speed[slot, at - 1] = self.speed[slot, at]
-
-    def _columns(self) -> list[NDArray[Any]]:
-        columns: list[NDArray[Any]] = [self.times, self.positions, self.speed, self.sigma]
-        return columns if self.quaternions is None else [*columns, self.quaternions]
-
     def _reserve(self, slots: Slots, more: int) -> None:
         """Make sure that every slot can take some more observations."""
         slots = np.unique(slots) if more > 1 else slots
-        due = self._due_for_compaction(slots, more)
-        while len(due):
-            full = due[self.stop[due] + more > self._rows]
-            if int(self.counts(full).max(initial=-more)) + more - 1 <= 3 * self._rows // 4:
-                self._compact(due)
+        while len(full := slots[self.stop[slots] + more > self._rows]):
+            if int(self.counts(full).max()) + more - 1 <= 3 * self._rows // 4:
+                self._compact(full)
                 return
-            self._grow_rows()
-            due = self._due_for_compaction(slots, more)
-
-    def _due_for_compaction(self, slots: Slots, more: int) -> Slots:
-        """Those of `slots` whose observations should move to the beginning of their rows.
-
-        Those cannot take `more` observations at the end of their rows, or are near the end with a quarter of
-        the rows free at the beginning.
-        """
-        rows, stop = self._rows, self.stop[slots]
-        ahead = slots % _COMPACTION_PHASES * (rows // (4 * _COMPACTION_PHASES))
-        near_end = (self.start[slots] >= rows // 4) & (stop >= rows - ahead)
-        return slots[(stop + more > rows) | near_end]
+            self._renew_columns(self.capacity, 2 * self._rows)
 
     def _compact(self, slots: Slots) -> None:
         """Move the observations of slots to the beginning of their rows."""
-        for column in map(np.atleast_3d, self._columns()):
-            transfer(slots, column, column, self.start, self.stop, np.zeros_like(self.start))
+        first = np.zeros_like(self.start)
+        for column in (np.atleast_3d(getattr(self.columns, name)) for name in _COLUMNS):
+            transfer(slots, column, column, self.start, self.stop, first)
         self.stop[slots] -= self.start[slots]
         self.start[slots] = 0
-
-    def _grow_rows(self) -> None:
-        self._renew_columns(self.capacity, 2 * self._rows)
-        self._rows *= 2
 
     def _grow_slots(self) -> None:
         extra = max(_FIRST_SLOTS, self.capacity)
@@ -315,6 +250,7 @@ class Window:
                 begin = self.start
                 transfer(used, np.atleast_3d(column), np.atleast_3d(grown), begin, self.stop, begin)
                 setattr(self, name, grown)
+        self._rows = rows
 
     def state(self) -> dict[str, Any]:
         """Everything the window holds, as plain arrays of their own."""
@@ -336,17 +272,13 @@ class Window:
         counts = state["counts"]
         slots = self.open(len(counts), 0)
         while counts.size and self._rows < counts.max():
-            self._grow_rows()
+            self._renew_columns(self.capacity, 2 * self._rows)
         if "quaternions" in state:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
-        ends = np.cumsum(counts)
-        for slot, count, end in zip(slots, counts, ends, strict=True):
-            for name in _COLUMNS:
-                if name in state:
-                    getattr(self, name)[slot, :count] = state[name][end - count : end]
+        places = np.repeat(slots, counts), ranks(np.repeat(slots, counts), np.arange(counts.sum()))
         self.start[slots], self.stop[slots] = 0, counts
-        for name in _KEPT:
-            getattr(self, name)[slots] = state[name]
+        for name in state.keys() - {"next_key", "counts"}:
+            getattr(self, name)[places if name in _COLUMNS else slots] = state[name]
         self._next_key = state["next_key"]
         self.instants = np.unique(state["times"]).tolist()
         return slots

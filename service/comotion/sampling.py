@@ -1,20 +1,19 @@
-"""Extends a partition of some trajectories to all the current ones.
+"""Draws the trajectories that a method groups, and extends their partition to all the current ones.
 
-Where a space is not grouped, or some of its trajectories only, the others keep their hypotheses. Those that
-have none join the group of the nearest trajectory that moves alike.
+The others keep their hypotheses. Those that have none join the group of the nearest trajectory that moves
+alike.
 """
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from .arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find, ranks
+from .arrays import Floats, Ints, Labels, Slots, find, ranks
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
 from .trajectories.interpolation import recent_steps
-from .trajectories.window import Ids, Window
+from .trajectories.window import Window
 
 # Spaces up to so many trajectories are grouped as a whole.
 _MIN_GROUPED = 200
@@ -28,62 +27,33 @@ _JOINED_CONFIDENCE = 0.4
 _SPREAD = 2_654_435_761
 
 
-@dataclass(frozen=True)
-class LastGrouping:
-    """A partition, and the trajectories that it was made of.
+def extended(
+    window: Window, partition: Partition, grouped: Slots, current: Slots, previous_labels: Labels
+) -> Partition:
+    """The groups of a partition of the `grouped` trajectories for all that are current, slots intp [n].
 
-    Attributes
-    ----------
-    partition
-        As the method has found it.
-    current
-        intp [n], the slots that were grouped.
-    keys, current_keys
-        int64, of the trajectories that were in the slots of the partition, and in `current`.
-    sessions, ids
-        intp [n] and uint64 [n]: session number and feature id of the grouped ones.
+    `previous_labels` int64 [capacity] is the hypothesis of each slot until now.
     """
-
-    partition: Partition
-    current: Slots
-    keys: Stamps
-    current_keys: Stamps
-    sessions: Slots
-    ids: Ids
-
-    @classmethod
-    def of(cls, window: Window, partition: Partition, current: Slots) -> Self:
-        """Record a partition of the current trajectories."""
-        keys = window.key[partition.slots], window.key[current]
-        return cls(partition, current, *keys, window.source[current], window.id[current])
-
-    def extended(self, window: Window, current: Slots, previous_labels: Labels) -> Partition:
-        """The same groups for all that are current now, slots intp [n].
-
-        `previous_labels` int64 [capacity] is the hypothesis of each slot until now.
-        """
-        last = self.partition
-        same = _same(window, last.slots, self.keys)
-        groups, deciding = np.full(window.capacity, NO_HYPOTHESIS), np.zeros(window.capacity, np.bool_)
-        groups[last.slots[same]], deciding[last.slots[same]] = last.groups[same], last.deciding[same]
-        confidence, same_current = np.zeros(window.capacity), _same(window, self.current, self.current_keys)
-        confidence[self.current[same_current]] = last.confidence[same_current]
-        others = np.setdiff1d(current, last.slots[same])
-        groups[others] = _by_hypothesis(
-            previous_labels[others], previous_labels[last.slots[same]], last.groups[same]
-        )
-        new = others[groups[others] == NO_HYPOTHESIS]
-        groups[new] = _by_place_and_motion(window, new, current, groups[current])
-        confidence[others] = np.where(groups[others] == NO_HYPOTHESIS, 0.0, _JOINED_CONFIDENCE)
-        slots = np.union1d(current, last.slots[same])
-        return replace(
-            last,
-            slots=slots,
-            groups=groups[slots],
-            deciding=deciding[slots],
-            confidence=confidence[current],
-            position=window.positions[current, window.stop[current] - 1],
-        )
+    groups, deciding = np.full(window.capacity, NO_HYPOTHESIS), np.zeros(window.capacity, np.bool_)
+    confidence = np.zeros(window.capacity)
+    groups[partition.slots], deciding[partition.slots] = partition.groups, partition.deciding
+    confidence[grouped] = partition.confidence
+    others = np.setdiff1d(current, partition.slots)
+    groups[others] = _by_hypothesis(
+        previous_labels[others], previous_labels[partition.slots], partition.groups
+    )
+    new = others[groups[others] == NO_HYPOTHESIS]
+    groups[new] = _by_place_and_motion(window, new, current, groups[current])
+    confidence[others] = np.where(groups[others] == NO_HYPOTHESIS, 0.0, _JOINED_CONFIDENCE)
+    slots = np.union1d(current, partition.slots)
+    return replace(
+        partition,
+        slots=slots,
+        groups=groups[slots],
+        deciding=deciding[slots],
+        confidence=confidence[current],
+        position=window.newest(current),
+    )
 
 
 def representatives(window: Window, current: Slots, labels: Labels, share: float) -> Slots:
@@ -137,9 +107,4 @@ def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Int
 def _states(window: Window, slots: Slots) -> tuple[Floats, Floats]:
     """Newest positions and recent velocities, float64 [n, dim], in the unit of the space and per second."""
     step, elapsed = recent_steps(window, slots, _RECENT_NS)
-    return window.positions[slots, window.stop[slots] - 1], step / np.maximum(elapsed, 1)[:, None] * 1e9
-
-
-def _same(window: Window, slots: Slots, keys: Stamps) -> Bools:
-    """Which slots still hold the trajectories of the keys."""
-    return np.asarray(window.used[slots] & (window.key[slots] == keys))
+    return window.newest(slots), step / np.maximum(elapsed, 1)[:, None] * 1e9

@@ -1,8 +1,8 @@
-"""Affinity of two trajectories: equations (3.2) to (3.5) of the thesis, as they stand.
+"""Affinity of two trajectories: equations (3.3) to (3.5) of the thesis, as they stand.
 
 The thesis is "Inferring Object Hypotheses Based on Feature Motion from Different Sources". Nothing is kept
-from update to update here: :mod:`~comotion.thesis.pair_sums` computes the same for all pairs,
-step by step, and the tests hold the two together. Integrals over time become sums over the samples of (3.5).
+from update to update: :mod:`comotion.thesis.pair_sums` computes the same for all pairs, step by step.
+Integrals over time become sums over the samples of (3.5).
 """
 
 import math
@@ -10,13 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Stamps
-
-# The thesis chooses λ and γ such that the weight is 0.9 at v_move and the affinity 0.5 at sigma_switch.
-_WEIGHT_SHORT_OF_ONE = 0.1
-AFFINITY_AT_SWITCH = 0.5
-# ε of (3.2) in units of v_move²; the thesis gives no number. At rest a weight then is 0.0023.
-_EPSILON = 1e-3
+from comotion.arrays import Bools, Floats, Stamps
+from comotion.thesis.pair_sums import AFFINITY_AT_SWITCH
 
 
 class Observations(NamedTuple):
@@ -43,25 +38,6 @@ def backward_speed(times: Stamps, positions: Floats) -> Floats:
         return np.zeros(len(times))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1) / (np.diff(times) * 1e-9)
     return np.concatenate([steps[:1], steps])
-
-
-def weight(speed: Floats, v_move: float | None) -> Floats:
-    """(3.2): w = 1 − exp(−λ(v² + ε)) with λ = −ln(1 − 0.9)/v_move².
-
-    As w grows with v, the weight of a pair is the larger of the weights of its two trajectories.
-
-    Parameters
-    ----------
-    speed
-        float64 [...]; the larger speed of the two trajectories at each sample. (After (3.5) the thesis prints
-        the observed trajectory's alone; the maximum of (3.2) is kept.)
-    v_move
-        Speed at which the weight is 0.9, in the unit of `speed`; None: all weights are 1.
-    """
-    if v_move is None:
-        return np.ones_like(speed)
-    rate = -math.log(_WEIGHT_SHORT_OF_ONE) / v_move**2
-    return -np.expm1(-rate * (speed**2 + _EPSILON * v_move**2))
 
 
 def variance(distance: Floats, weights: Floats) -> float:

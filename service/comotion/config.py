@@ -1,4 +1,4 @@
-"""The groups of parameters: those of each method, and those that all share.
+"""Every parameter of the fusion, nested by method, with unit, default and bounds.
 
 Numbers that nobody has a reason to set are constants beside the code that uses them. Those of the pixel
 method were chosen together on public sequences, as docs/research/pixels.md says.
@@ -13,19 +13,20 @@ from comotion_schemas.errors import KnownError
 
 Clustering = Literal["divisive-kmeans", "gmm-bic", "eigengap", "eigengap-normalized"]
 Unit = Literal["m", "px"]
+Method = Literal["comotion", "thesis"]
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Above = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
+Share = Annotated[float, Field(gt=0, le=1)]
+# s, up to a day.
+Timeout = Annotated[float, Field(gt=0, le=86_400)]
 # Bounded away from zero: its square must not vanish.
 Bounded = Annotated[float, Field(ge=1e-9, le=1e9)]
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # of OpenCV's models
-# What "null" and "auto" stand for, by unit of the space.
-_SIGMA_SWITCH: dict[Unit, float] = {"m": 0.02, "px": 8.0}
-_V_MOVE: dict[Unit, float] = {"m": 0.1, "px": 20.0}
 
 
 class Group(BaseModel):
@@ -52,14 +53,6 @@ class ThesisConfig(Group):
     )
     clustering: Clustering = Field(default="divisive-kmeans", description="how the affinities are clustered")
 
-    def switch_for(self, unit: Unit) -> float:
-        """Standard deviation where the affinity is 0.5, in `unit`."""
-        return _SIGMA_SWITCH[unit] if self.sigma_switch is None else self.sigma_switch
-
-    def v_move_for(self, unit: Unit) -> float | None:
-        """Speed of (3.2)'s λ in `unit` per second, or None for equal weights."""
-        return _V_MOVE[unit] if self.v_move == "auto" else self.v_move
-
 
 class RigidConfig(Group):
     """Parameters of the rigid-motion method; none depends on the scale of the scene."""
@@ -84,8 +77,8 @@ class RigidConfig(Group):
         default=16.0,
         description="squared residual per dimension, in tolerances, from which on it costs no more",
     )
-    outlier_share: Annotated[float, Field(gt=0, le=1)] = Field(
-        default=0.5, description="share of the cap that a frame of an outlier costs"
+    outlier_share: float = Field(
+        default=0.5, gt=0, le=1, description="share of the cap that a frame of an outlier costs"
     )
     pose_price: Above = Field(
         default=1.0,
@@ -97,8 +90,8 @@ class RigidConfig(Group):
         description="price of the memberships of a moving body, as a factor of the nats that it takes to say "
         "which trajectories they are",
     )
-    stay: Annotated[float, Field(ge=0, le=100)] = Field(
-        default=2.0, description="nat; preference of a trajectory for its hypothesis"
+    stay: float = Field(
+        default=2.0, ge=0, le=100, description="nat; preference of a trajectory for its hypothesis"
     )
     prior_weight: Annotated[float, Field(ge=0, le=10)] = Field(
         default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
@@ -113,8 +106,8 @@ class RigidConfig(Group):
 class PixelsConfig(Group):
     """Parameters of grouping in pixel space."""
 
-    key_frames: Annotated[int, Field(ge=2, le=1000)] = Field(
-        default=24, description="instants of the window that trajectories are compared at"
+    key_frames: int = Field(
+        default=24, ge=2, le=1000, description="instants of the window that trajectories are compared at"
     )
     most_tracks: Count = Field(
         default=1200, description="most trajectories that are compared; the others follow their neighbours"
@@ -192,42 +185,38 @@ class JointsConfig(Group):
 class LimitsConfig(Group):
     """Bounds of a scene, and of one source where that is said."""
 
-    sources: Annotated[int, Field(ge=1, le=65_536)] = Field(
-        1024, description="source names at a time; the one silent for longest goes"
+    sources: int = Field(
+        1024, ge=1, le=65_536, description="source names at a time; the one silent for longest goes"
     )
-    spaces: Annotated[int, Field(ge=1, le=4096)] = Field(
-        256, description="coordinate spaces at a time; one that nobody publishes goes"
+    spaces: int = Field(
+        256, ge=1, le=4096, description="coordinate spaces at a time; one that nobody publishes goes"
     )
-    instants: Annotated[int, Field(ge=1, le=100_000)] = Field(
-        1024, description="different row stamps in one batch"
-    )
-    waiting: Annotated[float, Field(ge=1, le=4096)] = Field(
-        64.0, description="MB of batches of one source that wait for the watermark"
+    instants: int = Field(1024, ge=1, le=100_000, description="different row stamps in one batch")
+    waiting: float = Field(
+        64.0, ge=1, le=4096, description="MB of batches of one source that wait for the watermark"
     )
     waiting_all: Annotated[float, Field(ge=1, le=65_536)] = Field(
         256.0, description="MB of batches of all sources that wait; beyond it, each source has its share"
     )
-    waiting_batches: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
-        4096, description="batches of one source that wait for the watermark"
+    waiting_batches: int = Field(
+        4096, ge=1, le=1_000_000, description="batches of one source that wait for the watermark"
     )
     extent: Annotated[float, Field(ge=0, le=1e9)] = Field(
         200.0,
         description="rows so many times farther out than the other sources of the space see (at least 1 m or "
         "1000 px) are refused; 0: none",
     )
-    expiry: Annotated[float, Field(gt=0, le=86_400)] = Field(
+    expiry: Timeout = Field(
         60.0, description="s without data after which a source, and an empty space, is forgotten"
     )
-    release: Annotated[float, Field(gt=0, le=86_400)] = Field(
+    release: Timeout = Field(
         5.0, description="s without data after which a space may be published with another unit or dim"
     )
-    processing: Annotated[float, Field(gt=0, le=1)] = Field(
+    processing: Share = Field(
         0.5, description="share of a period for taking in batches; each source has its share of that"
     )
-    shedding: bool = Field(
-        default=True, description="leave out searches when updates take longer than a period"
-    )
-    queries: Annotated[float, Field(gt=0, le=1)] = Field(
+    shedding: bool = Field(True, description="leave out searches when updates take longer than a period")
+    queries: Share = Field(
         0.1, description="share of a period for answering queries; one a period is always answered"
     )
 
@@ -249,3 +238,60 @@ class SpaceConfig(Group):
     sources: tuple[str, ...] | None = Field(
         None, description="names of the sources that may publish in it, others are refused; null: all"
     )
+
+
+class FusionConfig(Group):
+    """Parameters of :class:`comotion.Fusion`; frozen, validated, dumpable."""
+
+    method: Method = Field(default="comotion", description="how hypotheses are inferred")
+    window: float = Field(
+        default=10.0, gt=0, le=600, description="s; observations older than this leave the trajectories"
+    )
+    period: float = Field(default=0.1, ge=0.005, le=60, description="s between updates")
+    allowed_lateness: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=0.2, description="s behind the watermark up to which an observation is still inserted"
+    )
+    max_lag: float = Field(
+        default=0.5, ge=0, le=10, description="s the watermark may stay behind the clock for a slow source"
+    )
+    source_timeout: Annotated[float, Field(gt=0, le=60)] = Field(
+        default=1.0, description="s without data after which a source no longer holds the watermark"
+    )
+    track_timeout: Annotated[float, Field(gt=0, le=60)] = Field(
+        default=0.5,
+        description="s without observation after which a trajectory is outdated (or 3 source periods)",
+    )
+    max_tracks: int = Field(
+        default=5000, ge=1, le=100_000, description="trajectories kept at once; further ones are refused"
+    )
+
+    thesis: ThesisConfig = Field(
+        default=ThesisConfig(), description="the method of the thesis, in spaces of either unit"
+    )
+    rigid: RigidConfig = Field(default=RigidConfig(), description="the default method in spaces of unit m")
+    pixels: PixelsConfig = Field(
+        default=PixelsConfig(), description="the default method in spaces of unit px"
+    )
+    hypotheses: HypothesesConfig = Field(
+        default=HypothesesConfig(), description="confirmation and memory, for all methods"
+    )
+    linking: LinkingConfig = Field(
+        default=LinkingConfig(), description="links between spaces in pixels and metric spaces"
+    )
+
+    joints: JointsConfig = Field(
+        default=JointsConfig(), description="joints between the hypotheses of a metric space"
+    )
+    limits: LimitsConfig = Field(
+        default=LimitsConfig(), description="bounds on what sources may make the service hold"
+    )
+    spaces: dict[str, SpaceConfig] = Field(
+        default_factory=dict,
+        description="what is known of single spaces, by name: `unit`, `dim`, `moving` for a carried camera, "
+        "and `sources`, the names of those that may publish in it",
+    )
+
+
+def to_ns(seconds: float) -> int:
+    """Seconds as whole nanoseconds."""
+    return round(seconds * 1e9)
