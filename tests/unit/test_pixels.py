@@ -1,8 +1,5 @@
 """Grouping in pixel space: small scenes, epipolar geometry, life between updates."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +7,7 @@ from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
 from comotion.pixels.geometry import Geometry
 from comotion.pixels.grouping import group
-from comotion.pixels.key_frames import KeyFrames, evenly_spaced
+from comotion.pixels.key_frames import KeyFrames
 from comotion_clients.metrics import misclassification
 
 from .. import builders
@@ -195,23 +192,6 @@ def test_a_restart_keeps_hypotheses():
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
     np.testing.assert_array_equal(after.track_hypothesis, unbroken.track_hypothesis)
     assert [h.born_ns for h in after.hypotheses] == [h.born_ns for h in unbroken.hypotheses]
-
-
-@pytest.mark.data
-@pytest.mark.skipif("COMOTION_DATA" not in os.environ, reason="COMOTION_DATA names no recordings")
-@pytest.mark.parametrize(
-    ("name", "bodies", "worst"),
-    [("hopkins155/1R2TCR", 3, 0.02), ("hopkins155/truck2", 2, 0.02), ("kt3dmoseg/Seq013_Clip01", 2, 0.05)],
-)
-def test_real_sequences(name, bodies, worst):
-    with np.load(Path(os.environ["COMOTION_DATA"]) / f"{name}.npz") as file:
-        positions, truth = file["positions"], file["labels"]
-    positions = positions[evenly_spaced(len(positions), 24)]
-    visible = np.isfinite(positions).all(axis=2)
-    grown = np.flatnonzero(visible.sum(axis=0) >= 4)
-    found = group(frames_of(positions[:, grown], visible[:, grown]), PixelsConfig())
-    assert found.labels.max() + 1 == bodies
-    assert misclassification(found.labels, truth[grown]) <= worst
 
 
 FRAMES, NEAR, FAR, OTHER = 24, np.arange(30), np.arange(30, 60), np.arange(60, 90)
