@@ -1,14 +1,10 @@
-"""Live against offline: what a scene comes to where the service has a share of one core.
+"""Live against offline: what a scene comes to where the service has a share of one core (:mod:`.quota`).
 
-    PYTHONPATH=tests python -m adversary.live [--cores 1,0.5,0.25] [--seconds 20] [SCENE...]
-
-A scene is a name of ``comotion source simulator --list``, with ``:N`` for N features in all, or ``workcell``.
-Service and sources are processes; the service alone is limited (:mod:`.quota`). The same batches are then
-given to the core offline, which has all the time. Printed are the means over the updates after the first
-seconds, and how long it takes until nothing is left out once the service has a whole core again.
+Service and sources are processes; the same batches are then given to the core offline, which has all the
+time. Rows hold the means over the updates after the first seconds, and how long it takes until nothing is
+left out once the service has a whole core again.
 """
 
-import argparse
 import re
 import sys
 import tempfile
@@ -35,6 +31,7 @@ from comotion_tools.soak.monitor import Watched
 from . import quota
 
 SCENES = ("3d_4:60", "3d_4:300", "3d_4:1000", "3d_async", *(["workcell"] if find_spec("mujoco") else []))
+"""Names of ``comotion source simulator --list``, with ``:N`` for N features in all, and the workcell."""
 CORES = (1.0, 0.5, 0.25)
 SETTLED_S = 3.0
 """The first updates show too little motion for either."""
@@ -51,16 +48,11 @@ _WORKCELL = {
 
 @dataclass
 class Live:
-    """One scene at one share of a core.
+    """One scene at one share of a core: a row of the table.
 
-    Attributes
-    ----------
-    nmi, hypotheses
-        Means, live and offline.
-    updates, due, gap_s
-        How many came, how many the period allows, and the longest time between two.
-    level, back_s
-        Highest level of shedding, and how long after the limit it was 0 again; None for not in 20 s.
+    `nmi`, `hypotheses`: means, live and offline. `updates`, `due`, `gap_s`: how many came, how many the
+    period allows, and the longest time between two. `level`, `back_s`: highest level of shedding, and how
+    long after the limit it was 0 again; None for not in 20 s.
     """
 
     scene: str
@@ -80,8 +72,7 @@ class Live:
         return f"| {' | '.join([self.scene, f'{self.cores:g}', *scores, *came, str(self.level), back])} |"
 
 
-_COLUMNS = "scene, cores, NMI live, offline, hypotheses live, offline, updates, longest gap, level, back"
-HEAD = f"| {_COLUMNS.replace(', ', ' | ')} |\n|---|{9 * '---:|'}"
+COLUMNS = "scene, cores, NMI live, offline, hypotheses live, offline, updates, longest gap, level, back"
 
 
 class _Client(Watched):
@@ -134,7 +125,7 @@ def _scene_file(scene, folder, seconds):
     return file
 
 
-def measure(scene, cores, seconds, *, quiet=True):
+def measure(scene, cores, seconds):
     """Run a scene for some seconds with a share of a core for the service."""
     with tempfile.TemporaryDirectory() as name:
         folder, endpoint = Path(name), free_endpoint()
@@ -151,22 +142,26 @@ def measure(scene, cores, seconds, *, quiet=True):
             limited.start()
             client.monitor.status, client.level, began = None, 0, time.monotonic()
             del client.monitor.arrived_s[:-1]
-            evaluated = thread.submit(evaluate, scene=_NAME, settings=settings, duration=seconds, quiet=quiet)
+            evaluated = thread.submit(evaluate, scene=_NAME, settings=settings, duration=seconds, quiet=True)
             client.is_so(evaluated.done, _OPEN_S)
             scores, took = evaluated.result().scores, time.monotonic() - began
             arrived, messages, level = client.monitor.arrived_s[:], client.messages[:], client.level
             limited.end()
             back_s = _back(client)
-        period = FusionConfig().period
-        offline = _offline(messages)
-        first_ns = min(one.stamp_ns for one in messages if isinstance(one, ObservationBatch))
+        batches = [one for one in messages if isinstance(one, ObservationBatch)]
+        batches.sort(key=lambda one: one.stamp_ns)
+        truths = [one for one in messages if isinstance(one, TruthBatch)]
+        offline = run_offline([*truths, *batches], FusionConfig()).scores
+        settled_ns = batches[0].stamp_ns + round(SETTLED_S * 1e9)
         return Live(
             scene,
             cores,
-            (_mean(scores, first_ns, "nmi"), _mean(offline, first_ns, "nmi")),
-            (_mean(scores, first_ns, "hypotheses"), _mean(offline, first_ns, "hypotheses")),
+            *(
+                (_mean(scores, settled_ns, what), _mean(offline, settled_ns, what))
+                for what in ("nmi", "hypotheses")
+            ),
             len(arrived) - 1,
-            int(took / period),
+            int(took / FusionConfig().period),
             max(b - a for a, b in pairwise(arrived)),
             level,
             back_s,
@@ -184,38 +179,5 @@ def _back(client):
     return None
 
 
-def _offline(messages):
-    batches = [one for one in messages if isinstance(one, ObservationBatch)]
-    truths = [one for one in messages if isinstance(one, TruthBatch)]
-    ordered = sorted(batches, key=lambda one: one.stamp_ns)
-    return run_offline([*truths, *ordered], FusionConfig()).scores
-
-
-def _mean(scores, first_ns, name):
-    settled_ns = first_ns + round(SETTLED_S * 1e9)
-    values = [getattr(one, name) for one in scores if one.stamp_ns >= settled_ns]
-    return float(np.nanmean(values))
-
-
-def show(scenes, cores, seconds):
-    """Print the table, a line as it comes."""
-    print(HEAD, flush=True)
-    for scene in scenes:
-        for share in cores:
-            print(measure(scene, share, seconds), flush=True)
-
-
-def main():
-    """Print a row of each."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cores", type=lambda text: [float(one) for one in text.split(",")], default=CORES)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("scenes", nargs="*", default=SCENES)
-    chosen = parser.parse_args()
-    if "workcell" in chosen.scenes and "workcell" not in SCENES:
-        parser.error("workcell needs the extra sim3d")
-    show(chosen.scenes, chosen.cores, chosen.seconds)
-
-
-if __name__ == "__main__":
-    main()
+def _mean(scores, settled_ns, what):
+    return float(np.nanmean([getattr(one, what) for one in scores if one.stamp_ns >= settled_ns]))
