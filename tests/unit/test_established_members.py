@@ -5,16 +5,12 @@ members had votes.
 """
 
 import heapq
-import random
 from collections import Counter
 
 import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import DecodeError, Keys, decode
-from comotion_tools.soak import hostile
-from comotion_tools.soak.attacks import Attacker
 from comotion_tools.soak.load import BODIES, ID_STEP, KINDS, places, positions
 
 from .. import builders
@@ -36,18 +32,6 @@ def stream(name, first, last):
         found = (found + rng.normal(0, 0.002, found.shape)).reshape(-1, kind.dim)
         fields = {"space": kind.space, "unit": kind.unit, "ids": ids.reshape(-1).astype(np.uint64)}
         yield seconds, builders.batch(name, frame, START + round(seconds * S), found, **fields)
-
-
-def crowd(first, last, seed, monkeypatch):
-    """Batches of a source that sends lies and extremes, 50 a second, as far as they can be decoded."""
-    attacker = Attacker(None, Keys(), random.Random(seed), f"{seed + 7:016x}")
-    for seq in range(int((last - first) * 50)):
-        seconds, attacker.seq = first + seq / 50, seq
-        monkeypatch.setattr(hostile.time, "time_ns", lambda now=seconds: START + round(now * S))
-        try:
-            yield seconds, decode(attacker.chance.choice(hostile._MAKERS)(attacker))
-        except DecodeError:
-            continue
 
 
 def feed(fusion, *parts, since):
@@ -81,18 +65,6 @@ def test_after_a_gap_longer_than_the_window_and_a_restart_every_object_has_its_i
     assert objects_of(after) == objects_of(before)
     assert {h.id: h.born_ns for h in after.hypotheses} == {h.id: h.born_ns for h in before.hypotheses}
     assert kinds <= {"joined", "released"}
-
-
-def test_a_hostile_source_takes_no_id_along(monkeypatch):
-    fusion = Fusion()
-    before, _ = feed(fusion, *(stream(name, 0, 8) for name in NAMES), since=0.1)
-    assert len(set(objects_of(before))) == BODIES
-    # With `limits.extent` lifted the second one takes ids along.
-    for first, last, seed in ((8, 10, 7), (12, 15, 107)):
-        bad = crowd(first, last, seed, monkeypatch)
-        after, _ = feed(fusion, *(stream(name, first, last + 2) for name in NAMES), bad, since=first)
-        assert objects_of(after) == objects_of(before)
-    assert fusion.stats.rejected
 
 
 RATE = 15
