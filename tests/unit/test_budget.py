@@ -7,6 +7,7 @@ import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
+from comotion.extent_check import ExtentCheck, _View
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import in_words
 from comotion.shares import Turns
@@ -94,6 +95,19 @@ class TestRows:
         assert fusion.stats.refused_rows == 3 * 990
         assert list(fusion.timeline.troubles.lately()["limit"]) == ["large"]
         assert ("large", "limit") in in_words(fusion.timeline.troubles.lately())
+
+    def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
+        looked, plain = [], _View.reach
+        monkeypatch.setattr(_View, "reach", lambda *args: looked.append(1) or plain(*args))
+        counts = []
+        for sources in (20, 200):
+            check = ExtentCheck("m", 200.0)
+            check._views = {n: _View(np.zeros(3), POINTS) for n in range(sources)}
+            looked.clear()
+            assert check.fits(sources, POINTS) is None
+            assert check.fits(sources, 1e6 * POINTS).sum() == 0
+            counts.append(len(looked))
+        assert counts[0] == counts[1] > 0
 
 
 class TestSpaces:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from comotion import Fusion
+from comotion.hypotheses import drift
 
 from .. import builders
 from ..builders import S
@@ -152,3 +153,19 @@ def test_a_source_whose_clock_is_known_to_be_wrong_is_not_compared(monkeypatch):
     scene.run(4.0, turned(5.0))
     monkeypatch.undo()
     assert scene.drifting == []
+
+
+def test_motions_of_flat_or_thin_bodies_are_rotations_and_say_nothing_else():
+    """A plane is not turned over, and a line leaves a rotation open."""
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        before = rng.normal(0, 0.05, (4, 2))
+        after = before + rng.normal(0, 0.01, (4, 2))
+        motion = drift._motions(drift._Seen(before, after, before, after, *np.zeros((2, 4), int)))[0]
+        assert motion.R.shape == (2, 2)
+        assert np.linalg.det(motion.R) == pytest.approx(1)
+        assert motion.freedom == 5
+    line = np.outer(np.arange(5.0), [1, 0, 0])
+    motion = drift._motions(drift._Seen(line, line + 1, line, line, *np.zeros((2, 5), int)))[0]
+    assert np.allclose(motion.R, np.eye(3))
+    assert np.allclose(motion.t, 1)

@@ -1,13 +1,18 @@
 """Joints: fits of the models, the choice of a kind, memory, and joints in updates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.config import JointsConfig
+from comotion.joints.evidence import first_guess
 from comotion.joints.joints import Joints
+from comotion.joints.models import fit
 from comotion.joints.pair import Pair
+from comotion.joints.states import relative_states
 from comotion.partition import BodyMotion
 from comotion_schemas import decode, encode
 
@@ -118,6 +123,18 @@ def test_a_joint_that_breaks_is_released():
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
     found.judge(world(150, 30), body)
     assert found.known.kind in {"undetermined", "free"}
+
+
+def test_a_fit_that_is_hopeless_goes_on_at_the_next_judgement():
+    body = child("revolute", np.linspace(0, 1.2, 60))
+    states = relative_states(world(60), body, np.zeros(3))
+    model = replace(first_guess(states, "revolute"), u=np.array([1.0, 0, 0]), c=1.5 * HINGE)
+    worst = fit(states, model, 1.0, steps=0).misfit
+    for _ in range(20):
+        found = fit(states, model, 1.0)
+        model = found.model
+    assert found.misfit < worst / 20
+    assert abs(model.u @ AXIS) > 0.99
 
 
 def test_every_pair_has_its_turn():
