@@ -76,6 +76,7 @@ def test_scenes_are_grouped(scene, least):
         ("sliding", 2, {"duration": 10.0}, 0.93),
         ("drift_static", 0, {"duration": 10.0}, 0.99),
         ("rgbd_rest_10", 1, {"duration": 8.0}, 0.99),
+        ("rgbd_rest_10", 0, {"duration": 4.0, "background_features": 1200}, 0.99),
         ("rgbd_bodies_told", 1, {"duration": 8.0}, 0.93),
     ],
 )
