@@ -35,6 +35,24 @@ def test_a_scene_has_the_features_that_its_file_says_for_as_long(name):
     assert (spec.space, spec.unit) == ("plane" if spec.dim == 2 else "world", "m")
 
 
+@pytest.mark.parametrize("split", ["features", "objects"])
+@pytest.mark.parametrize("name", ["fig4_4", "3d_gaps", "3d_late", "3d_pose"])
+def test_sources_of_any_rate_share_one_consistent_world(name, split):
+    owners, objects = {}, {}
+    for source in simulate(load_scene(name), seed=3, rates=[7.0, 25.0, 60.0], split=split):
+        ended, frames = set(), list(source)
+        assert len(frames) == len(source)
+        for frame in frames:
+            ids = frame.ids.tolist()
+            assert np.isfinite(frame.positions).all()
+            assert len(set(ids)) == len(ids)
+            ended |= set(frame.ended.tolist())
+            assert not ended & set(ids)
+            for feature, number in zip(ids, frame.objects.tolist(), strict=True):
+                assert owners.setdefault(feature, source.part) == source.part
+                assert objects.setdefault(feature, number) == number
+
+
 def test_noise_is_gaussian_of_the_stated_size_and_scaled_by_the_factor():
     exact = list(run("fig4_1", noise=0.0))
     for factor in (1.0, 2.0):
