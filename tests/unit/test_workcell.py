@@ -9,10 +9,9 @@ from comotion_sources.cameras.tum import TumFolder
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
-from comotion_sources.frames import AMBIGUOUS  # noqa: E402
 from comotion_sources.klt import TrackerConfig  # noqa: E402
 from comotion_sources.poses import read_trajectory  # noqa: E402
-from comotion_sources.workcell import Scene, Viewpoint, open_camera  # noqa: E402
+from comotion_sources.workcell import Scene, Viewpoint  # noqa: E402
 from comotion_sources.workcell.atlas import build_atlas  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
@@ -41,20 +40,6 @@ def test_depth_and_geoms_agree_with_single_rays_of_mujoco():
             )
             assert ideal.geoms[v, u] == geom[0]
             assert ideal.depth[v, u] == pytest.approx(distance, abs=1e-5)
-
-
-def test_a_camera_not_attached_runs_through_the_scene():
-    camera = open_camera("truck/b?size=160x120&rate=10&duration=0.3&cover=0.1-0.2")
-    frames = list(camera)
-    assert [f.stamp_ns for f in frames] == [0, 100_000_000, 200_000_000]
-    assert [bool(f.depth.any()) for f in frames] == [True, False, True]
-    assert frames[1].image.max() < 10
-    assert (frames[1].objects == AMBIGUOUS).all()
-    assert not camera.live
-    assert camera.rate == 10
-    assert camera.objects == camera.scene.objects
-    camera.close()
-    assert list(camera) == []
 
 
 def test_a_folder_of_a_carried_camera_tells_where_the_camera_was(tmp_path):
