@@ -60,11 +60,11 @@ class _Client(Watched):
 
     def turn(self):
         super().turn()
-        self.messages += [one for source in self._sources for _, one in source.drain()]
+        self.messages += [message for source in self._sources for _, message in source.drain()]
 
     @property
     def has_batches(self):
-        return any(isinstance(one, ObservationBatch) for one in self.messages)
+        return any(isinstance(message, ObservationBatch) for message in self.messages)
 
 
 def _processes(scene, folder, endpoint, seconds):
@@ -81,7 +81,7 @@ def _scene_file(scene, folder, seconds):
     text = re.sub(r"duration = [\d.]+", f"duration = {seconds:.1f}", text)
     if count:
         factor = int(count) / sum(map(int, re.findall(r"features = (\d+)", text)))
-        text = re.sub(r"features = (\d+)", lambda one: f"features = {round(factor * int(one[1]))}", text)
+        text = re.sub(r"features = (\d+)", lambda match: f"features = {round(factor * int(match[1]))}", text)
     file = folder / f"{name}.toml"
     file.write_text(text)
     return file
@@ -110,9 +110,9 @@ def measure(scene, cores, seconds):
             arrived, messages = client.monitor.arrived_s[:], client.messages[:]
             limited.end()
             back_s = _back(client)
-        batches = [one for one in messages if isinstance(one, ObservationBatch)]
-        batches.sort(key=lambda one: one.stamp_ns)
-        truths = [one for one in messages if isinstance(one, TruthBatch)]
+        batches = [message for message in messages if isinstance(message, ObservationBatch)]
+        batches.sort(key=lambda batch: batch.stamp_ns)
+        truths = [message for message in messages if isinstance(message, TruthBatch)]
         offline = run_offline([*truths, *batches], FusionConfig()).scores
         settled_ns = batches[0].stamp_ns + round(SETTLED_S * 1e9)
         nmi = _mean_nmi(scores, settled_ns), _mean_nmi(offline, settled_ns)
@@ -124,7 +124,7 @@ def _back(client):
     began = time.monotonic()
     while (passed := time.monotonic() - began) < _BACK_S:
         replies = client.session.get(client.keys.query("status"), timeout=2.0)
-        states = [decode_as(Status, one.ok.payload.to_bytes()) for one in replies if one.ok is not None]
+        states = [decode_as(Status, reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
         if states and " (level " not in states[0].message:
             return passed
         time.sleep(0.05)
@@ -132,4 +132,4 @@ def _back(client):
 
 
 def _mean_nmi(scores, settled_ns):
-    return float(np.nanmean([one.nmi for one in scores if one.stamp_ns >= settled_ns]))
+    return float(np.nanmean([score.nmi for score in scores if score.stamp_ns >= settled_ns]))

@@ -61,8 +61,8 @@ def test_a_source_is_known_by_its_batches_or_by_its_status(router, session):
         reader.intake.statuses.read()
 
     until(lambda: reader.intake.present.keys() == {"a", "b"}, step)
-    for one in held:
-        one.undeclare()
+    for token in held:
+        token.undeclare()
     until(lambda: not reader.intake.present, step)
 
 
@@ -198,9 +198,9 @@ class StatusReader:
         until(fulfilled, self._read)
 
     def _read(self):
-        found = self.statuses.read()
-        assert len(found) <= 16
-        self.got += [(one.component, one.counters["sent"]) for one, _ in found]
+        statuses = self.statuses.read()
+        assert len(statuses) <= 16
+        self.got += [(status.component, status.counters["sent"]) for status, _ in statuses]
 
 
 def put(session, name, *args, **fields):

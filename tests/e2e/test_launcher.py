@@ -74,9 +74,9 @@ def await_end(pid):
 
 def is_sorted_out(update):
     """Two sources with two bodies each make four hypotheses of six."""
-    found = [label for _, label in sorted(labels(update).items())]
-    bodies = [set(found[k : k + 6]) for k in range(0, len(found), 6)]
-    return len(found) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
+    by_track = [label for _, label in sorted(labels(update).items())]
+    bodies = [set(by_track[k : k + 6]) for k in range(0, len(by_track), 6)]
+    return len(by_track) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
 
 
 def settled(updates):

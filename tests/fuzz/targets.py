@@ -59,14 +59,14 @@ def batch(seq=0, **fields):
 
 def _wire(data):
     """What is accepted is a message that can be written and read again, and a batch of it one to fuse."""
-    found = decode(data)
-    written = encode(found)
+    message = decode(data)
+    written = encode(message)
     assert encode(decode(written)) == written
-    if isinstance(found, ObservationBatch):
+    if isinstance(message, ObservationBatch):
         fusion = Fusion(FusionConfig(window=1.0))
-        fusion.ingest(found)
+        fusion.ingest(message)
         fusion.update(NOW_NS)
-        fusion.update(min(found.stamp_ns, 2**62))
+        fusion.update(min(message.stamp_ns, 2**62))
 
 
 def _messages():
@@ -118,14 +118,14 @@ def _folder():
 
 
 def _recording(path, rate=None):
-    for found in recording_batches(read_recording(path, rate), split=2):
-        encode(found)
+    for message in recording_batches(read_recording(path, rate), split=2):
+        encode(message)
 
 
 def _mcap(path):
     with MessageLog(path) as log:
-        for one in log.messages():
-            one.decode()
+        for message in log.messages():
+            message.decode()
 
 
 def _mcap_seeds():
@@ -133,7 +133,7 @@ def _mcap_seeds():
 
     from comotion_schemas.recording import MESSAGE_ENCODING
 
-    found = []
+    files = []
     for compression in CompressionType:
         buffer = io.BytesIO()
         writer = Writer(buffer, compression=compression)
@@ -142,8 +142,8 @@ def _mcap_seeds():
         for seq in range(3):
             writer.add_message(channel, seq, encode(batch(seq)), seq, seq)
         writer.finish()
-        found.append(buffer.getvalue())
-    return found
+        files.append(buffer.getvalue())
+    return files
 
 
 def _tum(path):

@@ -47,10 +47,10 @@ def test_a_standby_takes_over_with_ids_births_and_poses_of_the_active_service(pa
     expected, got = step(leader, 60), step(standby, 60)
     assert labels_of(got) == labels_of(expected)
     assert len(set(labels_of(got).values())) == 2
-    for mine, theirs in zip(got.hypotheses, expected.hypotheses, strict=True):
-        assert (mine.id, mine.born_ns) == (theirs.id, theirs.born_ns)
-        assert mine.pose.translation == pytest.approx(theirs.pose.translation, abs=2e-3)
-        assert mine.pose.rotation == pytest.approx(theirs.pose.rotation, abs=5e-3)
+    for own, led in zip(got.hypotheses, expected.hypotheses, strict=True):
+        assert (own.id, own.born_ns) == (led.id, led.born_ns)
+        assert own.pose.translation == pytest.approx(led.pose.translation, abs=2e-3)
+        assert own.pose.rotation == pytest.approx(led.pose.rotation, abs=5e-3)
 
 
 def test_a_new_hypothesis_gets_no_id_that_the_active_service_may_have_given(pair):
@@ -72,6 +72,6 @@ def test_forgetting_names_the_published_id_and_a_restart_keeps_the_names(pair):
     restored = Fusion.restore(FusionConfig(), standby.snapshot(), session="3" * 16)
     update = step(restored, 61)
     assert labels_of(update) == labels_of(before)
-    one = before.hypotheses[0].id
-    assert restored.forget(one) == [one]
-    assert restored.forget(one) == []
+    first = before.hypotheses[0].id
+    assert restored.forget(first) == [first]
+    assert restored.forget(first) == []

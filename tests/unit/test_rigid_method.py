@@ -30,16 +30,16 @@ def messages(scene, seed=0, **kwargs):
 
 def updates_of(stream, config=None, duration=None, scale=1.0):
     """Updates and scores of a scene, whose unit may be stretched."""
-    found = []
+    updates = []
     scaled = (_scaled(m, scale) for m in stream)
     run_offline(
         scaled,
         config or FusionConfig(),
         period=PERIOD,
         duration=duration,
-        on_update=lambda update, score: found.append((update, score)),
+        on_update=lambda update, score: updates.append((update, score)),
     )
-    return found
+    return updates
 
 
 def _scaled(message, scale):
@@ -143,9 +143,9 @@ def test_a_source_that_is_wrongly_calibrated_or_late_separates_no_body(name):
 )
 def test_objects_that_were_covered_or_tracked_anew_keep_their_ids(family, options):
     duration = {"duration": 14.0} if family == "object_cover" else {}
-    found = run_family(family, 0, FusionConfig(**options), **duration)
-    assert found["kept"] == 1.0
-    assert found["ids"] == 1.0 or options
+    figures = run_family(family, 0, FusionConfig(**options), **duration)
+    assert figures["kept"] == 1.0
+    assert figures["ids"] == 1.0 or options
 
 
 def test_published_noise_is_used_a_covariance_before_sigma():
@@ -154,11 +154,11 @@ def test_published_noise_is_used_a_covariance_before_sigma():
     for k, x in enumerate(np.random.default_rng(0).normal(0, 0.01, (20, 1, 3))):
         window.insert(slots, k * NS // 15, x, np.array([0.02]), None)
 
-    def found():
+    def covariance():
         tracks = read_tracks(window, slots, 2 * NS)
         estimates = NoiseEstimates(3).read(tracks, np.array([NS]))
         return noise_covariances(tracks, *estimates, np.array([0]), on_arm=False)[0]
 
-    np.testing.assert_allclose(found(), 0.02**2 * np.eye(3), rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(covariance(), 0.02**2 * np.eye(3), rtol=1e-3, atol=1e-12)
     window.covariance[slots] = [4e-6, 1e-6, 0.0, 1e-6, 0.0, 9e-6]
-    np.testing.assert_allclose(found(), [[4e-6, 1e-6, 0], [1e-6, 1e-6, 0], [0, 0, 9e-6]], atol=1e-8)
+    np.testing.assert_allclose(covariance(), [[4e-6, 1e-6, 0], [1e-6, 1e-6, 0], [0, 0, 9e-6]], atol=1e-8)

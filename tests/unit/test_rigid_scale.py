@@ -38,7 +38,7 @@ def test_a_subset_finds_what_everybody_would(scene, monkeypatch):
     chosen = []
     monkeypatch.setattr(method, "choose_subset", lambda *a: chosen.append(choose_subset(*a)) or chosen[-1])
     assert np.nanmean(score()) > np.nanmean(everybody) - 0.02
-    assert sum(not one.unexplained.all() for one in chosen) > len(chosen) / 2
+    assert sum(not subset.unexplained.all() for subset in chosen) > len(chosen) / 2
 
 
 HZ, SPIN, WAY = 30, np.array([0.0, 0.3, 0.8]), np.array([0.12, -0.05, 0.0])
@@ -79,10 +79,10 @@ def run(monkeypatch, seconds, *, late_s=np.inf, born_s=np.inf, end_s=np.inf, hol
                 yield t, bool(held) and held[-1] is not None, update
 
 
-def apart(update, some, others):
+def apart(update, features, others):
     labels = labels_of(update)
-    mine, theirs = ({labels.get(int(i), -1) for i in one} for one in (some, others))
-    return not mine & theirs
+    hypotheses = [{labels.get(int(i), -1) for i in group} for group in (features, others)]
+    return not set.intersection(*hypotheses)
 
 
 def test_a_steady_scene_is_held_mostly_with_the_motion_of_now(monkeypatch):
@@ -97,14 +97,14 @@ def test_a_steady_scene_is_held_mostly_with_the_motion_of_now(monkeypatch):
 
 
 def test_what_begins_to_move_is_found_as_soon_as_by_a_fit_at_each_update(monkeypatch):
-    found = {}
+    seen_s = {}
     for holding in (True, False):
-        found[holding] = next(
+        seen_s[holding] = next(
             t
             for t, _, update in run(monkeypatch, 9, late_s=6.0, holding=holding)
             if t > 6.0 and apart(update, LATE, REST)
         )
-    assert found[True] <= found[False] + 0.1 + 1e-9
+    assert seen_s[True] <= seen_s[False] + 0.1 + 1e-9
 
 
 def test_what_is_born_joins_its_body_and_what_ends_is_gone_while_the_fit_is_held(monkeypatch):

@@ -82,11 +82,11 @@ class TestObservations:
     ],
 )
 def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, monkeypatch):
-    asked = {}
+    options_of_work = {}
 
     def spied(plain):
         def call(*args, **options):
-            asked.update(options)
+            options_of_work.update(options)
             return plain(*args, **options)
 
         return call
@@ -95,7 +95,7 @@ def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, mo
         monkeypatch.setattr(place, name, spied(getattr(place, name)))
     fusion = shed(level)
     run_offline(simulated("3d_2"), fusion, duration=0.2)
-    assert asked == done
+    assert options_of_work == done
     assert fusion.stats.shed == (2 if level else 0)
 
 

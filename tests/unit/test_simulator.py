@@ -74,21 +74,21 @@ def test_the_same_seed_gives_the_same_frames_and_another_seed_others():
 
 def test_batches_tell_the_truth_of_a_feature_before_its_first_observation():
     spec = load_scene("fig4_4")
-    known, seq, last = defaultdict(dict), defaultdict(int), 0
+    objects, seq, last = defaultdict(dict), defaultdict(int), 0
     for message in batches(simulate(spec, rates=[15, 30, 100]), epoch_ns=EPOCH_NS):
         assert encode(decode(encode(message))) == encode(message)
         if isinstance(message, TruthBatch):
-            known[message.source].update(zip(message.ids.tolist(), message.objects.tolist(), strict=True))
+            objects[message.source].update(zip(message.ids.tolist(), message.objects.tolist(), strict=True))
             continue
         assert isinstance(message, ObservationBatch)
-        assert set(message.ids.tolist()) <= known[message.source].keys()
+        assert set(message.ids.tolist()) <= objects[message.source].keys()
         assert message.stamp_ns >= max(last, EPOCH_NS)
         assert message.seq == seq[message.source]
         seq[message.source] += 1
         last = message.stamp_ns
     assert dict(seq) == {"simulator-1": 121, "simulator-2": 240, "simulator-3": 800}
     whole = objects_of(Simulation(spec))
-    assert {i: o for part in known.values() for i, o in part.items()} == whole
+    assert {i: o for part in objects.values() for i, o in part.items()} == whole
 
 
 def test_noise_is_published_on_demand_and_only_where_there_is_some():
