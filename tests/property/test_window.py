@@ -1,12 +1,15 @@
 """The window against a plain list of observations, under random life and death, and its memory."""
 
+import mmap
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from comotion.arrays import untouched_zeros
 from comotion.trajectories.window import Window
 
 SPAN = 100
@@ -128,3 +131,15 @@ def test_rows_that_one_trajectory_needed_are_given_back(late) -> None:
         np.testing.assert_array_equal(one, was)
     fill(window, slots, 200, first=50)
     np.testing.assert_array_equal(window.counts(slots), np.full(10, 250 - late))
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no system that says so")
+def test_rows_that_nobody_writes_to_take_no_memory() -> None:
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
+
+    size = 64 << 20
+    column, before = untouched_zeros((size // 8, 1), np.int64), resident()
+    column[:: (1 << 21) // 8] = 1
+    assert resident() - before < size // 8
+    assert column.sum() == size >> 21
