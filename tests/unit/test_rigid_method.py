@@ -136,16 +136,20 @@ def test_a_source_that_is_wrongly_calibrated_or_late_separates_no_body(name):
     assert np.mean([s.nmi for s in scores[9:]]) > 0.96
 
 
-# Without doubt about newborn features what was covered comes back under other ids.
+# Ids that each object has on average, at most: without doubt about newborn features 1.8 where it is 1.
 @pytest.mark.parametrize(
-    ("family", "options"),
-    [("cover_1s", {}), ("cover_3s", {"window": 2.0}), ("object_cover", {}), ("restart", {})],
+    ("family", "window", "most", "options"),
+    [
+        ("cover_1s", 10.0, 1.0, {}),
+        ("cover_3s", 2.0, 2.0, {}),
+        ("object_cover", 10.0, 1.0, {"duration": 14.0}),
+        ("restart", 10.0, 1.0, {}),
+    ],
 )
-def test_objects_that_were_covered_or_tracked_anew_keep_their_ids(family, options):
-    duration = {"duration": 14.0} if family == "object_cover" else {}
-    figures = run_family(family, 0, FusionConfig(**options), **duration)
+def test_objects_that_were_covered_or_tracked_anew_keep_their_ids(family, window, most, options):
+    figures = run_family(family, 0, FusionConfig(window=window), **options)
     assert figures["kept"] == 1.0
-    assert figures["ids"] == 1.0 or options
+    assert figures["ids"] <= most
 
 
 def test_published_noise_is_used_a_covariance_before_sigma():
