@@ -78,20 +78,20 @@ class Outcome:
 class Arena(Watched):
     """The processes of a scene; a context manager.
 
-    `held`: the honest start only with :meth:`begin`; `also`: further sources of the soak; `secure`: all have
-    certificates, the attacker an ordinary one; `serve`: further options of the service.
+    `also`: further sources of the soak; `secure`: all have certificates, the attacker an ordinary one;
+    `serve`: further options of the service.
     """
 
     turn_s = 0.02
 
-    def __init__(self, folder, *, held=False, also=(), secure=False, serve=()):
+    def __init__(self, folder, *, also=(), secure=False, serve=()):
         self.endpoint = free_endpoint()
         self._tls: Path | None = None
         if secure:
             self.endpoint = self.endpoint.replace("tcp/127.0.0.1", "tls/localhost")
             roles = {"hall": "router", "fusion": "service", **dict.fromkeys((*HONEST, NAME), "source")}
             self._tls = certificates(folder / "pki", roles, scene=SCENE).folder
-        self._folder, self._held, self._sources = folder, held, (*HONEST, *also)
+        self._folder, self._sources = folder, (*HONEST, *also)
         every = system(self.endpoint, SCENE, folder, serve=serve)
         processes = {name: self._certified(every[name]) for name in ("router", "service", *self._sources)}
         if self._tls is not None:
@@ -106,8 +106,9 @@ class Arena(Watched):
         try:
             self.start("service")
             self.until(lambda: self.last is not None)
-            if not self._held:
-                self.begin()
+            self.start(*self._sources)
+            self.until(lambda: {one.name for one in self.last.sources} >= set(HONEST))
+            self.wait(3.0)
         except BaseException:
             self.__exit__()
             raise
@@ -124,12 +125,6 @@ class Arena(Watched):
             own = "fusion" if process.name == "service" else process.name
             process.command = ("env", f"{ENVIRONMENT}={self._tls / own}", *process.command)
         return process
-
-    def begin(self):
-        """Start the honest sources and wait until both are fused."""
-        self.start(*self._sources)
-        self.until(lambda: {one.name for one in self.last.sources} >= set(HONEST))
-        self.wait(3.0)
 
     @contextmanager
     def attacked_by(self, name, seconds):

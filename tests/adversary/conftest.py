@@ -13,7 +13,7 @@ BUSY = 2.0
 
 @pytest.fixture
 def enter(tmp_path):
-    """Start a scene: ``enter(held=True)``."""
+    """Start a scene: ``enter(secure=True)``."""
     with ExitStack() as stack:
         yield lambda **options: stack.enter_context(Arena(tmp_path, **options))
 

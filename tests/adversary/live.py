@@ -1,22 +1,15 @@
-"""Live against offline: what a scene comes to where the service has a share of one core.
+"""Live against offline: what a scene comes to where the service has a share of one core (:mod:`.quota`).
 
-    PYTHONPATH=tests python -m adversary.live [--cores 1,0.5,0.25] [--seconds 20] [SCENE...]
-
-A scene is a name of ``comotion source simulator --list``, with ``:N`` for N features in all, or ``workcell``.
-Service and sources are processes; the service alone is limited (:mod:`.quota`). The same batches are then
-given to the core offline, which has all the time. Printed are the means over the updates after the first
-seconds, and how long it takes until nothing is left out once the service has a whole core again.
+Service and sources are processes; the same batches are then given to the core offline, which has all the
+time. Compared are means over the updates after the first seconds.
 """
 
-import argparse
 import re
 import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,58 +27,29 @@ from comotion_tools.soak.monitor import Watched
 
 from . import quota
 
-SCENES = ("3d_4:60", "3d_4:300", "3d_4:1000", "3d_async", *(["workcell"] if find_spec("mujoco") else []))
-CORES = (1.0, 0.5, 0.25)
 SETTLED_S = 3.0
 """The first updates show too little motion for either."""
 _NAME = "live"
 _BACK_S = 20.0
 _OPEN_S = 300.0
-_WORKCELL = {
-    "truck": "source workcell truck",
-    "klt-a": "source klt workcell:truck/a?size=320x240&rate=15 --name klt-a --max-features 120",
-    "klt-b": "source external-camera workcell:truck/b?size=320x240&rate=7.5 --name klt-b --max-features 120",
-    "gripper": "source proprioception workcell:truck --name gripper",
-}
 
 
 @dataclass
 class Live:
     """One scene at one share of a core.
 
-    Attributes
-    ----------
-    nmi, hypotheses
-        Means, live and offline.
-    updates, due, gap_s
-        How many came, how many the period allows, and the longest time between two.
-    level, back_s
-        Highest level of shedding, and how long after the limit it was 0 again; None for not in 20 s.
+    `nmi`: means, live and offline. `updates`, `due`: how many came, and how many the period allows. `back_s`:
+    how long after the limit nothing was left out again; None for not in 20 s.
     """
 
-    scene: str
-    cores: float
     nmi: tuple[float, float]
-    hypotheses: tuple[float, float]
     updates: int
     due: int
-    gap_s: float
-    level: int
     back_s: float | None
-
-    def __str__(self):
-        back = "-" if self.back_s is None else f"{self.back_s:.1f} s"
-        scores = [*(f"{one:.3f}" for one in self.nmi), *(f"{one:.1f}" for one in self.hypotheses)]
-        came = f"{self.updates} of {self.due}", f"{self.gap_s:.2f} s"
-        return f"| {' | '.join([self.scene, f'{self.cores:g}', *scores, *came, str(self.level), back])} |"
-
-
-_COLUMNS = "scene, cores, NMI live, offline, hypotheses live, offline, updates, longest gap, level, back"
-HEAD = f"| {_COLUMNS.replace(', ', ' | ')} |\n|---|{9 * '---:|'}"
 
 
 class _Client(Watched):
-    """What goes over the wire: all batches, the times of updates, and the highest level."""
+    """What goes over the wire: all batches, and the times of updates."""
 
     turn_s = 0.05
 
@@ -93,31 +57,20 @@ class _Client(Watched):
         super()._begin()
         self._sources = self.subscribe(TruthBatch), self.subscribe(ObservationBatch)
         self.messages: list[Message] = []
-        self.level = 0
 
     def turn(self):
         super().turn()
-        self.messages += [one for source in self._sources for _, one in source.drain()]
-        if self.monitor.status is not None:
-            self.level = max(self.level, _level(self.monitor.status))
+        self.messages += [message for source in self._sources for _, message in source.drain()]
 
     @property
     def has_batches(self):
-        return any(isinstance(one, ObservationBatch) for one in self.messages)
-
-
-def _level(status):
-    found = re.search(r"level (\d+) of", status.message)
-    return int(found[1]) if found else 0
+        return any(isinstance(message, ObservationBatch) for message in self.messages)
 
 
 def _processes(scene, folder, endpoint, seconds):
     at = f"--connect {endpoint} --scene {_NAME}"
     commands = {"router": f"router --listen {endpoint}", "service": f"serve --no-state {at}"}
-    sources = _WORKCELL
-    if scene != "workcell":
-        sources = {"simulator": f"source simulator {_scene_file(scene, folder, seconds)} --seed 1"}
-    commands |= {name: f"{command} {at}" for name, command in sources.items()}
+    commands["source"] = f"source simulator {_scene_file(scene, folder, seconds)} --seed 1 {at}"
     return {name: Managed(name, (*COMOTION, *words.split()), folder) for name, words in commands.items()}
 
 
@@ -128,14 +81,14 @@ def _scene_file(scene, folder, seconds):
     text = re.sub(r"duration = [\d.]+", f"duration = {seconds:.1f}", text)
     if count:
         factor = int(count) / sum(map(int, re.findall(r"features = (\d+)", text)))
-        text = re.sub(r"features = (\d+)", lambda one: f"features = {round(factor * int(one[1]))}", text)
+        text = re.sub(r"features = (\d+)", lambda match: f"features = {round(factor * int(match[1]))}", text)
     file = folder / f"{name}.toml"
     file.write_text(text)
     return file
 
 
-def measure(scene, cores, seconds, *, quiet=True):
-    """Run a scene for some seconds with a share of a core for the service."""
+def measure(scene, cores, seconds):
+    """Run a scene of ``comotion source simulator``, ``:N`` for N features in all, for some seconds."""
     with tempfile.TemporaryDirectory() as name:
         folder, endpoint = Path(name), free_endpoint()
         settings = SessionSettings(connect=(endpoint,))
@@ -144,78 +97,39 @@ def measure(scene, cores, seconds, *, quiet=True):
         with _Client(processes, _NAME, settings) as client, ThreadPoolExecutor(1) as thread:
             client.start("service")
             client.until(lambda: client.monitor.last)
-            client.start(*(name for name in processes if name not in ("router", "service")))
+            client.start("source")
             client.until(lambda: client.has_batches)
             limit = (sys.executable, quota.__file__, str(processes["service"].pid), str(cores))
             limited = Managed("quota", limit, folder)
             limited.start()
-            client.monitor.status, client.level, began = None, 0, time.monotonic()
+            began = time.monotonic()
             del client.monitor.arrived_s[:-1]
-            evaluated = thread.submit(evaluate, scene=_NAME, settings=settings, duration=seconds, quiet=quiet)
+            evaluated = thread.submit(evaluate, scene=_NAME, settings=settings, duration=seconds, quiet=True)
             client.is_so(evaluated.done, _OPEN_S)
             scores, took = evaluated.result().scores, time.monotonic() - began
-            arrived, messages, level = client.monitor.arrived_s[:], client.messages[:], client.level
+            arrived, messages = client.monitor.arrived_s[:], client.messages[:]
             limited.end()
             back_s = _back(client)
-        period = FusionConfig().period
-        offline = _offline(messages)
-        first_ns = min(one.stamp_ns for one in messages if isinstance(one, ObservationBatch))
-        return Live(
-            scene,
-            cores,
-            (_mean(scores, first_ns, "nmi"), _mean(offline, first_ns, "nmi")),
-            (_mean(scores, first_ns, "hypotheses"), _mean(offline, first_ns, "hypotheses")),
-            len(arrived) - 1,
-            int(took / period),
-            max(b - a for a, b in pairwise(arrived)),
-            level,
-            back_s,
-        )
+        batches = [message for message in messages if isinstance(message, ObservationBatch)]
+        batches.sort(key=lambda batch: batch.stamp_ns)
+        truths = [message for message in messages if isinstance(message, TruthBatch)]
+        offline = run_offline([*truths, *batches], FusionConfig()).scores
+        settled_ns = batches[0].stamp_ns + round(SETTLED_S * 1e9)
+        nmi = _mean_nmi(scores, settled_ns), _mean_nmi(offline, settled_ns)
+        return Live(nmi, len(arrived) - 1, int(took / FusionConfig().period), back_s)
 
 
 def _back(client):
     """How long until nothing is left out."""
     began = time.monotonic()
     while (passed := time.monotonic() - began) < _BACK_S:
-        for reply in client.session.get(client.keys.query("status"), timeout=2.0):
-            if reply.ok is not None and not _level(decode_as(Status, reply.ok.payload.to_bytes())):
-                return passed
+        replies = client.session.get(client.keys.query("status"), timeout=2.0)
+        states = [decode_as(Status, reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
+        if states and " (level " not in states[0].message:
+            return passed
         time.sleep(0.05)
     return None
 
 
-def _offline(messages):
-    batches = [one for one in messages if isinstance(one, ObservationBatch)]
-    truths = [one for one in messages if isinstance(one, TruthBatch)]
-    ordered = sorted(batches, key=lambda one: one.stamp_ns)
-    return run_offline([*truths, *ordered], FusionConfig()).scores
-
-
-def _mean(scores, first_ns, name):
-    settled_ns = first_ns + round(SETTLED_S * 1e9)
-    values = [getattr(one, name) for one in scores if one.stamp_ns >= settled_ns]
-    return float(np.nanmean(values))
-
-
-def show(scenes, cores, seconds):
-    """Print the table, a line as it comes."""
-    print(HEAD, flush=True)
-    for scene in scenes:
-        for share in cores:
-            print(measure(scene, share, seconds), flush=True)
-
-
-def main():
-    """Print a row of each."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cores", type=lambda text: [float(one) for one in text.split(",")], default=CORES)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("scenes", nargs="*", default=SCENES)
-    chosen = parser.parse_args()
-    if "workcell" in chosen.scenes and "workcell" not in SCENES:
-        parser.error("workcell needs the extra sim3d")
-    show(chosen.scenes, chosen.cores, chosen.seconds)
-
-
-if __name__ == "__main__":
-    main()
+def _mean_nmi(scores, settled_ns):
+    return float(np.nanmean([score.nmi for score in scores if score.stamp_ns >= settled_ns]))

@@ -1,9 +1,9 @@
-"""The tables of docs/research/attacks.md: what one source costs the others, and what a busy machine costs.
+"""The table of docs/research/attacks.md: what one source costs the others.
 
     PYTHONPATH=tests python -m adversary.table [--secure] [--seconds 20] [ATTACK...]
 
-Without attacks every one of them, those that certificates do not keep out once more with certificates, and
-then :mod:`.live` whole: half an hour on a quiet machine. Give it priority (``nice -n -10``) on another.
+Without attacks every one of them, and those that certificates do not keep out once more with certificates:
+a quarter of an hour on a quiet machine. Give it priority (``nice -n -10``) on another.
 """
 
 import argparse
@@ -12,7 +12,6 @@ from pathlib import Path
 
 from comotion_tools.soak.attacks import ATTACKS, WITHIN_LIMITS
 
-from . import live
 from .arena import COLUMNS, Arena
 
 # Under the names of others, which access control denies.
@@ -21,7 +20,7 @@ SECURE = tuple(one for one in WITHIN_LIMITS if one not in _DENIED)
 
 
 def main() -> None:
-    """Print the tables, a line as it comes."""
+    """Print the table, a line as it comes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--secure", action="store_true")
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -34,9 +33,6 @@ def main() -> None:
     for name, secure in runs:
         with tempfile.TemporaryDirectory() as folder, Arena(Path(folder), secure=secure) as arena:
             print(arena.attack(name, chosen.seconds), flush=True)
-    if not chosen.attacks:
-        print(flush=True)
-        live.show(live.SCENES, live.CORES, chosen.seconds)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,4 @@
-"""Real processes over real Zenoh on a free loopback port, and events to wait for instead of sleeps.
-
-Fixtures
---------
-``start(*arguments)`` runs ``comotion ARGUMENTS`` and waits until it is ready; ``endpoint`` is that
-of a running router; ``session`` is a Zenoh client session there; ``listen(key, kind)`` subscribes
-and answers with a mailbox whose ``until(predicate)`` awaits a message; ``etcd`` is a cluster of one.
-"""
+"""Real processes over real Zenoh on a free loopback port, and events to wait for instead of sleeps."""
 
 import queue
 import shlex
@@ -112,30 +105,17 @@ def _stop(process):
     assert process.end(DEADLINE), process.name
 
 
-@pytest.fixture
-def start():
-    """Run a command for one test."""
+def run_commands():
+    """Run commands: ``start(*arguments)`` runs ``comotion ARGUMENTS`` and waits until it is ready."""
     with Commands() as commands:
         yield commands
 
 
-@pytest.fixture(scope="module")
-def start_shared():
-    """Run a command for all tests of a module."""
-    with Commands() as commands:
-        yield commands
-
-
-@pytest.fixture
-def free_port_endpoint():
-    """An endpoint that nobody listens at yet."""
-    return free_endpoint()
-
-
-@pytest.fixture(scope="module")
-def shared_endpoint():
-    """An endpoint for what the tests of a module share."""
-    return free_endpoint()
+# For one test, and for all tests of a module; so is an endpoint that nobody listens at yet.
+start = pytest.fixture(run_commands, name="start")
+start_shared = pytest.fixture(run_commands, name="start_shared", scope="module")
+free_port_endpoint = pytest.fixture(free_endpoint, name="free_port_endpoint")
+shared_endpoint = pytest.fixture(free_endpoint, name="shared_endpoint", scope="module")
 
 
 @pytest.fixture
@@ -165,7 +145,7 @@ def session(endpoint, connect):
 
 @pytest.fixture
 def listen():
-    """Subscribe: ``listen(session, key, kind)``."""
+    """Subscribe: ``listen(session, key, kind)`` answers with a :class:`Mailbox`."""
     with ExitStack() as stack:
         yield lambda *where: stack.enter_context(closing(Mailbox(*where)))
 

@@ -1,9 +1,7 @@
 """The service's subscriptions to batches and Statuses, against a publisher in the same process."""
 
-from contextlib import closing
 from itertools import count
 
-import pytest
 import zenoh
 
 from comotion.event_time.stats import Ledger, Stats
@@ -51,50 +49,6 @@ def blocking_publishers(session, names):
     }
 
 
-def test_every_batch_comes_once_from_the_first_on(router, session):
-    reader = Reader(router)
-    names = [f"s{k}" for k in range(8)]
-    publishers = blocking_publishers(session, names)
-    for seq in range(200):
-        for name in names:
-            publishers[name].put(payload(name, seq))
-        reader.until(lambda: len(reader.got) >= (seq - 10) * len(names))  # noqa: B023
-    reader.until(lambda: len(reader.got) >= 200 * len(names))
-    reader.poll()
-    for name in names:
-        assert [seq for source, seq in reader.got if source == name] == list(range(200))
-    assert reader.stats.rejected == {}
-    assert reader.intake.received() == dict.fromkeys(names, 200)
-
-
-class Asker:
-    """Looks at tokens as if a second had passed each time; every name that is known was asked for by then."""
-
-    def __init__(self, session, most=100):
-        self.tokens = Tokens(session, KEYS, most)
-        self.known: set[str] = set()
-        self.clock = count(step=1_000_000_000)
-
-    def until(self, *names):
-        until(lambda: self.tokens.present.keys() == set(names), self.look)
-
-    def look(self):
-        self.tokens.look(next(self.clock), lambda: self.known)
-
-
-def test_a_known_source_is_present_while_its_token_is(router, session):
-    asker = Asker(router)
-    cam, other = (session.liveliness().declare_token(KEYS.live("source", name)) for name in ("cam", "other"))
-    asker.known = {"cam", "gone"}
-    asker.until("cam")
-    asker.known = {"other"}
-    asker.until("cam", "other")
-    cam.undeclare()
-    asker.until("other")
-    other.undeclare()
-    asker.until()
-
-
 def test_a_source_is_known_by_its_batches_or_by_its_status(router, session):
     reader = Reader(router)
     seconds = count(step=1_000_000_000)
@@ -107,21 +61,25 @@ def test_a_source_is_known_by_its_batches_or_by_its_status(router, session):
         reader.intake.statuses.read()
 
     until(lambda: reader.intake.tokens.present.keys() == {"a", "b"}, step)
-    for one in held:
-        one.undeclare()
+    for token in held:
+        token.undeclare()
     until(lambda: not reader.intake.tokens.present, step)
 
 
 def test_no_more_names_are_remembered_than_there_may_be_sources(router, session):
-    asker = Asker(router, most=3)
-    asker.known = {f"s-{k}" for k in range(6)}
-    held = {name: session.liveliness().declare_token(KEYS.live("source", name)) for name in asker.known}
-    until(lambda: len(asker.tokens.present) == 3, asker.look)
-    gone = min(asker.tokens.present)
+    names = {f"s-{k}" for k in range(6)}
+    tokens, seconds = Tokens(router, KEYS, 3), count(step=1_000_000_000)
+    held = {name: session.liveliness().declare_token(KEYS.live("source", name)) for name in names}
+
+    def look():
+        tokens.look(next(seconds), lambda: names)
+
+    until(lambda: len(tokens.present) == 3, look)
+    gone = min(tokens.present)
     held.pop(gone).undeclare()
     # One of the others, which were asked for in vain, takes its place.
-    until(lambda: gone not in asker.tokens.present and len(asker.tokens.present) >= 3, asker.look)
-    assert len(asker.tokens.present) == 3
+    until(lambda: gone not in tokens.present and len(tokens.present) >= 3, look)
+    assert len(tokens.present) == 3
 
 
 def test_a_flood_of_one_source_does_not_displace_another(router, session):
@@ -229,55 +187,52 @@ def status(component, sent=0, **fields):
     return builders.status(component, **({"role": "source", "counters": {"sent": sent}} | fields))
 
 
-@pytest.fixture
-def status_reader(router):
-    with closing(Statuses(router, KEYS, most=100)) as statuses:
-        yield StatusReader(statuses)
-
-
 class StatusReader:
     """Reads Statuses until enough has come."""
 
-    def __init__(self, statuses):
-        self.statuses = statuses
+    def __init__(self, router):
+        self.statuses = Statuses(router, KEYS, most=100)
         self.got: list[tuple[str, int]] = []
 
     def until(self, fulfilled):
         until(fulfilled, self._read)
 
     def _read(self):
-        found = self.statuses.read()
-        assert len(found) <= 16
-        self.got += [(one.component, one.counters["sent"]) for one, _ in found]
+        statuses = self.statuses.read()
+        assert len(statuses) <= 16
+        self.got += [(status.component, status.counters["sent"]) for status, _ in statuses]
 
 
-@pytest.fixture
-def put(status_reader, session):
-    return lambda name, one: session.put(KEYS.stream("status", name), encode(one))
+def put(session, name, *args, **fields):
+    """Publish a Status of a component under this name, its own unless told."""
+    session.put(KEYS.stream("status", name), encode(status(*(args or (name,)), **fields)))
 
 
-def test_of_a_storm_the_newest_is_read_and_others_with_it(status_reader, put):
+def test_of_a_storm_the_newest_is_read_and_others_with_it(router, session):
+    reader = StatusReader(router)
     for k in range(3000):
-        put("loud", status("loud", k))
-    put("quiet", status("quiet", 7))
-    status_reader.until(lambda: {("loud", 2999), ("quiet", 7)} <= set(status_reader.got))
+        put(session, "loud", "loud", k)
+    put(session, "quiet", "quiet", 7)
+    reader.until(lambda: {("loud", 2999), ("quiet", 7)} <= set(reader.got))
     # Twice a second at most: what the storm took is some of 3000.
-    assert sum(name == "loud" for name, _ in status_reader.got) < 100
-    assert status_reader.statuses.refused == 0
+    assert sum(name == "loud" for name, _ in reader.got) < 100
+    assert reader.statuses.refused == 0
 
 
-def test_a_status_about_another_component_is_refused_and_counted(status_reader, put):
-    put("liar", status("cam", 2**31))
-    put("cam", status("cam", 5))
-    status_reader.until(lambda: status_reader.statuses.refused == 1 and bool(status_reader.got))
-    assert status_reader.got == [("cam", 5)]
+def test_a_status_about_another_component_is_refused_and_counted(router, session):
+    reader = StatusReader(router)
+    put(session, "liar", "cam", 2**31)
+    put(session, "cam", "cam", 5)
+    reader.until(lambda: reader.statuses.refused == 1 and bool(reader.got))
+    assert reader.got == [("cam", 5)]
 
 
-def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(status_reader, put, session):
-    put("large", status("large", rates={f"stream-{k}": 1.0 for k in range(30_000)}))
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(router, session):
+    reader = StatusReader(router)
+    put(session, "large", rates={f"stream-{k}": 1.0 for k in range(30_000)})
     session.put(KEYS.stream("status", "cam"), b"\x00")
-    status_reader.until(lambda: status_reader.statuses.refused == 2)
+    reader.until(lambda: reader.statuses.refused == 2)
     for k in range(300):
-        put(f"cam-{k}", status(f"cam-{k}"))
-    status_reader.until(lambda: len(status_reader.got) + status_reader.statuses.refused == 302)
-    assert len(status_reader.got) >= 100
+        put(session, f"cam-{k}")
+    reader.until(lambda: len(reader.got) + reader.statuses.refused == 302)
+    assert len(reader.got) >= 100

@@ -16,6 +16,7 @@ from ..builders import by_feature as labels
 from . import tracker
 
 KEYS = Keys()
+STATE = "system.state"
 
 
 def system_file(folder, endpoint):
@@ -32,8 +33,8 @@ connect = ["{endpoint}"]
 [router]
 listen = ["{endpoint}"]
 [serve]
-state = "{folder / "system.state"}"
-state-interval = 3600
+state = "{folder / STATE}"
+state-interval = 0.2
 [fusion]
 method = "thesis"
 # On a loaded machine a restart of the service takes longer than the default.
@@ -73,20 +74,27 @@ def await_end(pid):
 
 def is_sorted_out(update):
     """Two sources with two bodies each make four hypotheses of six."""
-    found = [label for _, label in sorted(labels(update).items())]
-    bodies = [set(found[k : k + 6]) for k in range(0, len(found), 6)]
-    return len(found) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
+    by_track = [label for _, label in sorted(labels(update).items())]
+    bodies = [set(by_track[k : k + 6]) for k in range(0, len(by_track), 6)]
+    return len(by_track) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
 
 
 def settled(updates):
-    """What the tracks belong to once it has not changed for ten updates; by then it is in the state."""
-    same, last = 0, None
+    """The last of ten updates that sort all tracks out alike."""
+    update, same = updates.until(is_sorted_out), 0
     while same < 10:
-        update = updates.until(is_sorted_out)
-        same = same + 1 if labels(update) == last else 0
-        last = labels(update)
-    assert last is not None
-    return last
+        newest = updates.until(is_sorted_out)
+        same = same + 1 if labels(newest) == labels(update) else 0
+        update = newest
+    return update
+
+
+def until_kept(state):
+    """Wait until a state that is taken from now on has been written."""
+    tracker.until(state.exists)
+    for _ in range(2):  # the first may have been taken before
+        written_ns = state.stat().st_mtime_ns
+        tracker.until(lambda: state.stat().st_mtime_ns > written_ns)  # noqa: B023
 
 
 def test_what_dies_is_started_again_and_nothing_is_left_behind(
@@ -95,29 +103,30 @@ def test_what_dies_is_started_again_and_nothing_is_left_behind(
     launcher = start("up", system_file(tmp_path, free_port_endpoint), ready=False)
     launcher.wait_line(lambda line: "all processes are ready" in line)
     updates = listen(connect(free_port_endpoint), KEYS.hypotheses, "hypotheses")
-    before = updates.until(is_sorted_out)
 
-    seen = len(launcher.lines)
-    os.kill(pid_of(launcher, "left"), signal.SIGKILL)
-    pid_of(launcher, "left", seen)
-    restarted = updates.until(lambda u: is_sorted_out(u) and u.sources != before.sources)
+    def kill(name):
+        seen = len(launcher.lines)
+        os.kill(pid_of(launcher, name), signal.SIGKILL)
+        pid_of(launcher, name, seen)
+
+    before = settled(updates)
+    kill("left")
+    updates.until(lambda u: u.sources != before.sources)
+    restarted = settled(updates)
+    expected = labels(restarted)
     assert restarted.session == before.session
-    expected = settled(updates)
     of_right = {track: label for track, label in expected.items() if track[0] == "right"}
     assert of_right.items() <= labels(before).items()
 
-    seen = len(launcher.lines)
-    os.kill(pid_of(launcher, "serve"), signal.SIGKILL)
+    until_kept(tmp_path / STATE)
+    kill("serve")
     after_service = updates.until(lambda u: u.session != before.session and is_sorted_out(u))
     assert labels(after_service) == expected
-    pid_of(launcher, "serve", seen)
 
-    seen = len(launcher.lines)
-    os.kill(pid_of(launcher, "router"), signal.SIGKILL)
-    pid_of(launcher, "router", seen)
-    after_router = updates.until(lambda u: u.seq > after_service.seq and is_sorted_out(u))
-    assert after_router.session == after_service.session
-    assert settled(updates) == expected
+    kill("router")
+    updates.drain()
+    after_router = settled(updates)
+    assert (after_router.session, labels(after_router)) == (after_service.session, expected)
 
     children = [int(pid) for pid in re.findall(r"started \w+, pid (\d+)", launcher.output)]
     assert len(children) == 7

@@ -214,19 +214,6 @@ def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path):
     assert not raw_client(site, None, protocol="tcp"), "no encryption"
 
 
-def test_a_certificate_without_rules_can_do_nothing(site, log_in, all_seeing):
-    """It was issued, but the router has not been restarted yet; or its folder was removed."""
-    site.issue("viewer", "fresh")
-    fresh = log_in("fresh")
-    everything = all_seeing.declare_subscriber("comotion/@v1/**", RingChannel(10))
-    ring = fresh.declare_subscriber("comotion/@v1/**", RingChannel(10))
-    fresh.put(KEYS.stream("status", "fresh"), b"forged", priority=zenoh.Priority.REAL_TIME)
-    assert list(fresh.get("**", timeout=0.5)) == []
-    say(log_in("cam"), "cam")
-    assert str(everything.recv().key_expr) == KEYS.stream("status", "cam")
-    assert set(samples(ring)) <= {KEYS.stream("status", "fresh")}, "more than its own"
-
-
 def test_a_link_ends_with_its_certificate(site):
     site.issue("source", "brief", days=3.0 / 86_400)
     with connect(site.settings("brief"), timeout=DEADLINE) as session:

@@ -1,7 +1,4 @@
-"""A source of two bodies, in a thread of a test or as a process: ``tracker.py OPTIONS``, which are JSON.
-
-The process takes the options of :func:`main`, and says in the end how many batches it has sent.
-"""
+"""A source of two bodies, in a thread of a test or as a process: ``tracker.py`` with the JSON of `main`."""
 
 import itertools
 import json
@@ -14,7 +11,7 @@ import numpy as np
 
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
-from comotion_schemas.transport import client_settings, stream_publisher
+from comotion_schemas.transport import SessionSettings, stream_publisher
 from comotion_tools.processes import DEADLINE
 
 
@@ -59,17 +56,16 @@ def until_heard(publisher):
 class Tracker:
     """Tracks twelve features in metres: the first six move along x, the others along y."""
 
-    def __init__(self, component, space="world", seed=7, noise=0.0, rate=20.0):
-        self._component, self._space, self._noise, self._rate = component, space, noise, rate
-        self._rng = np.random.default_rng(seed)
-        self._rest = self._rng.random((12, 3)) * 0.4
+    def __init__(self, component, space="world", rate=20.0):
+        self._component, self._space, self._rate = component, space, rate
+        self._rest = np.random.default_rng(7).random((12, 3)) * 0.4
         self.publisher = stream_publisher(component.session, component.keys, "obs", component.name)
         self.sent = 0
 
     def batch(self, seq):
         """What it sees now."""
         stamp_ns = time.time_ns()
-        positions = self._rest + self._rng.normal(0, self._noise, self._rest.shape)
+        positions = self._rest.copy()
         swing = 0.3 * np.sin(2 * np.pi * 0.5 * (stamp_ns % 10**12) / 1e9)
         positions[:6, 0] += swing
         positions[6:, 1] += 1.0 + swing
@@ -94,19 +90,17 @@ class Tracker:
         return every(1 / self._rate, self.send)
 
 
-def main(endpoint, name, scene="default", tls=None, ahead_s=0.0, stays_s=0.0, **options):
-    """Publish until stopped, by a clock that is so far ahead; be present for some s after the last batch."""
+def main(endpoint, name, scene="default", ahead_s=0.0, **options):
+    """Publish until stopped, by a clock that is so far ahead."""
     clock = time.time_ns
     time.time_ns = lambda: clock() + round(ahead_s * 1e9)
-    settings = client_settings([endpoint], tls)
+    settings = SessionSettings(connect=(endpoint,))
     with Component(role="source", name=name, scene=scene, settings=settings) as component:
         tracker = Tracker(component, **options)
         component.ready()
         until_heard(tracker.publisher)
         with tracker.running():
             component.stop.wait()
-        time.sleep(stays_s)
-    print(f"sent {tracker.sent}", flush=True)
 
 
 if __name__ == "__main__":

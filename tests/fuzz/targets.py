@@ -35,12 +35,11 @@ CORPUS = Path(__file__).with_name("corpus")
 
 @dataclass(frozen=True)
 class Target:
-    """`run` takes the bytes; `allowed` are its errors, each of one line; `modules` are those it covers."""
+    """`run` takes the bytes; `allowed` are its errors, each of one line."""
 
     run: Callable[[bytes], None]
     seeds: Callable[[], list[bytes]]
-    allowed: tuple[type[Exception], ...]
-    modules: tuple[str, ...]
+    allowed: tuple[type[Exception], ...] = (InputError, UserError)
 
     def check(self, data):
         """Run it; any other error, or one of several lines, is a finding."""
@@ -59,10 +58,16 @@ def batch(seq=0, **fields):
     )
 
 
-def _decode(data):
-    """What is accepted is a message that can be written and read again."""
-    written = encode(decode(data))
+def _wire(data):
+    """What is accepted is a message that can be written and read again, and a batch of it one to fuse."""
+    message = decode(data)
+    written = encode(message)
     assert encode(decode(written)) == written
+    if isinstance(message, ObservationBatch):
+        fusion = Fusion(FusionConfig(window=1.0))
+        fusion.ingest(message)
+        fusion.update(NOW_NS)
+        fusion.update(min(message.stamp_ns, 2**62))
 
 
 def _messages():
@@ -99,18 +104,6 @@ def _core(data):
     fusion.snapshot()
 
 
-def _wire(data):
-    """What arrives on a key, as the service takes it in."""
-    source = data[:4].hex() or "x"
-    Keys("fuzz").stream("obs", source)
-    found = decode(data[4:])
-    if isinstance(found, ObservationBatch):
-        fusion = Fusion(FusionConfig(window=1.0))
-        fusion.ingest(found)
-        fusion.update(NOW_NS)
-        fusion.update(min(found.stamp_ns, 2**62))
-
-
 def _file(name, read):
     def run(data):
         path = _folder() / name
@@ -126,14 +119,14 @@ def _folder():
 
 
 def _recording(path, rate=None):
-    for found in batches(recording_streams(read_recording(path, rate), split=2)):
-        encode(found)
+    for message in batches(recording_streams(read_recording(path, rate), split=2)):
+        encode(message)
 
 
 def _mcap(path):
     with MessageLog(path) as log:
-        for one in log.messages():
-            one.decode()
+        for message in log.messages():
+            message.decode()
 
 
 def _mcap_seeds():
@@ -141,7 +134,7 @@ def _mcap_seeds():
 
     from comotion_schemas.recording import MESSAGE_ENCODING
 
-    found = []
+    files = []
     for compression in CompressionType:
         buffer = io.BytesIO()
         writer = Writer(buffer, compression=compression)
@@ -150,14 +143,13 @@ def _mcap_seeds():
         for seq in range(3):
             writer.add_message(channel, seq, encode(batch(seq)), seq, seq)
         writer.finish()
-        found.append(buffer.getvalue())
-    return found
+        files.append(buffer.getvalue())
+    return files
 
 
 def _tum(path):
-    (path.parent / "groundtruth.txt").write_bytes(path.read_bytes())
-    (path.parent / "objects.txt").write_bytes(path.read_bytes())
-    (path.parent / "depth.txt").write_bytes(path.read_bytes())
+    for name in ("groundtruth.txt", "objects.txt", "depth.txt"):
+        (path.parent / name).write_bytes(path.read_bytes())
     TumFolder(path.parent)
 
 
@@ -173,41 +165,30 @@ def _state_seeds():
     return [fusion.snapshot(), Fusion().snapshot()]
 
 
-_RECORDINGS = "comotion_sources.recordings"
-_ROBOTS = "comotion_sources.proprioception"
-
-
-def _wire_seeds():
-    return [b"\0" * 4 + one for one in _messages()]
-
-
 def _core_seeds():
     return [bytes(range(256)) * 2, np.random.default_rng(0).bytes(620)]
 
 
-def _of_file(name, read, *modules):
-    """Its valid files are in the corpus."""
-    return Target(_file(name, read), list, (InputError, UserError), modules)
+def _of_file(name, read, seeds=list):
+    """Valid files are in the corpus, where no seeds are made."""
+    return Target(_file(name, read), seeds)
 
 
 TARGETS: dict[str, Target] = {
-    "codec": Target(_decode, _messages, (DecodeError,), ("comotion_schemas",)),
-    "core": Target(_core, _core_seeds, (), ("comotion.fusion", "comotion.space", "comotion.event_time")),
-    "wire": Target(_wire, _wire_seeds, (DecodeError,), ("comotion_schemas", "comotion")),
-    "npz": _of_file("a.npz", _recording, _RECORDINGS),
-    "tracks": _of_file("t.csv", lambda path: _recording(path, 30.0), _RECORDINGS),
-    "c3d": _of_file("a.c3d", read_recording, _RECORDINGS),
-    "mcap": Target(
-        _file("a.mcap", _mcap), _mcap_seeds, (InputError, UserError), ("comotion_schemas.message_log", "mcap")
-    ),
-    "yaml": _of_file("a.yaml", read_calibration, "comotion_sources.calibration", "yaml"),
-    "camera-toml": _of_file("a.toml", read_calibration, "comotion_sources.calibration"),
-    "scene": _of_file("s.toml", load_scene, "comotion_sources.simulator"),
-    "config": _of_file("c.toml", load_toml, "comotion_deploy.config_file"),
-    "urdf": _of_file("r.urdf", load_model, _ROBOTS),
-    "csv": _of_file("j.csv", lambda path: list(read_csv(path)), _ROBOTS),
-    "tum": _of_file("rgb.txt", _tum, "comotion_sources.cameras"),
-    "state": Target(_file("s.state", _state), _state_seeds, (), ("comotion.snapshot", "comotion.runtime")),
+    "wire": Target(_wire, _messages, (DecodeError,)),
+    "core": Target(_core, _core_seeds, ()),
+    "npz": _of_file("a.npz", _recording),
+    "tracks": _of_file("t.csv", lambda path: _recording(path, 30.0)),
+    "c3d": _of_file("a.c3d", read_recording),
+    "mcap": _of_file("a.mcap", _mcap, _mcap_seeds),
+    "yaml": _of_file("a.yaml", read_calibration),
+    "camera-toml": _of_file("a.toml", read_calibration),
+    "scene": _of_file("s.toml", load_scene),
+    "config": _of_file("c.toml", load_toml),
+    "urdf": _of_file("r.urdf", load_model),
+    "csv": _of_file("j.csv", lambda path: list(read_csv(path))),
+    "tum": _of_file("rgb.txt", _tum),
+    "state": Target(_file("s.state", _state), _state_seeds, ()),
 }
 
 

@@ -5,9 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig
+from comotion import FusionConfig
 from comotion_experiments.offline import Run, run_offline
-from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_sources.simulator import batches, load_scene, simulate
 
 SEEDS = range(5)
@@ -66,24 +65,3 @@ def test_figure_4_3_weights_see_a_late_start_a_little_sooner():
         first[v_move] = t[perfect].min()
         assert perfect[t >= first[v_move]].all()
     assert 10 < first[0.1] < first[None] < 11
-
-
-def test_figure_3_6_affinity_depends_on_the_direction_of_motion():
-    fusion = Fusion(FusionConfig(method="thesis", thesis={"sigma_switch": 0.01}))
-    body = {}
-    for message in batches(simulate(load_scene("fig3_6"), seed=0)):
-        if isinstance(message, TruthBatch):
-            names = [message.names[str(number)] for number in message.objects.tolist()]
-            body |= dict(zip(message.ids.tolist(), names, strict=True))
-        elif isinstance(message, ObservationBatch):
-            fusion.ingest(message)
-            update = fusion.update(message.stamp_ns)
-    snapshot = fusion.affinity(update.hypotheses[0].space)
-    of = np.array([body[track] for _, _, track in snapshot.tracks])
-    a = {(i, j): float(snapshot.matrix[np.ix_(of == i, of == j)].mean()) for i in "RGPYB" for j in "RGPYB"}
-    assert a["B", "Y"] < 0.01
-    assert a["B", "G"] > 0.9
-    assert all(a[i, j] == pytest.approx(1.0) for i in "RGPY" for j in "RGPY")
-    # G, to which B seems tied, is yet told apart from B, by Y.
-    assert len(update.hypotheses) == 2
-    assert sorted(h.size for h in update.hypotheses) == [3, 12]

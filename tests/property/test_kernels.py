@@ -1,14 +1,11 @@
-"""Compiled code against its readable twins in tests/reference: rigid bodies, pixels, interpolation."""
+"""Compiled code against its readable twins in tests/reference: rigid bodies and interpolation."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from comotion.pixels import key_frames
-from comotion.pixels.kernels import affine
 from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.distances import farthest_points
 from comotion.rigid.kernels.procrustes import fit_poses
@@ -19,7 +16,6 @@ from comotion.trajectories.interpolation import states_at
 from comotion.trajectories.kernels import newest_at, newest_from, segment_at
 from comotion.trajectories.window import Window
 
-from ..reference import pixels as twin
 from ..reference import rigid as plain
 from ..reference.interpolation import segment
 
@@ -125,32 +121,6 @@ def test_each_point_is_as_far_from_those_before_as_can_be(rng):
     for k in range(1, 5):
         nearest = np.linalg.norm(x[:, None] - x[chosen[:k]], axis=2).min(axis=1)
         assert chosen[k] == nearest.argmax()
-
-
-CLOSE = {"rtol": 2e-3, "atol": 2e-3}
-
-
-def frame_pairs(rng):
-    """Of 30 trajectories that drift, visible in most of six frames."""
-    x = rng.uniform(0, 300, (1, 30, 2)) + np.cumsum(rng.normal(0, 2, (6, 30, 2)), axis=0)
-    visible = rng.random((6, 30)) > 0.2
-    positions = np.where(visible[..., None], x, 0).astype(np.float32)
-    pairs = key_frames.frame_pairs(key_frames.KeyFrames(positions, visible, np.zeros(30)), (2,))
-    return pairs.start, pairs.displacement, pairs.seen
-
-
-@few
-@given(rng=seeds)
-def test_local_motions_and_their_residuals(rng):
-    pairs = frame_pairs(rng)
-    members = rng.integers(0, 30, (8, 11))
-    motions, used = affine.fit_local_motions(*pairs, members, 25.0)
-    want, wanted = twin.fit_local_motions(*(p.astype(float) for p in pairs), members, 25.0)
-    assert_array_equal(used, wanted)
-    assert_allclose(motions, want, **CLOSE)
-    caps = used * np.float32(400)
-    total = affine.total_residuals(*pairs, motions, caps)
-    assert_allclose(total, twin.total_residuals(*pairs, motions, caps), **CLOSE)
 
 
 times = st.lists(st.integers(0, 60), max_size=20, unique=True).map(sorted)

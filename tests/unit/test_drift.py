@@ -92,27 +92,23 @@ def late(rate):
     return behind(lambda t: rate * max(t - 5, 0))
 
 
-def test_the_ids_of_what_others_see_stay_and_the_source_is_named():
+# What the last source sees from the 5th second on, and for how many seconds.
+CHANGES = {"it turns": (turned(5.0), 8.0), "its delay grows": (late(0.02), 6.0), "faster": (late(0.05), 6.0)}
+
+
+@pytest.mark.parametrize(("change", "seconds"), CHANGES.values(), ids=CHANGES)
+def test_the_ids_of_what_others_see_stay_and_the_source_is_named(change, seconds):
     scene = Scene()
     before = scene.run(5.0, same)[-1]
     assert len(set(before.values())) == BODIES
     assert scene.drifting == []
-    during = scene.run(8.0, turned(5.0))
+    during = scene.run(seconds, change)
     assert scene.drifting == ["c"]
-    assert all(one == before for one in during)
-    names = [one.name for one in scene.update.sources]
+    assert all(ids == before for ids in during)
+    names = [source.name for source in scene.update.sources]
     drifts = scene.update.track_source == names.index("c")
     assert scene.update.track_confidence[drifts].max() <= np.float32(0.4)
     assert np.median(scene.update.track_confidence[~drifts]) > 0.9
-
-
-@pytest.mark.parametrize("rate", [0.02, 0.05])
-def test_the_ids_of_what_others_see_stay_where_its_delay_grows(rate):
-    scene = Scene()
-    before = scene.run(5.0, same)[-1]
-    after = scene.run(6.0, late(rate))
-    assert scene.drifting == ["c"]
-    assert all(ids == before for ids in after)
 
 
 AT_FIRST = 5.0, same, ""

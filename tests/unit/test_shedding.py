@@ -1,5 +1,6 @@
 """Overload in, work that is left out: in a stated order, never an observation, and all again after it."""
 
+from itertools import chain, cycle, repeat
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,105 +15,61 @@ from comotion.runtime.clocks import Overload
 from comotion.runtime.loop import Loop
 from comotion.shedding import MOST, Load
 from comotion_experiments.offline import run_offline
-from comotion_schemas import UNDETERMINED
 from comotion_sources import simulator
-
-from .. import builders
-from ..builders import labels_of, play
+from comotion_tools.bench.scene import SceneSpec, messages
 
 SECOND = 10**9
 PERIOD = SECOND // 10
 
 
-def body(count, seed):
-    return np.random.default_rng(seed).uniform(-0.2, 0.2, (count, 3))
+CROWD = SceneSpec(features=500, bodies=2, sources=1, rate=20.0, churn=0.1)
 
 
-def batch(k, now, positions, *, first=0, source="a"):
-    noise = np.random.default_rng([k, first]).normal(0, 0.001, positions.shape)
-    return builders.batch(source, k, now, positions + noise, ids=np.arange(first, first + len(positions)))
+def shed(level):
+    """A fusion that leaves out work."""
+    fusion = Fusion(FusionConfig())
+    fusion.shed(level)
+    return fusion
 
 
-def scene(k, now):
-    """Two bodies of eight features: one rests, the other swings beside it, from the first second on."""
-    return batch(k, now, two(k, 8, 0.5))
-
-
-def two(k, count, apart):
-    swing = np.array([apart, 0.3 * np.sin(0.1 * max(k - 20, 0)), 0.0])
-    return np.concatenate([body(count, 1), body(count, 2) + swing])
-
-
-def crowd(k, now):
-    return batch(k, now, two(k, 250, 1.0))
-
-
-def run(fusion, frames, *sources):
-    return play(fusion, frames, *(sources or [scene]), rate=20, every=2)
-
-
-def groups(update):
-    return len(set(update.track_hypothesis.tolist()) - {UNDETERMINED})
+def simulated(name):
+    return simulator.batches(simulator.simulate(simulator.load_scene(name), seed=1))
 
 
 class TestObservations:
     def test_none_is_left_out(self):
         counts = []
         for level in (0, MOST):
-            fusion = Fusion(FusionConfig())
-            fusion.shed(level)
-            updates = run(fusion, range(60))
-            counts.append((fusion.stats.observations, fusion.stats.fused, len(updates[-1].track_id)))
+            fusion = shed(level)
+            scores = run_offline(simulated("3d_2"), fusion, duration=3.0).scores
+            counts.append((fusion.stats.observations, fusion.stats.fused, scores[-1].scored))
         assert counts[0] == counts[1]
 
-    @pytest.mark.parametrize("method", ["comotion", "thesis"])
-    def test_of_a_large_space_some_are_grouped_and_new_ones_join_by_place_and_motion(self, method):
+    @pytest.mark.parametrize(("method", "least"), [("comotion", 0.97), ("thesis", 0.7)])
+    def test_of_a_large_space_some_are_grouped_and_new_ones_join_by_place_and_motion(self, method, least):
         fusion = Fusion(FusionConfig(method=method, thesis=ThesisConfig(sigma_switch=0.02)))
-
-        def newcomers(k, now):
-            """Features that come up on the body that swings."""
-            new = two(k, 250, 1.0)[250:260] + 0.01
-            return batch(k, now, new, first=1000, source="b") if k >= 70 else None
-
-        run(fusion, range(58), crowd)
-        assert len(fusion.affinity("world").tracks) == 500
-        fusion.shed(MOST)
-        sizes = []
-        for k in range(58, 90, 2):
-            (update,) = run(fusion, range(k, k + 2), crowd, newcomers)
-            sizes.append(len(fusion.affinity("world").tracks))
-        assert max(sizes) == 200
-        labels = labels_of(update)
-        rests, swings = ({labels[one] for one in ids} for ids in (range(250), range(250, 500)))
-        assert (len(rests), len(swings)) == (1, 1)
-        assert rests != swings
-        assert {labels[1000 + one] for one in range(10)} == swings
+        levels = chain(repeat(0, 30), repeat(MOST))
+        run = run_offline(messages(CROWD, 5.0), fusion, on_update=lambda *_: fusion.shed(next(levels)))
+        assert len(fusion.affinity("world").tracks) == 200
+        assert run.nmi[30:].min() > least
+        assert run.scores[-1].singletons == 0
 
     def test_at_the_highest_level_the_result_is_as_good_within_a_twentieth(self):
-        messages = list(simulator.batches(simulator.simulate(simulator.load_scene("3d_4"), seed=1)))
-        means = []
-        for level in (0, MOST):
-            fusion = Fusion(FusionConfig())
-            fusion.shed(level)
-            run = run_offline(messages, fusion, duration=10.0)
-            means.append(np.nanmean(run.nmi[run.seconds > 3.0]))
+        runs = [run_offline(simulated("3d_4"), shed(level), duration=10.0) for level in (0, MOST)]
+        means = [np.nanmean(run.nmi[run.seconds > 3.0]) for run in runs]
         assert means[0] > 0.9
         assert means[1] > means[0] - 0.05
 
     def test_another_part_of_a_large_space_may_be_grouped_at_each_update(self):
-        fusion = Fusion(FusionConfig())
-        for k in range(0, 80, 2):
-            fusion.shed((0, MOST, 5, MOST, 5)[k // 2 % 5] if k >= 40 else 0)
-            (update,) = run(fusion, range(k, k + 2), crowd)
+        fusion, levels = shed(0), cycle((0, MOST, 5, MOST, 5))
+        run = run_offline(messages(CROWD, 5.0), fusion, on_update=lambda *_: fusion.shed(next(levels)))
         assert fusion.stats.faults == 0
-        labels = labels_of(update)
-        assert len({labels[one] for one in range(500)}) == 2
+        assert run.nmi[-1] > 0.95
 
     def test_a_body_that_comes_up_while_searches_are_rare_is_found(self):
-        fusion = Fusion(FusionConfig())
-        assert groups(run(fusion, range(20))[-1]) == 1
-        fusion.shed(4)
-        assert groups(run(fusion, range(20, 60))[-1]) == 2
+        run = run_offline(simulated("fig4_3"), shed(4))
+        assert [score.hypotheses for score in run.scores if score.stamp_ns < 10 * SECOND][-1] == 1
+        assert run.scores[-1].hypotheses == 2
 
 
 @pytest.mark.parametrize(
@@ -125,21 +82,20 @@ class TestObservations:
     ],
 )
 def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, monkeypatch):
-    asked = {}
+    options_of_work = {}
 
     def spied(plain):
         def call(*args, **options):
-            asked.update(options)
+            options_of_work.update(options)
             return plain(*args, **options)
 
         return call
 
     for place, name in ((Joints, "update"), (Linker, "linked"), (Registry, "update")):
         monkeypatch.setattr(place, name, spied(getattr(place, name)))
-    fusion = Fusion(FusionConfig())
-    fusion.shed(level)
-    run(fusion, range(4))
-    assert asked == done
+    fusion = shed(level)
+    run_offline(simulated("3d_2"), fusion, duration=0.2)
+    assert options_of_work == done
     assert fusion.stats.shed == (2 if level else 0)
 
 

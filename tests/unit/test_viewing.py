@@ -15,9 +15,8 @@ rerun = pytest.importorskip("rerun", reason="needs the extra view")
 
 from comotion_clients.scoring import SETTLE_S  # noqa: E402
 from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras  # noqa: E402
-from comotion_clients.viewing.drawing import Eye  # noqa: E402
 from comotion_clients.viewing.features import Features  # noqa: E402
-from comotion_clients.viewing.hypotheses import apart, draw_hypotheses  # noqa: E402
+from comotion_clients.viewing.hypotheses import draw_hypotheses  # noqa: E402
 from comotion_clients.viewing.picture import ScenePicture  # noqa: E402
 
 UP = (0.0, 0.0, 1.0)
@@ -101,53 +100,6 @@ def test_labels_stand_above_their_bodies_and_none_covers_another():
     assert heights[0] == pytest.approx(1.4)
     assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
     assert heights[4] == pytest.approx(1.0)
-
-
-def test_labels_cover_each_other_where_an_eye_sees_them_so():
-    eye, row = Eye((0.0, -10.0, 0.0), (0.0, 0.0, 0.0)), 0.4
-    behind = np.array([[0, 0, 0], [0, 5, 0.1], [0, -5, 1.0]], np.float32)
-    lifted = apart(behind, UP, row, eye)
-    seen = lifted[:, 2] / (1 + lifted[:, 1] / 10)  # from 10 away
-    assert np.diff(np.sort(seen)).min() >= 0.99 * row
-    np.testing.assert_array_equal(lifted[[0, 2]], behind[[0, 2]])
-    np.testing.assert_array_equal(apart(behind, UP, row), behind)  # in space they are far from each other
-
-
-def test_a_scene_in_space_is_looked_at_from_where_it_fills_the_view():
-    rng, features = np.random.default_rng(0), Features()
-    for scale, sources in ((1.0, ("a",)), (1.1, ("a",)), (1.1, ("a", "b")), (5.0, ("a", "b"))):
-        count = 200 * len(sources)
-        positions = (scale * rng.uniform(-1, 1, (count, 3)) + (3, 0, 0)).astype(np.float32)
-        of = np.repeat(np.arange(len(sources), dtype=np.uint16), 200)
-        seen = update([1] * count, sources=sources, track_position=positions, track_source=of)
-        before = features.views.get("world")
-        features.draw(seen, {})
-        eye = features.views["world"].eye
-        assert np.linalg.norm(np.subtract(eye.target, (3, 0, 0))) < 0.2 * scale
-        away = np.linalg.norm(np.subtract(eye.position, eye.target)) / scale
-        assert 2 < away < 4  # the corners of the scene are at 1.7
-        # Who has turned the view keeps it until a source comes or the scene is of another size.
-        same = before is not None and before.eye == eye
-        assert same == (scale == 1.1 and len(sources) == 1)
-
-
-def test_the_first_body_that_moves_is_looked_at():
-    rng, features = np.random.default_rng(0), Features()
-    positions = rng.uniform(-5, 5, (220, 3)).astype(np.float32)
-    positions[:20] = rng.uniform(-0.2, 0.2, (20, 3)) + np.array((3, 2, 1))
-
-    def eye(at, moving):
-        positions[:20, 0] += at
-        bodies = [hypothesis(1, state="static"), hypothesis(2, state="moving" if moving else "undetermined")]
-        features.draw(update([2] * 20 + [1] * 200, hypotheses=bodies, track_position=positions), {})
-        return features.views["world"].eye
-
-    whole, near = eye(0.0, moving=False), eye(0.5, moving=True)
-    assert np.linalg.norm(np.subtract(whole.target, 0)) < 1
-    np.testing.assert_allclose(near.target, (3.5, 2, 1), atol=0.1)
-    distances = [np.linalg.norm(np.subtract(one.position, one.target)) for one in (whole, near)]
-    assert 0.3 < distances[1] / distances[0] < 0.6  # nearer, with what is around it
-    assert eye(0.5, moving=True) == near  # who has turned the view keeps it
 
 
 def test_bodies_have_boxes_and_what_is_at_rest_has_none():

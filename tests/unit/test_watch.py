@@ -44,14 +44,6 @@ def sources(model, now):
     return {row.name: row for row in model.snapshot(now).sources}
 
 
-def test_who_only_says_that_it_is_the_service_is_not_believed():
-    model = SceneModel("lab")
-    model.on_presence("service", f"fusion-{1:016x}-{SESSION}", alive=True, now=0.0)
-    model.on_status(status(message="true"))
-    model.on_status(status(component="cam", message="pay"))
-    assert model.snapshot(0.0).service.message == "true"
-
-
 @pytest.mark.parametrize("rate", [1.0, 15.0, 200.0])
 def test_a_source_has_its_rate_and_age(rate):
     model = SceneModel("lab")
