@@ -1,35 +1,27 @@
-"""Grouping in pixel space: made-up sequences, and life between updates."""
+"""Grouping in pixel space: small scenes, epipolar geometry, life between updates."""
 
 import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
+from comotion.config import PixelsConfig
+from comotion.pixels.geometry import Geometry
+from comotion.pixels.grouping import group
+from comotion.pixels.key_frames import KeyFrames
 from comotion_clients.metrics import misclassification
-from comotion_experiments.stress.experiment import run_family
 
 from .. import builders
 from ..builders import labels_of, play, restored
 
-# Misclassified trajectories of made-up sequences, in percent, that are not to be exceeded.
-FAMILIES = {
-    "image_plain": 1.0,
-    "image_few": 7.0,
-    "image_gaps": 3.0,
-    "image_still": 0.0,
-    "image_strong": 8.0,
-    "image_single": 4.0,
-    "image_static_camera": 3.0,
-    "image_tele_static": 1.0,
-}
+
+def frames_of(positions, visible=None, noise=0.0):
+    visible = np.ones(positions.shape[:2], bool) if visible is None else visible
+    variance = np.full(positions.shape[1], noise**2, np.float32)
+    return KeyFrames(np.where(visible[..., None], positions, 0).astype(np.float32), visible, variance)
 
 
-@pytest.mark.parametrize(("family", "most"), FAMILIES.items(), ids=FAMILIES)
-def test_bodies_of_image_sequences_are_told_apart_without_their_number(family, most):
-    assert run_family(family, 0)["error"] <= most
-
-
-def affine_scene(rng, sizes=(40, 30), frames=40):
-    """Bodies that each undergo a smooth affine motion of their own: positions [frames, N, 2], bodies [N]."""
+def affine_scene(rng, sizes, frames=24, noise=0.1):
+    """Bodies that each undergo a smooth affine motion of their own."""
     parts = []
     for size in sizes:
         x = rng.uniform(-120, 120, (size, 2)) + rng.uniform(200, 400, 2)
@@ -39,8 +31,38 @@ def affine_scene(rng, sizes=(40, 30), frames=40):
             c, s = np.cos(turn * t), np.sin(turn * t)
             steps.append((x - x.mean(0)) @ np.array([[c, s], [-s, c]]) + x.mean(0) + rate * t)
         parts.append(np.array(steps))
+    truth = np.repeat(np.arange(len(sizes)), sizes)
     positions = np.concatenate(parts, axis=1)
-    return positions + rng.normal(0, 0.1, positions.shape), np.repeat(np.arange(len(sizes)), sizes)
+    return positions + rng.normal(0, noise, positions.shape), truth
+
+
+@pytest.mark.parametrize("sizes", [(60,), (70, 40), (80, 40, 30)])
+def test_bodies_are_told_apart_without_their_number(sizes):
+    rng = np.random.default_rng(5)
+    positions, truth = affine_scene(rng, sizes)
+    visible = rng.random(positions.shape[:2]) > 0.15
+    found = group(frames_of(positions, visible), PixelsConfig())
+    assert misclassification(found.labels, truth) <= 0.02
+    assert (found.confidence >= 0).all()
+    assert (found.confidence <= 1).all()
+
+
+def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
+    rng = np.random.default_rng(13)
+    x = rng.uniform(0, 100, (1, 35, 2))
+    x[:, 20:] += [250, 0]
+    moving = (np.arange(35) >= 20)[None, :, None]
+    positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
+    found = group(frames_of(positions), PixelsConfig())
+    np.testing.assert_array_equal(found.labels == found.labels[0], np.arange(35) < 20)
+
+
+def test_noise_that_is_known_does_not_join_bodies():
+    positions, truth = affine_scene(np.random.default_rng(0), (60, 50), noise=1.0)
+    found = group(frames_of(positions, noise=1.0), PixelsConfig())
+    assert misclassification(found.labels, truth) <= 0.02
+    # Taken for motion, it widens the kernel.
+    assert group(frames_of(positions), PixelsConfig()).labels.max() == 0
 
 
 def image(seq, now, positions, ids=None):
@@ -53,7 +75,7 @@ class Camera:
     """Two bodies at 15 Hz; trajectory i is born at `born[i]` and lost at `lost[i]`, in frames."""
 
     def __init__(self, born=(0,) * 70, lost=(40,) * 70):
-        self.positions, self.truth = affine_scene(np.random.default_rng(9))
+        self.positions, self.truth = affine_scene(np.random.default_rng(9), (40, 30), 40, 0.1)
         self.born, self.lost = np.array(born), np.array(lost)
 
     def play(self, fusion, start, stop):
@@ -146,11 +168,17 @@ def test_a_car_at_the_speed_of_the_camera_is_undetermined_in_whatever_group_it_i
     assert sum(states.get(of.get(k)) == "moving" for k in range(220)) > 150
 
 
+def with_gross_errors(rng, positions, share):
+    """Positions of which some single ones are 10 to 60 px off, and which these are."""
+    wild = rng.random(positions.shape[:2]) < share
+    angle = rng.uniform(0, 2 * np.pi, wild.shape)
+    off = rng.uniform(10, 60, wild.shape)[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return positions + wild[..., None] * off, wild
+
+
 def test_gross_errors_do_not_join_or_part_bodies():
-    camera, rng = Camera(), np.random.default_rng(2)
-    wild, angle = rng.random((40, 70)) < 0.03, rng.uniform(0, 2 * np.pi, (40, 70))
-    off = rng.uniform(10, 60, (40, 70, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    camera.positions += wild[..., None] * off
+    camera = Camera()
+    camera.positions, _ = with_gross_errors(np.random.default_rng(2), camera.positions, 0.03)
     final = camera.play(pixel_fusion(), 0, 40)[-1]
     assert misclassification(final.track_hypothesis, camera.truth[final.track_id.astype(int)]) <= 0.03
 
@@ -164,3 +192,57 @@ def test_a_restart_keeps_hypotheses():
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
     np.testing.assert_array_equal(after.track_hypothesis, unbroken.track_hypothesis)
     assert [h.born_ns for h in after.hypotheses] == [h.born_ns for h in unbroken.hypotheses]
+
+
+FRAMES, NEAR, FAR, OTHER = 24, np.arange(30), np.arange(30, 60), np.arange(60, 90)
+FOCAL = 500.0
+
+
+def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
+    """Images of a near and a far part of one scene, and of a body that moves, before a driving camera."""
+    rng = np.random.default_rng(4)
+    points = rng.uniform([-1.5, -1, 3], [1.5, 1, 5], (90, 3))
+    points[FAR, 2] += 3
+    positions = np.empty((FRAMES, 90, 2))
+    for t in range(FRAMES):
+        seen = points - t * np.array(drive)
+        seen[OTHER] += t * np.array([-0.03, 0.05, 0.0])
+        positions[t] = FOCAL * seen[:, :2] / seen[:, 2:]
+    positions += rng.normal(0, noise, positions.shape)
+    visible = rng.random((FRAMES, 90)) >= hidden
+    return KeyFrames(
+        np.where(visible[..., None], positions, 0).astype(np.float32),
+        visible,
+        np.full(90, noise**2, np.float32),
+    )
+
+
+def geometry(frames):
+    return Geometry(frames, [NEAR, FAR, OTHER], drift=0.02)
+
+
+@pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
+def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
+    found = geometry(scene(noise, hidden))
+    one, two = found.compare(NEAR, FAR), found.compare(NEAR, OTHER)
+    assert one[0] < 0.4
+    assert two[0] > one[0] + 0.3
+    assert not found.two_bodies(NEAR, FAR)
+    assert found.two_bodies(NEAR, OTHER)
+    assert found.one_body(NEAR, FAR)
+    assert not found.one_body(NEAR, OTHER)
+
+
+def test_what_rests_and_what_moves_are_told_apart_before_a_camera_at_rest():
+    frames = scene(0.05, drive=(0.0, 0.0, 0.0))
+    assert geometry(frames).compare(NEAR, OTHER)[1]
+    assert not geometry(frames).compare(NEAR, FAR)[1]
+    # All rests: nothing says that it is one body.
+    assert not geometry(frames).one_body(NEAR, FAR)
+
+
+def test_too_few_points_say_nothing():
+    found = geometry(scene(0.1))
+    assert found.compare(NEAR, FAR[:8]) is None
+    assert not found.two_bodies(NEAR, OTHER[:4])
+    assert not found.one_body(NEAR, FAR[:8])

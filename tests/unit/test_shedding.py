@@ -16,7 +16,7 @@ from comotion.runtime.loop import Loop
 from comotion.shedding import MOST, Load
 from comotion_experiments.offline import run_offline
 from comotion_sources import simulator
-from comotion_tools.bench.scene import SceneSpec, messages
+from comotion_tools.bench.core import SceneSpec, messages
 
 SECOND = 10**9
 PERIOD = SECOND // 10

@@ -36,7 +36,6 @@ from comotion_experiments.tables import Column, Table, document
 from comotion_schemas import ObservationBatch
 
 _NOISE_M = 0.002
-_BODIES = 6
 # A fixed camera without depth: distance to the scene in m; focal length and principal point in px.
 _CAMERA_Z = 3.0
 _FOCAL_PX = 500.0
@@ -48,6 +47,7 @@ class SceneSpec:
     """Specification of the scene."""
 
     features: int = 1000  # at any time, over all sources
+    bodies: int = 6  # that move
     sources: int = 3  # whose phases are evenly spread
     rate: float = 30.0  # Hz of each
     churn: float = 0.03  # share of the features that is replaced per second
@@ -56,8 +56,8 @@ class SceneSpec:
 
 def messages(spec: SceneSpec, seconds: float, sources: Iterable[int] | None = None) -> Iterator[Incoming]:
     """Yield the truth of a scene, and the batches of its sources, or of some of them, as they arrive."""
-    share, rest = divmod(spec.features - spec.features // 2, _BODIES)
-    moving = swinging_bodies(0, _BODIES, share, _NOISE_M)
+    share, rest = divmod(spec.features - spec.features // 2, spec.bodies)
+    moving = swinging_bodies(0, spec.bodies, share, _NOISE_M)
     moving = [replace(body, features=share + (k < rest)) for k, body in enumerate(moving)]
     bodies = [background(spec.features // 2, _NOISE_M), *moving]
     spans, lives = lasting(bodies), rng_of(0, "lives")
