@@ -20,6 +20,9 @@ _BODY_SCALES = 2
 AT_REST_PX = 0.5
 
 
+_RESTS = 0.5
+
+
 class Explained(NamedTuple):
     """Gains float64 [n] under the motion of a group, and its speed: px over the longest time scale seen."""
 
@@ -30,7 +33,7 @@ class Explained(NamedTuple):
 def rest_gain(recent: Recent, scales: int = len(SCALES_NS)) -> Floats:
     """Gain under rest, float64 [n]: the least over the first `scales` time scales, 0 if seen in none."""
     square = (recent.displacement[:scales] ** 2).sum(axis=2)
-    variance = 2 * (recent.variance + _DRIFT_PX[:scales, None] ** 2)
+    variance = 2 * (recent.variance + _DRIFT_PX[:scales, None] ** 2 + recent.tolerance[:scales])
     gain = np.where(recent.seen[:scales], np.clip(1 - square / (GATE * variance), WORST, 1), 1.0)
     return np.where(recent.seen[:scales].any(axis=0), gain.min(axis=0), 0.0)
 
@@ -51,6 +54,7 @@ def group_gain(recent: Recent, members: Bools) -> Explained | None:
     gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:_BODY_SCALES], members)
     if motion < 0:
         return None
-    if motion < AT_REST_PX:
-        return Explained(rest_gain(recent, _BODY_SCALES), motion)
+    rest = rest_gain(recent, _BODY_SCALES)
+    if motion < AT_REST_PX or (recent.tolerance.any() and np.median(rest[members]) > _RESTS):
+        return Explained(rest, min(motion, AT_REST_PX / 2))
     return Explained(gain, motion)
