@@ -4,7 +4,8 @@ The background rests: that is one hypothesis that needs no fit. Each trajectory 
 for each body, as logarithms of odds against belonging to none, within limits. Motion that a hypothesis
 explains adds to it, motion that it does not explain takes away from it. What nothing explains has no body,
 until enough neighbours move as it does: they become a body. Where all rest, nothing changes: a trajectory
-that came to rest keeps its body.
+that came to rest keeps its body. What rests may be grasped at any time, while what a body has moved hardly
+becomes background again: little evidence is kept against the bodies that a trajectory was not on.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,9 @@ from .recent import Recent
 BACKGROUND = 0
 """Column of the background."""
 
-# nat; limit of the evidence on either side, and most that neighbours are worth for a newborn trajectory.
-_MOST, _NEIGHBOURS = 4.0, 2.0
+# nat; limit of the evidence on either side, most that is kept against a body by what is on no body, and most
+# that neighbours are worth for a newborn trajectory.
+_MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 1.0, 2.0
 # Share of the reach within which these neighbours lie: features behind a body at rest do not join it.
 _PLACE = 0.25
 # nat; of the members of a new body.
@@ -89,11 +91,11 @@ class Belief:
         self.bodies: list[Body | None] = [
             Body(0, 0, len(ids) > 0, len(ids) > 0) for _ in range(max(len(ids), 1))
         ]
-        self._evidence = np.full((len(labels), len(self.bodies)), -_MOST)
+        # -inf until a trajectory has been seen.
+        self._evidence = np.where(labels[:, None] >= 0, np.full(len(self.bodies), -_MOST), -np.inf)
         for column, name in enumerate(ids.tolist()):
             self._evidence[labels == name, column] = _MOST
         self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
-        self._newborn = labels < 0
         # By slot: whether its own motion has been seen, and not its place alone.
         self._seen = labels >= 0
         self._together, self._steps = Together(), 0
@@ -109,7 +111,9 @@ class Belief:
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
-        self._evidence[recent.slots] = np.clip(evidence, -_MOST, _MOST)
+        least = np.where(labels[:, None] > BACKGROUND, -_MOST, -_MOST_AGAINST)
+        least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
+        self._evidence[recent.slots] = np.maximum(evidence, least)
         self._propose(recent, rest, stamp_ns)
         if self._steps % _MERGE_EVERY == 0:
             self._merge(recent, motion)
@@ -170,23 +174,19 @@ class Belief:
         """Extend the columns to every slot, and reset those that have a new trajectory."""
         extra = window.capacity - len(self._keys)
         if extra:
-            self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-_MOST)
+            self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-np.inf)
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
-            self._newborn = np.pad(self._newborn, (0, extra), constant_values=True)
             self._seen = np.pad(self._seen, (0, extra), constant_values=False)
         fresh = slots[self._keys[slots] != window.key[slots]]
-        self._evidence[fresh], self._newborn[fresh], self._seen[fresh] = -_MOST, True, False
+        self._evidence[fresh], self._seen[fresh] = -np.inf, False
         self._keys[fresh] = window.key[fresh]
 
     def _place(self, slots: Slots, votes: Floats) -> None:
         """Evidence of newborn trajectories from their neighbours; from nowhere else they are background."""
-        new = self._newborn[slots]
-        if not new.any():
-            return
+        new = np.isneginf(self._evidence[slots, BACKGROUND])
         first = _NEIGHBOURS * (2 * votes[new] - 1)
         first[~votes[new].any(axis=1), BACKGROUND] = _FIRST
         self._evidence[slots[new]] = first
-        self._newborn[slots[new]] = False
 
     def _gains(
         self, recent: Recent, rest: Floats, labels: Ints, votes: Floats
