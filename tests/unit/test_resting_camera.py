@@ -72,7 +72,8 @@ def test_what_moves_leaves_the_background_at_once_and_is_a_body_soon():
 
 def test_what_is_grasped_goes_from_the_background_to_the_body_at_once():
     scene = Scene()
-    scene.hand[0] = scene.hand.mean(axis=0) + np.array([160.0, 0.0])  # where the others are when they take it along
+    # Where the others are when they take it along.
+    scene.hand[0] = scene.hand.mean(axis=0) + np.array([160.0, 0.0])
     shift = np.repeat(path(30, 60)[:, None], HAND, axis=1)
     shift[:, 0] = path(70, 20)
     found = play(Fusion(), scene, shift)
