@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots
+from ..arrays import Floats, Ints, Labels, Slots
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
-from .gains import AT_REST_PX, group_gain, rest_gain
+from .gains import group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import Together, as_one, find_groups
 from .recent import Recent
@@ -40,8 +40,8 @@ _MERGE_EVERY = 3
 _GONE_NS = 1_000_000_000
 # Members without which a body that is not shown is dropped.
 _GOING_ON = 4
-# px; a body that has moved less over the longest time scale has not been shown to be one.
-_LEAST_MOTION_PX = 2.0
+# px; a body that has moved less over any time scale rests, or has not been shown to be one.
+_AT_REST_PX, _LEAST_MOTION_PX = 0.5, 2.0
 
 
 @dataclass
@@ -54,8 +54,6 @@ class Body:
         When it was born, and when it had a member last.
     shown
         Whether it may be published.
-    published
-        Whether it was published before.
     farthest
         px; the farthest it has moved over one of the time scales.
     """
@@ -63,7 +61,6 @@ class Body:
     born_ns: int
     seen_ns: int
     shown: bool = False
-    published: bool = False
     farthest: float = 0.0
 
 
@@ -88,9 +85,7 @@ class Belief:
         ids = np.unique(labels[labels >= 0])
         counts = (labels[resting] == ids[:, None]).sum(axis=1)
         ids = ids[np.argsort(-counts, kind="stable")]
-        self.bodies: list[Body | None] = [
-            Body(0, 0, len(ids) > 0, len(ids) > 0) for _ in range(max(len(ids), 1))
-        ]
+        self.bodies: list[Body | None] = [Body(0, 0, len(ids) > 0) for _ in range(max(len(ids), 1))]
         # -inf until a trajectory has been seen.
         self._evidence = np.where(labels[:, None] >= 0, np.full(len(self.bodies), -_MOST), -np.inf)
         for column, name in enumerate(ids.tolist()):
@@ -136,14 +131,6 @@ class Belief:
         labels = self.labels(slots)
         evident = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
         return np.where(evident & shown[labels], labels, NO_HYPOTHESIS)
-
-    def publish(self) -> Bools:
-        """Whether each body was published before, bool [K]; from now on all that are shown were."""
-        published = np.array([body is not None and body.published for body in self.bodies])
-        for body in self.bodies:
-            if body is not None:
-                body.published = body.shown
-        return published
 
     def confidence(self, slots: Slots) -> Floats:
         """Probability of the body of each slot against the best other one, or none, float64 [n]."""
@@ -201,7 +188,7 @@ class Belief:
             if fit is None:
                 continue
             # A body at rest explains all that rests: that is evidence for it only near its members.
-            relevant = members | (votes[:, column] > 0) | (fit.motion >= AT_REST_PX)
+            relevant = members | (votes[:, column] > 0) | (fit.motion >= _AT_REST_PX)
             gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
             motion[column] = fit.motion
             body.farthest = max(body.farthest, fit.motion)
