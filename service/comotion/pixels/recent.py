@@ -32,7 +32,8 @@ class Recent:
     variance
         float64 [n], px²; noise of a coordinate.
     tolerance
-        float64 [S], px²; variance of a coordinate of the background about its motion.
+        float64 [S, n], px²; variance of what rests in the world before a camera that moves, besides noise and drift; 0
+        before one that rests.
     """
 
     slots: Slots
@@ -76,7 +77,8 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
     present = np.flatnonzero(states.held[0])
     slots, position = slots[present], states.position[0, present]
     past, seen = _past_places(window, slots, np.array(stamps, np.int64), stamp_ns - np.array(SCALES_NS))
-    return Recent(slots, position, position - past, seen, noise_variance(window, slots, stamps), np.zeros(seen.shape))
+    variance = noise_variance(window, slots, stamps)
+    return Recent(slots, position, position - past, seen, variance, np.zeros(seen.shape))
 
 
 def _past_places(window: Window, slots: Slots, stamps: Stamps, times: Stamps) -> tuple[Floats, Bools]:

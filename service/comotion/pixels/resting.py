@@ -21,6 +21,9 @@ _STEP_NS = 100_000_000
 _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
+# Before a camera that moves, the background is followed in windows longer than this: in shorter ones, structure
+# tells more. And px² of variance that it may have about a smooth motion.
+_LONG_NS, _SMOOTH_PX2 = 4_500_000_000, 1.0
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
@@ -73,7 +76,7 @@ class RestingCamera:
             self._evidence = _judged(recent, self._evidence)
             if self._evidence < 0:
                 recent = self._steadied(window, recent)
-                if self._steady < 0:
+                if self._steady < 0 or instant - stamps[0] < _LONG_NS:
                     self._belief = None
                     continue
             self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
@@ -104,17 +107,20 @@ class RestingCamera:
         return slots[ready], group(frames.of(ready), self._config).labels
 
     def _steadied(self, window: Window, recent: Recent) -> Recent:
-        """Motion relative to that of the background."""
-        members = np.ones(len(recent.slots), np.bool_)
+        """Motion relative to that of the background, and whether that shows it at rest."""
+        background = np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
-            members = self._belief.labels(recent.slots) == BACKGROUND
-        steady = self._steadying.steadied(recent, window.key[: window.capacity], members)
-        self._steady = _judged(steady, self._steady) if self._steadying.spread < 1.0 else max(self._steady - 3.0, -_MOST)
-        return steady
+            background = self._belief.labels(recent.slots) == BACKGROUND
+        recent = self._steadying.steadied(recent, window.key, background)
+        if self._steadying.spread < _SMOOTH_PX2:
+            self._steady = _judged(recent, self._steady)
+        else:
+            self._steady = max(self._steady + _FALL, -_MOST)
+        return recent
 
 
 def _judged(recent: Recent, evidence: float) -> float:
-    """Judge by the share of the picture that rests.
+    """The evidence that the camera rests, with what a step adds by the share of the picture that rests.
 
     Not by that of the trajectories: a person before bare walls has most of them.
     """
@@ -134,7 +140,8 @@ def _judged(recent: Recent, evidence: float) -> float:
 def _still(recent: Recent, scale: int) -> Bools:
     """Whether each trajectory has not moved over one of the time scales, bool [n]."""
     square = (recent.displacement[scale] ** 2).sum(axis=1)
-    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * (recent.variance + _DRIFT_PX**2 + recent.tolerance[scale])))
+    variance = recent.variance + _DRIFT_PX**2 + recent.tolerance[scale]
+    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * variance))
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:
