@@ -40,7 +40,8 @@ _MERGE_EVERY = 3
 _GONE_NS = 1_000_000_000
 # Members without which a body that is not shown is dropped.
 _GOING_ON = 4
-# px; a body that has moved less over any time scale rests, or has not been shown to be one.
+# px; a trajectory that has moved less within .25 s rests, and a body that has moved less over any time scale
+# has not been shown to be one.
 _AT_REST_PX, _LEAST_MOTION_PX = 0.5, 2.0
 
 
@@ -181,14 +182,16 @@ class Belief:
         """Gain under each hypothesis, float64 [n, K], and how far each body that was seen has moved, px."""
         gain, motion = np.zeros((len(labels), len(self.bodies))), {}
         gain[:, BACKGROUND] = rest
+        step = np.where(recent.seen[1, :, None], recent.displacement[1], recent.displacement[0])
+        moves = np.linalg.norm(step, axis=1) >= _AT_REST_PX
         for column, body in self._living():
             members = labels == column
             # Members by place alone do not show how the body moves: another may pass before it.
             fit = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
             if fit is None:
                 continue
-            # A body at rest explains all that rests: that is evidence for it only near its members.
-            relevant = members | (votes[:, column] > 0) | (fit.motion >= _AT_REST_PX)
+            # Any hypothesis may explain what rests: that is evidence for a body only near its members.
+            relevant = members | (votes[:, column] > 0) | moves
             gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
             motion[column] = fit.motion
             body.farthest = max(body.farthest, fit.motion)
