@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
+from .consensus import consensus
 from .fits import Model, affine, fundamental, residuals
 from .key_frames import KeyFrames
 from .medians import median
@@ -106,6 +107,7 @@ class Geometry:
     """
 
     def __init__(self, frames: KeyFrames, pieces: list[Ints], drift: float) -> None:
+        self._frames = frames
         self._positions = frames.positions.astype(np.float64)
         self._visible = frames.visible
         self._pieces = pieces
@@ -113,22 +115,18 @@ class Geometry:
         self._near, self._wide = near_pairs(len(self._positions)), wide_pairs(len(self._positions))
         self._views: dict[tuple[bytes, bool], _Views] = {}
 
-    def compare(self, first: Ints, second: Ints) -> tuple[float, bool] | None:
-        """Compare two groups (intp, indices of trajectories) in near pairs; None with too few points.
+    @cached_property
+    def consensus(self) -> Floats:
+        """How alike the pieces rank epipolar geometries, [P, P]; the draw is fixed."""
+        return consensus(self._frames, self._pieces, np.random.default_rng(0))
 
-        Returns
-        -------
-        Mean of log(joint / own residual), which are medians of the Sampson distance, the joint one the larger
-        of the two groups'; and whether in some pair one group rests in the image while the other moves: then
-        the camera rests too, and what moves is another body. A geometry that fits a translation fits rest.
+    def one_rests(self, first: Ints, second: Ints) -> bool:
+        """Whether in a near pair one group (intp, indices of trajectories) rests while the other moves.
+
+        Then the camera rests too, and what moves is another body.
         """
         a, b = self._of(first, wide=False), self._of(second, wide=False)
-        rows = np.flatnonzero(np.minimum(a.count, b.count) >= _LEAST_POINTS)
-        if not len(rows):
-            return None
-        joint = np.maximum(*a.joint(b, rows, fundamental))
-        own = (a.epipolar[rows] + b.epipolar[rows]) / 2
-        return float(_log_ratio(joint, own, _EPIPOLAR_FLOOR_PX).mean()), _one_rests(a, b, rows)
+        return _one_rests(a, b, np.flatnonzero(np.minimum(a.count, b.count) >= _LEAST_POINTS))
 
     def two_bodies(self, first: Ints, second: Ints) -> bool:
         """Whether no fundamental matrix explains two groups together to within noise and drift."""
