@@ -17,11 +17,10 @@ _SIMILARITY_FLOOR = 1e-3
 # Mean similarity at which superclusters merge if the smaller has so many members; the threshold grows with
 # the root of its size over that.
 SIMILARITY, _SIZE = 0.0075, 40
-# The evidence that two groups are one body, in nat, beside the drop of log similarity across their boundary:
-# weight of log(1 + distance in px) of the two, of the log multiple of the threshold, which saturates, and of
-# their consensus; and what must be reached. docs/research/pixels.md says how they were found.
-_DISTANCE_WEIGHT, _RATIO_WEIGHT, _LARGEST_LOG_RATIO, _CONSENSUS_WEIGHT = 0.86, 0.3, 2.0, 8.0
-_LEAST_EVIDENCE = 1.3
+# Evidence, in nat, that a consensus of 1 is for one body, beside the drop of log similarity across the
+# boundary of two groups and log(1 + their distance in px); and what must be reached. docs/research/pixels.md
+# says how these were found.
+_CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
 # What a nat of log similarity counts for beside consensus where the next pair is chosen.
 _SIMILARITY_IN_ORDER = 0.05
 # Share of the trajectories below which a group dissolves.
@@ -146,9 +145,7 @@ class Merging:
         if contrast is None:
             return bool(np.log(ratio) + evidence >= 0)
         drop, distance = contrast
-        evidence += drop + _DISTANCE_WEIGHT * np.log1p(distance)
-        evidence += _RATIO_WEIGHT * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
-        if evidence < _LEAST_EVIDENCE:
+        if evidence + drop + np.log1p(distance) < _LEAST_EVIDENCE:
             return False
         return not self._geometry.one_rests(self._members[a], self._members[b])
 
