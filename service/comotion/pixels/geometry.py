@@ -23,7 +23,7 @@ _NEAR_STEP, _NEAR_PAIRS = 4, 8
 # Fewer key frames show no wide baseline. Wide pairs are half of the key frames apart; one more is of the
 # first and the last.
 _LEAST_FRAMES, _WIDE_PAIRS = 13, 3
-# Points of each group in a near pair: eight are fitted exactly.
+# Points of each group from which on a near pair shows whether it rests.
 _LEAST_POINTS = 9
 # Members of a group that tell how noisy it is, and whether it has parallax; and of each and of both that a
 # joint residual over a wide baseline is formed of.
