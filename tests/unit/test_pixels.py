@@ -264,14 +264,12 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
 
 def test_what_rests_and_what_moves_are_told_apart_before_a_camera_at_rest():
     frames = scene(0.05, drive=(0.0, 0.0, 0.0))
-    assert geometry(frames).one_rests(NEAR, OTHER)
-    assert not geometry(frames).one_rests(NEAR, FAR)
+    assert not geometry(frames).one_body(NEAR, OTHER)
     # All rests: nothing says that it is one body.
     assert not geometry(frames).one_body(NEAR, FAR)
 
 
 def test_too_few_points_say_nothing():
     found = geometry(scene(0.1))
-    assert not found.one_rests(NEAR, FAR[:8])
     assert not found.two_bodies(NEAR, OTHER[:4])
     assert not found.one_body(NEAR, FAR[:8])

@@ -138,16 +138,14 @@ class Merging:
         return self._decided[a, b]
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
-        """Whether the evidence is enough, and not only one of them rests."""
+        """Whether consensus, contrast and what they were before are evidence enough."""
         evidence = self._hysteresis(a, b)
         evidence += _CONSENSUS_WEIGHT * self._consensus[a, b] / (self._size[a] * self._size[b])
         contrast = self._contrast(*sorted((self._members[a], self._members[b]), key=len))
         if contrast is None:
             return bool(np.log(ratio) + evidence >= 0)
         drop, distance = contrast
-        if evidence + drop + np.log1p(distance) < _LEAST_EVIDENCE:
-            return False
-        return not self._geometry.one_rests(self._members[a], self._members[b])
+        return bool(evidence + drop + np.log1p(distance) >= _LEAST_EVIDENCE)
 
     def _contrast(self, small: Ints, large: Ints) -> tuple[float, float] | None:
         """How similarity changes across the boundary of two groups; None if they are never seen together.
