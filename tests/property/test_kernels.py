@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from comotion.pixels import key_frames
-from comotion.pixels.kernels import affine
+from comotion.pixels.kernels import affine, epipolar
 from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.distances import farthest_points
 from comotion.rigid.kernels.procrustes import fit_poses
@@ -151,6 +151,18 @@ def test_local_motions_and_their_residuals(rng):
     caps = used * np.float32(400)
     total = affine.total_residuals(*pairs, motions, caps)
     assert_allclose(total, twin.total_residuals(*pairs, motions, caps), **CLOSE)
+
+
+@few
+@given(rng=seeds)
+def test_residuals_under_fundamental_matrices(rng):
+    x = rng.uniform([-2, -1, 4], [2, 1, 8], (40, 3))
+    first = 500 * x[:, :2] / x[:, 2:]
+    moved = x - np.array([0.3, 0.1, 0.5])
+    second = 500 * moved[:, :2] / moved[:, 2:] + rng.normal(0, 0.1, (40, 2))
+    starts, picks = np.array([0, 15, 40]), rng.permuted(np.tile(np.arange(40), (6, 1)), axis=1)[:, :14]
+    misfits = epipolar.epipolar_misfits(first, second, starts, picks)
+    assert_allclose(misfits, twin.epipolar_misfits(first, second, starts, picks), rtol=1e-2)
 
 
 times = st.lists(st.integers(0, 60), max_size=20, unique=True).map(sorted)
