@@ -132,8 +132,9 @@ def _judged(recent: Recent, evidence: float) -> float:
     cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
-    share = float((np.bincount(cell, _still(recent, scale)[seen]) / np.bincount(cell)).mean())
-    change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
+    still = _still(recent, scale)
+    share = float((np.bincount(cell, still[seen]) / np.bincount(cell)).mean())
+    change = _FALL if _shifted(recent, scale, still) else min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
     return min(max(evidence + change, -_MOST), _MOST)
 
 
@@ -142,6 +143,17 @@ def _still(recent: Recent, scale: int) -> Bools:
     square = (recent.displacement[scale] ** 2).sum(axis=1)
     variance = recent.variance + _DRIFT_PX**2 + recent.tolerance[scale]
     return np.asarray(recent.seen[scale] & (square < _GATE * 2 * variance))
+
+
+def _shifted(recent: Recent, scale: int, still: Bools) -> bool:
+    """Whether what looks at rest, bool [n], has moved in common over a time scale: a slow camera moves all alike."""
+    rows = np.flatnonzero(still)
+    if not len(rows):
+        return False
+    common = np.median(recent.displacement[scale, rows], axis=0)
+    # The variance of a median is that of a mean times pi / 2.
+    variance = np.pi * float(np.median(recent.variance[rows] + recent.tolerance[scale, rows])) / len(rows)
+    return bool((common**2).sum() > _DRIFT_PX**2 + _GATE * 2 * variance)
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:
