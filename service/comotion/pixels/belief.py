@@ -32,8 +32,6 @@ _PLACE = 0.25
 _FIRST = 1.0
 # ns; a body is shown once it has lasted for so long.
 _LASTED_NS = 280_000_000
-# Share of its members that a body has in one group of the window, if it counts for it as a whole.
-_WHOLE = 0.7
 # Steps from one comparison of pairs of bodies to the next.
 _MERGE_EVERY = 3
 # ns; a body is dropped if it could not be shown, or had no member, for so long.
@@ -148,15 +146,14 @@ class Belief:
     def compare(self, slots: Slots, groups: Ints) -> None:
         """Take in groups of a whole window, which were found by structure: intp [m] each.
 
-        Two bodies that lie mostly in one group come nearer to being merged.
+        Two bodies that lie in one group, for the largest part of each, come nearer to being merged.
         """
         labels = self.labels(slots)
         shared = np.zeros((len(self.bodies), int(groups.max(initial=0)) + 1))
         on_body = labels > BACKGROUND
         np.add.at(shared, (labels[on_body], groups[on_body]), 1)
-        size, largest = shared.sum(axis=1), shared.max(axis=1)
-        undivided = np.flatnonzero((size >= _GOING_ON) & (largest > _WHOLE * size)).tolist()
-        self._together.vote({column: int(shared[column].argmax()) for column in undivided})
+        compared = np.flatnonzero(shared.sum(axis=1) >= _GOING_ON).tolist()
+        self._together.vote({column: int(shared[column].argmax()) for column in compared})
 
     def _admit(self, window: Window, slots: Slots) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""
