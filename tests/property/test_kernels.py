@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from comotion.pixels.kernels import epipolar
 from comotion.rigid.costs import stacked
 from comotion.rigid.kernels.distances import farthest_points
 from comotion.rigid.kernels.procrustes import fit_poses
@@ -16,6 +18,7 @@ from comotion.trajectories.interpolation import states_at
 from comotion.trajectories.kernels import newest_at, newest_from, segment_at
 from comotion.trajectories.window import Window
 
+from ..reference import pixels as pictures
 from ..reference import rigid as plain
 from ..reference.interpolation import segment
 
@@ -121,6 +124,18 @@ def test_each_point_is_as_far_from_those_before_as_can_be(rng):
     for k in range(1, 5):
         nearest = np.linalg.norm(x[:, None] - x[chosen[:k]], axis=2).min(axis=1)
         assert chosen[k] == nearest.argmax()
+
+
+@few
+@given(rng=seeds)
+def test_residuals_under_fundamental_matrices(rng):
+    x = rng.uniform([-2, -1, 4], [2, 1, 8], (40, 3))
+    first = 500 * x[:, :2] / x[:, 2:]
+    moved = x - np.array([0.3, 0.1, 0.5])
+    second = 500 * moved[:, :2] / moved[:, 2:] + rng.normal(0, 0.1, (40, 2))
+    starts, picks = np.array([0, 15, 40]), rng.permuted(np.tile(np.arange(40), (6, 1)), axis=1)[:, :14]
+    misfits = epipolar.epipolar_misfits(first, second, starts, picks)
+    assert_allclose(misfits, pictures.epipolar_misfits(first, second, starts, picks), rtol=1e-2)
 
 
 times = st.lists(st.integers(0, 60), max_size=20, unique=True).map(sorted)

@@ -70,6 +70,18 @@ def test_what_moves_leaves_the_background_at_once_and_is_a_body_soon():
     assert all(wall_of(labels) == {background} for number, labels in found.items() if number >= 30)
 
 
+def test_what_is_grasped_goes_from_the_background_to_the_body_at_once():
+    scene = Scene()
+    # Where the others are when they take it along.
+    scene.hand[0] = scene.hand.mean(axis=0) + np.array([160.0, 0.0])
+    shift = np.repeat(path(30, 60)[:, None], HAND, axis=1)
+    shift[:, 0] = path(70, 20)
+    found = play(Fusion(), scene, shift)
+    (body,) = {found[68][k] for k in range(WALL + 1, WALL + HAND)}
+    assert {found[68][WALL]} == wall_of(found[68])
+    assert found[80][WALL] == body
+
+
 def test_what_came_to_rest_stays_a_body_when_its_motion_has_left_the_window():
     fusion = Fusion(FusionConfig(window=2.0))
     found = play(fusion, Scene(), path(30, 30, after=180))

@@ -4,17 +4,18 @@ The background rests: that is one hypothesis that needs no fit. Each trajectory 
 for each body, as logarithms of odds against belonging to none, within limits. Motion that a hypothesis
 explains adds to it, motion that it does not explain takes away from it. What nothing explains has no body,
 until enough neighbours move as it does: they become a body. Where all rest, nothing changes: a trajectory
-that came to rest keeps its body.
+that came to rest keeps its body. What rests may be grasped at any time, while what a body has moved hardly
+becomes background again: little evidence is kept against the bodies that a trajectory was not on.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots
+from ..arrays import Floats, Ints, Labels, Slots
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
-from .gains import AT_REST_PX, group_gain, rest_gain
+from .gains import group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import Together, as_one, find_groups
 from .recent import Recent
@@ -22,24 +23,24 @@ from .recent import Recent
 BACKGROUND = 0
 """Column of the background."""
 
-# nat; limit of the evidence on either side, and most that neighbours are worth for a newborn trajectory.
-_MOST, _NEIGHBOURS = 4.0, 2.0
+# nat; limit of the evidence on either side, most that is kept against a body by what is on no body, and most
+# that neighbours are worth for a newborn trajectory.
+_MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 1.0, 2.0
 # Share of the reach within which these neighbours lie: features behind a body at rest do not join it.
 _PLACE = 0.25
 # nat; of the members of a new body.
 _FIRST = 1.0
 # ns; a body is shown once it has lasted for so long.
 _LASTED_NS = 280_000_000
-# Share of its members that a body has in one group of the window, if it counts for it as a whole.
-_WHOLE = 0.7
 # Steps from one comparison of pairs of bodies to the next.
 _MERGE_EVERY = 3
 # ns; a body is dropped if it could not be shown, or had no member, for so long.
 _GONE_NS = 1_000_000_000
 # Members without which a body that is not shown is dropped.
 _GOING_ON = 4
-# px; a body that has moved less over the longest time scale has not been shown to be one.
-_LEAST_MOTION_PX = 2.0
+# px; a trajectory that has moved less within .25 s rests, and a body that has moved less over any time scale
+# has not been shown to be one.
+_AT_REST_PX, _LEAST_MOTION_PX = 0.5, 2.0
 
 
 @dataclass
@@ -52,8 +53,6 @@ class Body:
         When it was born, and when it had a member last.
     shown
         Whether it may be published.
-    published
-        Whether it was published before.
     farthest
         px; the farthest it has moved over one of the time scales.
     """
@@ -61,7 +60,6 @@ class Body:
     born_ns: int
     seen_ns: int
     shown: bool = False
-    published: bool = False
     farthest: float = 0.0
 
 
@@ -86,14 +84,12 @@ class Belief:
         ids = np.unique(labels[labels >= 0])
         counts = (labels[resting] == ids[:, None]).sum(axis=1)
         ids = ids[np.argsort(-counts, kind="stable")]
-        self.bodies: list[Body | None] = [
-            Body(0, 0, len(ids) > 0, len(ids) > 0) for _ in range(max(len(ids), 1))
-        ]
-        self._evidence = np.full((len(labels), len(self.bodies)), -_MOST)
+        self.bodies: list[Body | None] = [Body(0, 0, len(ids) > 0) for _ in range(max(len(ids), 1))]
+        # -inf until a trajectory has been seen.
+        self._evidence = np.where(labels[:, None] >= 0, np.full(len(self.bodies), -_MOST), -np.inf)
         for column, name in enumerate(ids.tolist()):
             self._evidence[labels == name, column] = _MOST
         self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
-        self._newborn = labels < 0
         # By slot: whether its own motion has been seen, and not its place alone.
         self._seen = labels >= 0
         self._together, self._steps = Together(), 0
@@ -109,7 +105,9 @@ class Belief:
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
-        self._evidence[recent.slots] = np.clip(evidence, -_MOST, _MOST)
+        least = np.where(labels[:, None] > BACKGROUND, -_MOST, -_MOST_AGAINST)
+        least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
+        self._evidence[recent.slots] = np.maximum(evidence, least)
         self._propose(recent, rest, stamp_ns)
         if self._steps % _MERGE_EVERY == 0:
             self._merge(recent, motion)
@@ -133,14 +131,6 @@ class Belief:
         evident = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
         return np.where(evident & shown[labels], labels, NO_HYPOTHESIS)
 
-    def publish(self) -> Bools:
-        """Whether each body was published before, bool [K]; from now on all that are shown were."""
-        published = np.array([body is not None and body.published for body in self.bodies])
-        for body in self.bodies:
-            if body is not None:
-                body.published = body.shown
-        return published
-
     def confidence(self, slots: Slots) -> Floats:
         """Probability of the body of each slot against the best other one, or none, float64 [n]."""
         evidence = np.sort(np.pad(self._evidence[slots], ((0, 0), (1, 0))), axis=1)
@@ -156,37 +146,32 @@ class Belief:
     def compare(self, slots: Slots, groups: Ints) -> None:
         """Take in groups of a whole window, which were found by structure: intp [m] each.
 
-        Two bodies that lie mostly in one group come nearer to being merged.
+        Two bodies that lie in one group, for the largest part of each, come nearer to being merged.
         """
         labels = self.labels(slots)
         shared = np.zeros((len(self.bodies), int(groups.max(initial=0)) + 1))
         on_body = labels > BACKGROUND
         np.add.at(shared, (labels[on_body], groups[on_body]), 1)
-        size, largest = shared.sum(axis=1), shared.max(axis=1)
-        undivided = np.flatnonzero((size >= _GOING_ON) & (largest > _WHOLE * size)).tolist()
-        self._together.vote({column: int(shared[column].argmax()) for column in undivided})
+        compared = np.flatnonzero(shared.sum(axis=1) >= _GOING_ON).tolist()
+        self._together.vote({column: int(shared[column].argmax()) for column in compared})
 
     def _admit(self, window: Window, slots: Slots) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""
         extra = window.capacity - len(self._keys)
         if extra:
-            self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-_MOST)
+            self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-np.inf)
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
-            self._newborn = np.pad(self._newborn, (0, extra), constant_values=True)
             self._seen = np.pad(self._seen, (0, extra), constant_values=False)
         fresh = slots[self._keys[slots] != window.key[slots]]
-        self._evidence[fresh], self._newborn[fresh], self._seen[fresh] = -_MOST, True, False
+        self._evidence[fresh], self._seen[fresh] = -np.inf, False
         self._keys[fresh] = window.key[fresh]
 
     def _place(self, slots: Slots, votes: Floats) -> None:
         """Evidence of newborn trajectories from their neighbours; from nowhere else they are background."""
-        new = self._newborn[slots]
-        if not new.any():
-            return
+        new = np.isneginf(self._evidence[slots, BACKGROUND])
         first = _NEIGHBOURS * (2 * votes[new] - 1)
         first[~votes[new].any(axis=1), BACKGROUND] = _FIRST
         self._evidence[slots[new]] = first
-        self._newborn[slots[new]] = False
 
     def _gains(
         self, recent: Recent, rest: Floats, labels: Ints, votes: Floats
@@ -194,14 +179,16 @@ class Belief:
         """Gain under each hypothesis, float64 [n, K], and how far each body that was seen has moved, px."""
         gain, motion = np.zeros((len(labels), len(self.bodies))), {}
         gain[:, BACKGROUND] = rest
+        step = np.where(recent.seen[1, :, None], recent.displacement[1], recent.displacement[0])
+        moves = np.linalg.norm(step, axis=1) >= _AT_REST_PX
         for column, body in self._living():
             members = labels == column
             # Members by place alone do not show how the body moves: another may pass before it.
             fit = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
             if fit is None:
                 continue
-            # A body at rest explains all that rests: that is evidence for it only near its members.
-            relevant = members | (votes[:, column] > 0) | (fit.motion >= AT_REST_PX)
+            # Any hypothesis may explain what rests: that is evidence for a body only near its members.
+            relevant = members | (votes[:, column] > 0) | moves
             gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
             motion[column] = fit.motion
             body.farthest = max(body.farthest, fit.motion)

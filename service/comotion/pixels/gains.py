@@ -10,14 +10,15 @@ import numpy as np
 
 from ..arrays import Bools, Floats
 from .kernels.motion import GATE, WORST, motion_gain
-from .recent import SCALES_NS, Recent
+from .recent import Recent
 
 # px; drift of a resting feature over each time scale, beside its noise. The first ones hold for bodies too.
 _DRIFT_PX = np.array([0.3, 0.45, 0.8, 1.2])
 # Time scales over which bodies are compared: over longer ones they turn, and hands change their shape.
 _BODY_SCALES = 2
-# px; a group that has moved less over any time scale rests.
-AT_REST_PX = 0.5
+
+# nat; median gain of its members from which on a body rests before a camera that moves.
+_RESTS = 0.5
 
 
 class Explained(NamedTuple):
@@ -27,18 +28,16 @@ class Explained(NamedTuple):
     motion: float
 
 
-def rest_gain(recent: Recent, scales: int = len(SCALES_NS)) -> Floats:
-    """Gain under rest, float64 [n]: the least over the first `scales` time scales, 0 if seen in none."""
-    square = (recent.displacement[:scales] ** 2).sum(axis=2)
-    variance = 2 * (recent.variance + _DRIFT_PX[:scales, None] ** 2)
-    gain = np.where(recent.seen[:scales], np.clip(1 - square / (GATE * variance), WORST, 1), 1.0)
-    return np.where(recent.seen[:scales].any(axis=0), gain.min(axis=0), 0.0)
+def rest_gain(recent: Recent) -> Floats:
+    """Gain under rest, float64 [n]: the least over all time scales, 0 if seen in none."""
+    square = (recent.displacement**2).sum(axis=2)
+    variance = 2 * (recent.variance + _DRIFT_PX[:, None] ** 2 + recent.tolerance)
+    gain = np.where(recent.seen, np.clip(1 - square / (GATE * variance), WORST, 1), 1.0)
+    return np.where(recent.seen.any(axis=0), gain.min(axis=0), 0.0)
 
 
 def group_gain(recent: Recent, members: Bools) -> Explained | None:
     """Gain of all trajectories under the motion of a group, None where too few of it were seen.
-
-    A group that rests is explained as rest is: nothing tells it from the background then.
 
     Parameters
     ----------
@@ -51,6 +50,8 @@ def group_gain(recent: Recent, members: Bools) -> Explained | None:
     gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:_BODY_SCALES], members)
     if motion < 0:
         return None
-    if motion < AT_REST_PX:
-        return Explained(rest_gain(recent, _BODY_SCALES), motion)
+    rest = rest_gain(recent)
+    # Before a camera that moves, rest is explained with more tolerance than a motion.
+    if recent.tolerance.any() and np.median(rest[members]) > _RESTS:
+        return Explained(rest, 0.0)
     return Explained(gain, motion)

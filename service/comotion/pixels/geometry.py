@@ -11,19 +11,16 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
+from .consensus import consensus
 from .fits import Model, affine, fundamental, residuals
 from .key_frames import KeyFrames
 from .medians import median
 
 # A group is represented by so many of its members in a frame pair.
 _POINTS = 50
-# Key frames from the first to the second of a near pair, and how many of these are looked at.
-_NEAR_STEP, _NEAR_PAIRS = 4, 8
 # Fewer key frames show no wide baseline. Wide pairs are half of the key frames apart; one more is of the
 # first and the last.
 _LEAST_FRAMES, _WIDE_PAIRS = 13, 3
-# Points of each group in a near pair: eight are fitted exactly.
-_LEAST_POINTS = 9
 # Members of a group that tell how noisy it is, and whether it has parallax; and of each and of both that a
 # joint residual over a wide baseline is formed of.
 _LEAST_MEMBERS, _LEAST_OF_ONE, _LEAST_OF_BOTH = 12, 5, 12
@@ -45,8 +42,8 @@ _SLOWEST_PX = 0.2
 _CONTRADICTION = 0.8
 # nat; largest log ratios of two groups' joint affine residual to the larger own one, at which parallax within
 # them explains that between them, and of their joint epipolar residual to their own, at which they are parts
-# of one body; and times this limit from which on one frame pair is enough to contradict.
-_PARALLAX_EXCESS, _PARALLAX_EPIPOLAR, _ONE_PAIR_LIMIT = 1.2, 0.2, 4.0
+# of one body.
+_PARALLAX_EXCESS, _PARALLAX_EPIPOLAR = 1.2, 0.2
 
 
 @dataclass(frozen=True)
@@ -93,7 +90,7 @@ class _Views:
 
 
 class Geometry:
-    """Compares the epipolar geometry of groups, in near pairs of key frames and over wide baselines.
+    """Compares the epipolar geometry of groups: of the pieces by consensus, of any over wide baselines.
 
     Parameters
     ----------
@@ -106,33 +103,22 @@ class Geometry:
     """
 
     def __init__(self, frames: KeyFrames, pieces: list[Ints], drift: float) -> None:
+        self._frames = frames
         self._positions = frames.positions.astype(np.float64)
         self._visible = frames.visible
         self._pieces = pieces
         self._drift = drift
-        self._near, self._wide = near_pairs(len(self._positions)), wide_pairs(len(self._positions))
-        self._views: dict[tuple[bytes, bool], _Views] = {}
+        self._wide = wide_pairs(len(self._positions))
+        self._views: dict[bytes, _Views] = {}
 
-    def compare(self, first: Ints, second: Ints) -> tuple[float, bool] | None:
-        """Compare two groups (intp, indices of trajectories) in near pairs; None with too few points.
-
-        Returns
-        -------
-        Mean of log(joint / own residual), which are medians of the Sampson distance, the joint one the larger
-        of the two groups'; and whether in some pair one group rests in the image while the other moves: then
-        the camera rests too, and what moves is another body. A geometry that fits a translation fits rest.
-        """
-        a, b = self._of(first, wide=False), self._of(second, wide=False)
-        rows = np.flatnonzero(np.minimum(a.count, b.count) >= _LEAST_POINTS)
-        if not len(rows):
-            return None
-        joint = np.maximum(*a.joint(b, rows, fundamental))
-        own = (a.epipolar[rows] + b.epipolar[rows]) / 2
-        return float(_log_ratio(joint, own, _EPIPOLAR_FLOOR_PX).mean()), _one_rests(a, b, rows)
+    @cached_property
+    def consensus(self) -> Floats:
+        """How alike the pieces rank epipolar geometries, [P, P]; the draw is fixed."""
+        return consensus(self._frames, self._pieces, np.random.default_rng(0))
 
     def two_bodies(self, first: Ints, second: Ints) -> bool:
         """Whether no fundamental matrix explains two groups together to within noise and drift."""
-        a, b = self._of(first, wide=True), self._of(second, wide=True)
+        a, b = self._of(first), self._of(second)
         enough = (np.minimum(a.count, b.count) >= _LEAST_OF_ONE) & (a.count + b.count >= _LEAST_OF_BOTH)
         rows = np.flatnonzero(enough & (self._typical > 0))
         if not len(rows):
@@ -153,7 +139,7 @@ class Geometry:
         """
         if min(len(first), len(second)) < _LEAST_MEMBERS:
             return False
-        a, b = self._of(first, wide=True), self._of(second, wide=True)
+        a, b = self._of(first), self._of(second)
         moves = np.maximum(a.motion, b.motion) > _RESTING_PX
         rows = np.flatnonzero((np.minimum(a.count, b.count) >= _LEAST_MEMBERS) & moves)
         # Where both rest, any two bodies look like one.
@@ -169,9 +155,7 @@ class Geometry:
                 for square, views in zip(a.joint(b, rows, fundamental), (a, b), strict=True)
             )
         )
-        return bool(
-            excess.mean() < _PARALLAX_EPIPOLAR and excess.max() <= _ONE_PAIR_LIMIT * _PARALLAX_EPIPOLAR
-        )
+        return bool(excess.mean() < _PARALLAX_EPIPOLAR)
 
     def _expected(self, views: _Views) -> Floats:
         """Variance of the Sampson distances of a group that a joint fundamental matrix explains, px²."""
@@ -182,20 +166,19 @@ class Geometry:
     @cached_property
     def _typical(self) -> Floats:
         """Median variance of the pieces in each wide pair, px²; 0 where no piece is large enough."""
-        large = [self._of(piece, wide=True) for piece in self._pieces if len(piece) >= _LEAST_MEMBERS]
+        large = [self._of(piece) for piece in self._pieces if len(piece) >= _LEAST_MEMBERS]
         typical = np.zeros(len(self._wide))
         for pair in range(len(typical)):
             seen = [views.variance[pair] for views in large if views.count[pair] >= _LEAST_MEMBERS]
             typical[pair] = np.median(seen) + 1e-6 if seen else 0.0
         return typical
 
-    def _of(self, group: Ints, *, wide: bool) -> _Views:
-        key = group.tobytes(), wide
+    def _of(self, group: Ints) -> _Views:
+        key = group.tobytes()
         if key not in self._views:
-            pairs = self._wide if wide else self._near
-            x, y = np.zeros((2, len(pairs), min(len(group), _POINTS), 2))
+            x, y = np.zeros((2, len(self._wide), min(len(group), _POINTS), 2))
             seen = np.zeros(x.shape[:2], np.bool_)
-            for k, (first, second) in enumerate(pairs):
+            for k, (first, second) in enumerate(self._wide):
                 members = group[self._visible[first, group] & self._visible[second, group]]
                 if len(members) > _POINTS:
                     members = members[(np.arange(_POINTS) * len(members)) // _POINTS]
@@ -203,13 +186,6 @@ class Geometry:
                 seen[k, : len(members)] = True
             self._views[key] = _Views(x, y, seen)
         return self._views[key]
-
-
-def near_pairs(count: int) -> list[tuple[int, int]]:
-    """Pairs of `count` key frames, from the newest on: its motion must not be missed, it may be all."""
-    step = min(_NEAR_STEP, max(count - 1, 1))
-    every = max(1, -(-(count - step) // _NEAR_PAIRS))
-    return [(t - step, t) for t in range(count - 1, step - 1, -every)]
 
 
 def wide_pairs(count: int) -> list[tuple[int, int]]:

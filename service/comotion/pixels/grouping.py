@@ -8,7 +8,7 @@ local motions that explain both, and by the subspace that they span together. Th
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters, each within one body, by average linkage.
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
-   objects (:mod:`.merging`, :mod:`.geometry`).
+   objects (:mod:`.merging`, :mod:`.consensus`, :mod:`.geometry`).
 """
 
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ LEAST_SEEN = 4
 # up to which that sets no limit.
 _ENDED_SHARE, _FEW_TRACKS = 0.5, 400
 # Key frames; lengths of the frame pairs in which motion is measured.
-_STEPS = (1, 4, 12)
+STEPS = (1, 4, 12)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -
     return KeyFrames(positions, visible, variance.astype(np.float32))
 
 
-def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = _STEPS) -> FramePairs:
+def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = STEPS) -> FramePairs:
     """All pairs (t, t + s) of key frames, s in `steps`."""
     count = len(frames.positions)
     first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])

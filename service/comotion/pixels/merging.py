@@ -17,13 +17,12 @@ _SIMILARITY_FLOOR = 1e-3
 # Mean similarity at which superclusters merge if the smaller has so many members; the threshold grows with
 # the root of its size over that.
 SIMILARITY, _SIZE = 0.0075, 40
-# The logistic rule: weight of log(1 + distance in px) of two groups, and of the log multiple of the
-# threshold, which saturates; what must be reached, in nat; and the evidence needed per log ratio of their
-# joint epipolar residual to their own. docs/research/pixels.md says how it was fitted.
-_DISTANCE_WEIGHT, _RATIO_WEIGHT, _LARGEST_LOG_RATIO = 0.86, 0.3, 2.0
-_LEAST_EVIDENCE, _EPIPOLAR_WEIGHT = 0.35, 1.08
-# nat; limits of that log ratio, and what it is where the epipolar geometry cannot be estimated.
-_LEAST_EPIPOLAR, _MOST_EPIPOLAR, _UNKNOWN_EPIPOLAR = -0.2, 2.5, 0.3
+# Evidence, in nat, that a consensus of 1 is for one body, beside the drop of log similarity across the
+# boundary of two groups and log(1 + their distance in px); and what must be reached. docs/research/pixels.md
+# says how these were found.
+_CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
+# What a nat of log similarity counts for beside consensus where the next pair is chosen.
+_SIMILARITY_IN_ORDER = 0.05
 # Share of the trajectories below which a group dissolves.
 _SMALLEST_SHARE = 0.02
 # nat; evidence from what two groups were before: one hypothesis, or two.
@@ -38,9 +37,9 @@ def sums_over_groups(values: NDArray[np.floating[Any]], labels: Ints) -> Floats:
 class Merging:
     """Merges superclusters.
 
-    The most similar pair comes first. Two groups merge if similarity does not drop across their boundary
-    and they share an epipolar geometry; one can make up for the other. Epipolar geometry over wide baselines
-    can overrule that. In the end groups that are too small dissolve.
+    The pair of most consensus about epipolar geometries comes first. Two groups merge if there is consensus
+    and similarity does not drop across their boundary; one can make up for the other. Epipolar geometry
+    over wide baselines can overrule that. In the end groups that are too small dissolve.
 
     Parameters
     ----------
@@ -49,7 +48,7 @@ class Merging:
     superclusters
         intp [N], 0 to P - 1.
     geometry
-        Compares groups.
+        Compares groups; its pieces are the superclusters.
     smallest
         Members below which a group dissolves.
     previous
@@ -71,6 +70,7 @@ class Merging:
         self._size = np.bincount(superclusters).astype(np.float64)
         self._members = [np.flatnonzero(superclusters == k) for k in range(len(self._size))]
         self._sums = sums_over_groups(sums_over_groups(similarity, superclusters).T, superclusters)
+        self._consensus = geometry.consensus * np.outer(self._size, self._size)
         self._open = np.ones(len(self._size), np.bool_)
         self._previous = previous
         self._decided: dict[tuple[int, int], bool] = {}
@@ -87,8 +87,9 @@ class Merging:
     def _join(self, first: int, second: int) -> None:
         """The smaller goes into the larger."""
         a, b = (first, second) if self._size[first] >= self._size[second] else (second, first)
-        self._sums[a] += self._sums[b]
-        self._sums[:, a] += self._sums[:, b]
+        for sums in (self._sums, self._consensus):
+            sums[a] += sums[b]
+            sums[:, a] += sums[:, b]
         self._size[a] += self._size[b]
         self._members[a] = np.concatenate([self._members[a], self._members[b]])
         self._open[b] = False
@@ -96,11 +97,14 @@ class Merging:
         self._decided = {pair: m for pair, m in self._decided.items() if a not in pair and b not in pair}
 
     def _best_pair(self) -> tuple[int, int] | None:
-        """The pair that merges and has the largest similarity over the threshold for its size, if any."""
+        """The pair that merges and has most consensus, similarity beside it, if any."""
         smaller = np.minimum(self._size[:, None], self._size[None])
-        ratio = np.triu(self._similarity(), 1) / (SIMILARITY * np.sqrt(smaller / _SIZE))
+        similarity = np.triu(self._similarity(), 1)
+        ratio = similarity / (SIMILARITY * np.sqrt(smaller / _SIZE))
         pairs = np.flatnonzero(ratio > 0)
-        for flat in pairs[np.argsort(-ratio.flat[pairs], kind="stable")].tolist():
+        order = (self._consensus / np.outer(self._size, self._size)).flat[pairs]
+        order += _SIMILARITY_IN_ORDER * np.log(similarity.flat[pairs])
+        for flat in pairs[np.argsort(-order, kind="stable")].tolist():
             a, b = divmod(flat, len(ratio))
             if self._merges(a, b, float(ratio[a, b])):
                 return a, b
@@ -134,23 +138,14 @@ class Merging:
         return self._decided[a, b]
 
     def _one_body(self, a: int, b: int, ratio: float) -> bool:
-        """The logistic rule that was fitted to merge decisions, see docs/research/pixels.md."""
-        hysteresis = self._hysteresis(a, b)
+        """Whether consensus, contrast and what they were before are evidence enough."""
+        evidence = self._hysteresis(a, b)
+        evidence += _CONSENSUS_WEIGHT * self._consensus[a, b] / (self._size[a] * self._size[b])
         contrast = self._contrast(*sorted((self._members[a], self._members[b]), key=len))
         if contrast is None:
-            return bool(np.log(ratio) + hysteresis >= 0)
+            return bool(np.log(ratio) + evidence >= 0)
         drop, distance = contrast
-        evidence = drop + _DISTANCE_WEIGHT * np.log1p(distance) - _LEAST_EVIDENCE
-        evidence += _RATIO_WEIGHT * np.clip(np.log(ratio), -_LARGEST_LOG_RATIO, _LARGEST_LOG_RATIO)
-        evidence += hysteresis
-        if evidence < _EPIPOLAR_WEIGHT * _LEAST_EPIPOLAR:
-            return False
-        compared = self._geometry.compare(self._members[a], self._members[b])
-        if compared is None:
-            return bool(evidence >= _EPIPOLAR_WEIGHT * _UNKNOWN_EPIPOLAR)
-        log_ratio, one_rests = compared
-        limited = min(max(log_ratio, _LEAST_EPIPOLAR), _MOST_EPIPOLAR)
-        return not one_rests and bool(evidence >= _EPIPOLAR_WEIGHT * limited)
+        return bool(evidence + drop + np.log1p(distance) >= _LEAST_EVIDENCE)
 
     def _contrast(self, small: Ints, large: Ints) -> tuple[float, float] | None:
         """How similarity changes across the boundary of two groups; None if they are never seen together.

@@ -55,7 +55,7 @@ class PixelMethod(Method):
         if window.instants:
             belief = self._camera.advance(window, window.instants, stamp_ns, previous.labels)
         if belief is not None:
-            return self._believed(belief, window, current, previous)
+            return self._believed(belief, window, current)
         compared, frames = compared_trajectories(window, current, window.instants, self._p)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
@@ -88,23 +88,17 @@ class PixelMethod(Method):
             described=of_moving_camera(described),
         )
 
-    def _believed(self, belief: Belief, window: Window, current: Slots, previous: Previous) -> Partition:
-        """The groups before a resting camera.
-
-        A new body takes no id from one that still exists, however many trajectories it has taken from it.
-        """
+    def _believed(self, belief: Belief, window: Window, current: Slots) -> Partition:
+        """The groups before a resting camera."""
         slots = window.slots()
         groups, shown = belief.shown(slots), belief.shown(current)
         labelled = current[shown >= 0]
-        was_published = belief.publish()
-        published_ids = previous.ids[: len(was_published)][was_published[: len(previous.ids)]]
-        deciding = (groups >= 0) & (was_published[groups] | ~np.isin(previous.labels[slots], published_ids))
         affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
         self._last = current, labelled, affinity
         return Partition(
             slots=slots,
             groups=groups,
-            deciding=deciding,
+            deciding=groups >= 0,
             confidence=np.where(shown >= 0, belief.confidence(current), 0.0),
             position=window.positions[current, window.stop[current] - 1],
             described=describe(window, current, shown, belief.residual(window, current), len(belief.bodies)),

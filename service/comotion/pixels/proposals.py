@@ -46,10 +46,9 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
         unexplained = recent.of(left)
         seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
         best = max((_around(unexplained, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
-        members = best & _explained(unexplained, best)
-        if members.sum() < LEAST_MEMBERS:
+        if best.sum() < LEAST_MEMBERS:
             break
-        groups.append(left[members])
+        groups.append(left[best])
         left = left[~best]
     return groups
 
@@ -60,12 +59,8 @@ def _around(recent: Recent, seed: int, reach: float) -> Bools:
     step = recent.displacement[0]
     distance += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
     nearest = np.isin(np.arange(len(distance)), np.argsort(distance, kind="stable")[:_PICKED])
-    return np.asarray(_explained(recent, nearest) & (distance < reach))
-
-
-def _explained(recent: Recent, members: Bools) -> Bools:
-    fit = group_gain(recent, members)
-    return np.zeros(len(members), np.bool_) if fit is None else fit.gain > 0
+    fit = group_gain(recent, nearest)
+    return np.zeros(len(distance), np.bool_) if fit is None else (fit.gain > 0) & (distance < reach)
 
 
 def as_one(recent: Recent, first: Bools, second: Bools) -> float:

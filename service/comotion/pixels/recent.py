@@ -31,6 +31,9 @@ class Recent:
         bool [S, n]; whether a trajectory was seen then.
     variance
         float64 [n], px²; noise of a coordinate.
+    tolerance
+        float64 [S, n], px²; variance of what rests in the world before a camera that moves, besides noise and drift; 0
+        before one that rests.
     """
 
     slots: Slots
@@ -38,6 +41,7 @@ class Recent:
     displacement: Floats
     seen: Bools
     variance: Floats
+    tolerance: Floats
 
     def of(self, tracks: Ints) -> "Recent":
         """Some of the trajectories, by index."""
@@ -47,6 +51,7 @@ class Recent:
             np.ascontiguousarray(self.displacement[:, tracks]),
             np.ascontiguousarray(self.seen[:, tracks]),
             self.variance[tracks],
+            np.ascontiguousarray(self.tolerance[:, tracks]),
         )
 
     @cached_property
@@ -72,7 +77,8 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
     present = np.flatnonzero(states.held[0])
     slots, position = slots[present], states.position[0, present]
     past, seen = _past_places(window, slots, np.array(stamps, np.int64), stamp_ns - np.array(SCALES_NS))
-    return Recent(slots, position, position - past, seen, noise_variance(window, slots, stamps))
+    variance = noise_variance(window, slots, stamps)
+    return Recent(slots, position, position - past, seen, variance, np.zeros(seen.shape))
 
 
 def _past_places(window: Window, slots: Slots, stamps: Stamps, times: Stamps) -> tuple[Floats, Bools]:

@@ -13,6 +13,7 @@ from .grouping import group
 from .key_frames import LEAST_SEEN, evenly_spaced, key_frames
 from .noise import noise_variance
 from .recent import Recent, recent_motion
+from .steadying import Steadying
 
 # ns between two instants at which motion is taken in, however often updates are made.
 _STEP_NS = 100_000_000
@@ -20,6 +21,9 @@ _STEP_NS = 100_000_000
 _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
+# Before a camera that moves, the background is followed in windows longer than this: in shorter ones, structure
+# tells more. And px² of variance that it may have about a smooth motion.
+_LONG_NS, _SMOOTH_PX2 = 4_500_000_000, 1.0
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
@@ -45,6 +49,8 @@ class RestingCamera:
         self._config = config
         self._steps = 0
         self._evidence = 0.0
+        self._steady = 0.0
+        self._steadying = Steadying()
         self._stamp_ns: int | None = None
         self._belief: Belief | None = None
 
@@ -67,10 +73,12 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
-            self._look(recent)
+            self._evidence = _judged(recent, self._evidence)
             if self._evidence < 0:
-                self._belief = None
-                continue
+                recent = self._steadied(window, recent)
+                if self._steady < 0 or instant - stamps[0] < _LONG_NS:
+                    self._belief = None
+                    continue
             self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
             self._belief.step(window, recent, instant)
             self._steps += 1
@@ -98,28 +106,54 @@ class RestingCamera:
             return slots[:0], np.zeros(0, np.intp)
         return slots[ready], group(frames.of(ready), self._config).labels
 
-    def _look(self, recent: Recent) -> None:
-        """Judge by the share of the picture that rests.
+    def _steadied(self, window: Window, recent: Recent) -> Recent:
+        """Motion relative to that of the background, and whether that shows it at rest."""
+        background = np.ones(len(recent.slots), np.bool_)
+        if self._belief is not None:
+            background = self._belief.labels(recent.slots) == BACKGROUND
+        recent = self._steadying.steadied(recent, window.key, background)
+        if self._steadying.spread < _SMOOTH_PX2:
+            self._steady = _judged(recent, self._steady)
+        else:
+            self._steady = max(self._steady + _FALL, -_MOST)
+        return recent
 
-        Not by that of the trajectories: a person before bare walls has most of them.
-        """
-        enough = np.flatnonzero(recent.seen[:_SCALES].sum(axis=1) >= _LEAST_TRACKS)
-        if not len(enough):
-            return
-        scale = int(enough[-1])
-        seen = recent.seen[scale]
-        cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
-        _, cell = np.unique(cells, axis=0, return_inverse=True)
-        cell = cell.ravel()
-        share = float((np.bincount(cell, _still(recent, scale)[seen]) / np.bincount(cell)).mean())
-        change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
-        self._evidence = min(max(self._evidence + change, -_MOST), _MOST)
+
+def _judged(recent: Recent, evidence: float) -> float:
+    """The evidence that the camera rests, with what a step adds by the share of the picture that rests.
+
+    Not by that of the trajectories: a person before bare walls has most of them.
+    """
+    enough = np.flatnonzero(recent.seen[:_SCALES].sum(axis=1) >= _LEAST_TRACKS)
+    if not len(enough):
+        return evidence
+    scale = int(enough[-1])
+    seen = recent.seen[scale]
+    cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
+    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    cell = cell.ravel()
+    still = _still(recent, scale)
+    share = float((np.bincount(cell, still[seen]) / np.bincount(cell)).mean())
+    change = _FALL if _shifted(recent, scale, still) else min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
+    return min(max(evidence + change, -_MOST), _MOST)
 
 
 def _still(recent: Recent, scale: int) -> Bools:
     """Whether each trajectory has not moved over one of the time scales, bool [n]."""
     square = (recent.displacement[scale] ** 2).sum(axis=1)
-    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * (recent.variance + _DRIFT_PX**2)))
+    variance = recent.variance + _DRIFT_PX**2 + recent.tolerance[scale]
+    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * variance))
+
+
+def _shifted(recent: Recent, scale: int, still: Bools) -> bool:
+    """Whether what looks at rest, bool [n], has moved in common over a time scale: a slow camera moves all alike."""
+    rows = np.flatnonzero(still)
+    if not len(rows):
+        return False
+    common = np.median(recent.displacement[scale, rows], axis=0)
+    # The variance of a median is that of a mean times pi / 2.
+    variance = np.pi * float(np.median(recent.variance[rows] + recent.tolerance[scale, rows])) / len(rows)
+    return bool((common**2).sum() > _DRIFT_PX**2 + _GATE * 2 * variance)
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:

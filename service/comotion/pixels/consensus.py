@@ -1,0 +1,78 @@
+"""Rates whether groups of trajectories prefer the same epipolar geometries.
+
+Many fundamental matrices are fitted to few points each, in pairs of key frames near and far apart. Parts of
+one body rank them alike, however much noise there is: ranks need no scale (ordered residual kernel, Chin,
+Wang and Suter 2009; for motion segmentation Xu, Cheong and Li 2018).
+"""
+
+import numpy as np
+from scipy.stats import rankdata
+
+from ..arrays import Floats, Ints
+from .kernels.epipolar import epipolar_misfits
+from .key_frames import STEPS, KeyFrames, evenly_spaced
+
+# Frame pairs of each length; geometries that are drawn in each, from so many points.
+_PAIRS, _DRAWN, _PICKED = 5, 100, 12
+# Members of a group that are looked at, and that a frame pair must show.
+_MEMBERS, _LEAST_MEMBERS = 40, 3
+# Share of the geometries within which a rank counts: its weight is exp(-rank / share).
+_SHARE = 0.2
+
+
+def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -> Floats:
+    """Correlation of the ranks that groups give to epipolar geometries, [G, G]; 0 where not known.
+
+    Parameters
+    ----------
+    frames
+        F key frames of N trajectories.
+    groups
+        intp, indices of trajectories.
+    rng
+        Source of the draws.
+    """
+    total, count = np.zeros((2, len(groups), len(groups)))
+    for first, second in _frame_pairs(len(frames.positions)):
+        seen = frames.visible[first] & frames.visible[second]
+        members = [group[seen[group]] for group in groups]
+        shown = np.array([k for k in range(len(groups)) if len(members[k]) >= _LEAST_MEMBERS], np.intp)
+        if len(shown) < 2:
+            continue
+        picked = [members[k][evenly_spaced(len(members[k]), _MEMBERS)] for k in shown]
+        starts = np.concatenate([[0], np.cumsum([len(part) for part in picked])])
+        start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64)
+        rated = _preference(epipolar_misfits(start, end, starts, _draw(starts, rng)))
+        rows = np.ix_(shown, shown)
+        total[rows] += rated.T @ rated
+        count[rows] += 1
+    return np.asarray(total / np.maximum(count, 1))
+
+
+def _frame_pairs(count: int) -> list[tuple[int, int]]:
+    """Pairs of `count` key frames, near and far apart."""
+    pairs = []
+    for step in STEPS:
+        first = evenly_spaced(max(count - step, 0), _PAIRS).tolist()
+        pairs += [(start, start + step) for start in first]
+    return pairs
+
+
+def _draw(starts: Ints, rng: np.random.Generator) -> Ints:
+    """Points of each geometry, intp [H, m], spread over a group and another one, which may be the same."""
+    size = np.diff(starts)
+    weight = np.sqrt(size)
+    first = rng.choice(len(size), _DRAWN, p=weight / weight.sum())
+    second = rng.integers(len(size), size=_DRAWN)
+    total = size[first] + np.where(first == second, 0, size[second])
+    place = (np.arange(_PICKED) + rng.random((_DRAWN, _PICKED))) / _PICKED
+    index = (place * total[:, None]).astype(np.intp)
+    beyond = index - size[first, None]
+    return np.asarray(np.where(beyond < 0, starts[first, None] + index, starts[second, None] + beyond))
+
+
+def _preference(misfits: Floats) -> Floats:
+    """Of ranks [H, G] among the geometries, each column of mean 0 and norm 1."""
+    preferred = np.exp(-rankdata(misfits, axis=0) / (_SHARE * len(misfits)))
+    preferred -= preferred.mean(axis=0)
+    return np.asarray(preferred / np.linalg.norm(preferred, axis=0))

@@ -1,0 +1,71 @@
+"""Fits fundamental matrices to few points each, and gives the residuals of groups of points under them."""
+
+import numpy as np
+
+from ...arrays import Floats, Ints
+from ...compiled import compiled
+
+# Rounds of inverse iteration, and what is added to the diagonal, relative to its mean.
+_ROUNDS, _RIDGE = 8, 1e-12
+
+
+@compiled()
+def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -> Floats:
+    """Mean squared Sampson distances, px², of G groups of points under H fundamental matrices, [H, G].
+
+    Of points [n, 2] in both frames, group g from starts[g] up to starts[g + 1]. A matrix is fitted to each
+    row of `picks` [H, m], indices of points.
+    """
+    misfits = np.zeros((len(picks), len(starts) - 1))
+    for h in range(len(picks)):
+        matrix = _fundamental(first[picks[h]], second[picks[h]])
+        for g in range(len(starts) - 1):
+            for i in range(starts[g], starts[g + 1]):
+                misfits[h, g] += _sampson(matrix, first[i], second[i])
+            misfits[h, g] /= max(starts[g + 1] - starts[g], 1)
+    return misfits
+
+
+@compiled()
+def _fundamental(first: Floats, second: Floats) -> Floats:
+    """Fundamental matrix [3, 3] of points [m, 2], by the normalised eight-point method (Hartley 1997)."""
+    left, right = _normalising(first), _normalising(second)
+    normal = np.zeros((9, 9))
+    row = np.empty(9)
+    for i in range(len(first)):
+        x, y = left[0, 0] * first[i, 0] + left[0, 2], left[1, 1] * first[i, 1] + left[1, 2]
+        u, v = right[0, 0] * second[i, 0] + right[0, 2], right[1, 1] * second[i, 1] + right[1, 2]
+        row[0], row[1], row[2], row[3], row[4], row[5] = u * x, u * y, u, v * x, v * y, v
+        row[6], row[7], row[8] = x, y, 1.0
+        for a in range(9):
+            for b in range(9):
+                normal[a, b] += row[a] * row[b]
+    inverse = np.linalg.inv(normal + _RIDGE * np.trace(normal) * np.eye(9))
+    vector = np.ones(9)
+    for _ in range(_ROUNDS):
+        vector = inverse @ vector
+        vector /= np.sqrt((vector * vector).sum())
+    u, s, v = np.linalg.svd(vector.reshape(3, 3))
+    s[2] = 0.0
+    matrix: Floats = right.T @ (u * s) @ v @ left
+    return matrix
+
+
+@compiled()
+def _normalising(points: Floats) -> Floats:
+    """Matrix [3, 3] that brings points [m, 2] to mean distance √2 from 0."""
+    x, y = points[:, 0].mean(), points[:, 1].mean()
+    scale = np.sqrt(2) / max(np.sqrt((points[:, 0] - x) ** 2 + (points[:, 1] - y) ** 2).mean(), 1e-9)
+    return np.array([[scale, 0.0, -scale * x], [0.0, scale, -scale * y], [0.0, 0.0, 1.0]])
+
+
+@compiled()
+def _sampson(f: Floats, p: Floats, q: Floats) -> float:
+    x, y, u, v = p[0], p[1], q[0], q[1]
+    a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
+    b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
+    c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
+    d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
+    e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
+    square: float = (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
+    return square
