@@ -182,3 +182,29 @@ def test_gross_errors_of_single_observations_move_nothing_that_rests():
     assert counts.sum() > 0.8 * (WALL + HAND)
     assert body not in labels[:WALL]
     assert background not in labels[WALL:]
+
+
+class Carried(Scene):
+    """The same before a camera in the hand: all sways, and what is farther away, one in three, sways less."""
+
+    def __init__(self):
+        super().__init__(noise=0.1)
+        self.number = 0
+        self.nearness = np.where(np.arange(WALL) % 3 == 0, 0.7, 1.0)[:, None]
+
+    def at(self, shift):
+        seconds = self.number / RATE
+        self.number += 1
+        sway = np.array([60 * np.sin(1.7 * seconds), 40 * np.sin(2.3 * seconds + 1)])
+        seen = np.concatenate([self.wall + self.nearness * sway, self.hand + shift + sway])
+        return seen + self.rng.normal(0, self.noise, seen.shape)
+
+
+def test_a_body_before_a_carried_camera_is_found_and_kept_where_it_stops():
+    found = play(Fusion(), Carried(), path(180, 45, after=135))
+    (body,) = hand_of(found[215])
+    assert all(hand_of(labels) == {body} for number, labels in found.items() if number >= 215)
+    background = {labels[k] for number, labels in found.items() if number >= 215 for k in range(WALL)}
+    (wall,) = background - {UNDETERMINED}
+    assert wall != body
+    assert sum(labels[k] == wall for labels in found.values() for k in range(WALL)) > 0.9 * WALL * len(found)

@@ -1,7 +1,7 @@
 """The default method in spaces of unit px: groups image trajectories by body.
 
-Before a camera that rests, the belief of each trajectory is carried from update to update (:mod:`.resting`).
-Before a camera that moves:
+Before a camera that rests, or a background that moves smoothly, the belief of each trajectory is carried from
+update to update (:mod:`.resting`). Before any other:
 
 1. Choose key frames and the trajectories that are compared on them (:mod:`.key_frames`).
 2. Group them, in the steps 2 to 6 of :mod:`.grouping`.
@@ -89,19 +89,21 @@ class PixelMethod(Method):
         )
 
     def _believed(self, belief: Belief, window: Window, current: Slots) -> Partition:
-        """The groups before a resting camera."""
+        """The groups before a background that is followed."""
         slots = window.slots()
         groups, shown = belief.shown(slots), belief.shown(current)
         labelled = current[shown >= 0]
         affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
         self._last = current, labelled, affinity
+        residual = belief.residual(window, current)
+        described = describe(window, current, shown, residual, len(belief.bodies))
         return Partition(
             slots=slots,
             groups=groups,
             deciding=groups >= 0,
             confidence=np.where(shown >= 0, belief.confidence(current), 0.0),
             position=window.positions[current, window.stop[current] - 1],
-            described=describe(window, current, shown, belief.residual(window, current), len(belief.bodies)),
+            described=of_moving_camera(described) if self._camera.carried else described,
         )
 
     def affinity(self) -> NDArray[np.float32]:

@@ -32,8 +32,8 @@ class Recent:
     variance
         float64 [n], px²; noise of a coordinate.
     tolerance
-        float64 [S, n], px²; variance of what rests in the world before a camera that moves, besides noise and drift; 0
-        before one that rests.
+        float64 [S, n], px²; besides noise and drift, variance of what rests in the world before a camera that
+        moves (:mod:`.steadying`); 0 before one that rests.
     """
 
     slots: Slots

@@ -1,4 +1,7 @@
-"""Judges whether the camera rests, and while it does, follows which body each trajectory belongs to."""
+"""Follows which body each trajectory belongs to, while the background rests before the camera.
+
+Before a camera that moves it is made to rest first, where it moves smoothly (:mod:`.steadying`).
+"""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -21,8 +24,8 @@ _STEP_NS = 100_000_000
 _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
-# Before a camera that moves, the background is followed in windows longer than this: in shorter ones, structure
-# tells more. And px² of variance that it may have about a smooth motion.
+# Before a camera that moves, the background is followed in windows longer than this: in shorter ones the
+# structure of all of it tells more. And px² of variance that it may have about a smooth motion.
 _LONG_NS, _SMOOTH_PX2 = 4_500_000_000, 1.0
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
@@ -37,25 +40,31 @@ _LEAST_COMPARED, _MOST_COMPARED = 8, 300
 
 
 class RestingCamera:
-    """Follows one camera and, while it rests, the belief which trajectories move with which body.
+    """Follows one camera and, while its background rests, the belief which trajectories move with which body.
 
     Parameters
     ----------
     config
         Of the grouping of whole windows.
+
+    Attributes
+    ----------
+    carried
+        Whether the camera moved at the last step.
     """
 
     def __init__(self, config: PixelsConfig) -> None:
         self._config = config
+        self.carried = False
         self._steps = 0
-        self._evidence = 0.0
-        self._steady = 0.0
+        # That the camera rests, and that the background does once its motion is subtracted.
+        self._evidence, self._steady = 0.0, 0.0
         self._steadying = Steadying()
         self._stamp_ns: int | None = None
         self._belief: Belief | None = None
 
     def advance(self, window: Window, stamps: Sequence[int], stamp_ns: int, labels: Labels) -> Belief | None:
-        """Take in what was observed up to an instant; the belief, None while the camera moves.
+        """Take in what was observed up to an instant; the belief, None while nothing shows a background.
 
         Parameters
         ----------
@@ -74,7 +83,8 @@ class RestingCamera:
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
             self._evidence = _judged(recent, self._evidence)
-            if self._evidence < 0:
+            self.carried = self._evidence < 0
+            if self.carried:
                 recent = self._steadied(window, recent)
                 if self._steady < 0 or instant - stamps[0] < _LONG_NS:
                     self._belief = None
@@ -107,7 +117,7 @@ class RestingCamera:
         return slots[ready], group(frames.of(ready), self._config).labels
 
     def _steadied(self, window: Window, recent: Recent) -> Recent:
-        """Motion relative to that of the background, and whether that shows it at rest."""
+        """Motion relative to that of the background; and note whether that shows it at rest."""
         background = np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
             background = self._belief.labels(recent.slots) == BACKGROUND
@@ -134,7 +144,9 @@ def _judged(recent: Recent, evidence: float) -> float:
     cell = cell.ravel()
     still = _still(recent, scale)
     share = float((np.bincount(cell, still[seen]) / np.bincount(cell)).mean())
-    change = _FALL if _shifted(recent, scale, still) else min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
+    change = (
+        _FALL if _shifted(recent, scale, still) else min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
+    )
     return min(max(evidence + change, -_MOST), _MOST)
 
 
@@ -146,7 +158,7 @@ def _still(recent: Recent, scale: int) -> Bools:
 
 
 def _shifted(recent: Recent, scale: int, still: Bools) -> bool:
-    """Whether what looks at rest, bool [n], has moved in common over a time scale: a slow camera moves all alike."""
+    """Whether what looks at rest, bool [n], has moved in common over a time scale: so does a slow camera."""
     rows = np.flatnonzero(still)
     if not len(rows):
         return False
