@@ -167,3 +167,30 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
         with progress() as note:
             rows = run_benchmark(find_sequences(self.data), jobs=self.jobs, progress=note)
         self.report("pixels", markdown(rows), {"rows": rows})
+
+
+class Carried(Study):
+    """Score the grouping of image features on made-up scenes before a camera in the hand."""
+
+    epilog = """
+Examples:
+  comotion dev reproduce carried --seeds 10-13
+  comotion dev reproduce carried --kind hand --seeds 10
+"""
+
+    kind: list[str] | None = option(None, "How the camera is carried; may be repeated. Default: all.")
+    seeds: str = option("10-13", "Seeds; those below 10 are for development.")
+    out: Path = option(
+        Path("carried"), "Where carried.md and carried.json go.", metavar="DIR", file_okay=False
+    )
+
+    def run(self) -> None:
+        """Run it and write the report."""
+        from comotion_experiments.inputs import parse_seeds
+        from comotion_experiments.pixels.carried import KINDS, markdown, run_carried
+
+        names = _chosen(self.kind, [kind.name for kind in KINDS], "kind")
+        kinds, seeds = [kind for kind in KINDS if kind.name in names], parse_seeds(self.seeds)
+        with progress() as note:
+            rows = run_carried(kinds, seeds, jobs=self.jobs, progress=note)
+        self.report("carried", markdown(rows), {"rows": rows})
