@@ -94,9 +94,7 @@ def test_a_scene_is_a_context_and_yields_each_update_once():
 
 
 def test_a_table_has_a_row_for_each_observation(monkeypatch):
-    monkeypatch.setitem(
-        sys.modules, "pandas", types.SimpleNamespace(DataFrame=dict, concat=lambda parts, **_: parts[0])
-    )
+    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=dict))
     found = comotion.group(P, TIMES)
     table = found.to_pandas()
     assert list(table) == ["source", "time", "feature", "hypothesis", "x", "y", "z"]

@@ -123,14 +123,13 @@ class Grouping:
         for name, states in self._positions.items():
             rows, features = np.nonzero(np.isfinite(states[..., 0]))
             columns = {
-                "source": name,
+                "source": np.full(len(rows), name),
                 "time": self._times[name][rows],
                 "feature": features,
                 "hypothesis": self.by_source[name][rows, features],
             }
-            places = zip("xyz", states[rows, features].T, strict=False)
-            parts.append(pandas.DataFrame(columns | dict(places)))
-        return pandas.concat(parts, ignore_index=True)
+            parts.append(columns | dict(zip("xyz", states[rows, features].T, strict=False)))
+        return pandas.DataFrame({key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.labels, dtype=dtype, copy=copy)
