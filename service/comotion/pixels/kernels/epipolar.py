@@ -18,10 +18,16 @@ def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -
     """
     misfits = np.zeros((len(picks), len(starts) - 1))
     for h in range(len(picks)):
-        matrix = _fundamental(first[picks[h]], second[picks[h]])
+        f = _fundamental(first[picks[h]], second[picks[h]])
         for g in range(len(starts) - 1):
             for i in range(starts[g], starts[g + 1]):
-                misfits[h, g] += _sampson(matrix, first[i], second[i])
+                x, y, u, v = first[i, 0], first[i, 1], second[i, 0], second[i, 1]
+                a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
+                b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
+                c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
+                d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
+                e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
+                misfits[h, g] += (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
             misfits[h, g] /= max(starts[g + 1] - starts[g], 1)
     return misfits
 
@@ -57,15 +63,3 @@ def _normalising(points: Floats) -> Floats:
     x, y = points[:, 0].mean(), points[:, 1].mean()
     scale = np.sqrt(2) / max(np.sqrt((points[:, 0] - x) ** 2 + (points[:, 1] - y) ** 2).mean(), 1e-9)
     return np.array([[scale, 0.0, -scale * x], [0.0, scale, -scale * y], [0.0, 0.0, 1.0]])
-
-
-@compiled()
-def _sampson(f: Floats, p: Floats, q: Floats) -> float:
-    x, y, u, v = p[0], p[1], q[0], q[1]
-    a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
-    b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
-    c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
-    d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
-    e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
-    square: float = (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
-    return square

@@ -19,30 +19,24 @@ def distance_deviation(y: Floats, w: Floats) -> Floats:
     -------
     float64 [n, n], symmetric; NaN where a pair shares fewer than two frames, and on the diagonal.
     """
-    n = len(w)
+    n, frames = w.shape
     deviation = np.full((n, n), np.nan)
     for i in range(n):
         for j in range(i + 1, n):
-            deviation[i, j] = deviation[j, i] = _deviation(y[i], y[j], w[i], w[j])
+            count, shift, total, squares = 0, 0.0, 0.0, 0.0
+            for f in range(frames):
+                if w[i, f] > 0 and w[j, f] > 0:
+                    a, b, c = y[i, f, 0] - y[j, f, 0], y[i, f, 1] - y[j, f, 1], y[i, f, 2] - y[j, f, 2]
+                    d = np.sqrt(a * a + b * b + c * c)
+                    # Sums about the first distance, as E[d^2] - E[d]^2 would cancel.
+                    shift = d if count == 0 else shift
+                    total += d - shift
+                    squares += (d - shift) ** 2
+                    count += 1
+            if count > 1:
+                variance = max(squares - total * total / count, 0.0) / (count - 1)
+                deviation[i, j] = deviation[j, i] = np.sqrt(variance)
     return deviation
-
-
-@compiled()
-def _deviation(a: Floats, b: Floats, wa: Floats, wb: Floats) -> float:
-    """Standard deviation of the distance of two rows; NaN where they share fewer than two frames."""
-    count, shift, total, squares = 0, 0.0, 0.0, 0.0
-    for f in range(len(wa)):
-        if wa[f] > 0 and wb[f] > 0:
-            x, y, z = a[f, 0] - b[f, 0], a[f, 1] - b[f, 1], a[f, 2] - b[f, 2]
-            d = np.sqrt(x * x + y * y + z * z)
-            # Sums about the first distance, as E[d^2] - E[d]^2 would cancel.
-            shift = d if count == 0 else shift
-            total += d - shift
-            squares += (d - shift) ** 2
-            count += 1
-    if count < 2:
-        return float(np.nan)
-    return float(np.sqrt(max(squares - total * total / count, 0.0) / (count - 1)))
 
 
 @compiled()

@@ -6,7 +6,7 @@ from ...arrays import Floats
 from ...compiled import compiled
 from .metric import is_round_metric, squared_length
 from .records import PoseArrays
-from .rotation import planar_rotation, rotation_matrix, spatial_rotation
+from .rotation import closed_form, newton_rotation, planar_rotation, rotation_matrix
 
 SOFT = 9.0
 """Squared residual, in tolerances per dimension, that halves the weight of an observation."""
@@ -70,7 +70,10 @@ def fit_poses(
                 if weighed:
                     _step(y[f], weights, metric, b, dim, R[f], t[f])
                 _collect(y[f], w[f], inverse, metric, b, in_template, R[f], t[f], soft, not weighed, sums)
-        _update(sums, b, in_template)
+        for i in range(m):
+            if sums[3, i] > 0:
+                in_template[i] = 1.0
+                b[:, i] = sums[:3, i] / sums[3, i]
         if iteration < iterations - 1:
             _bridge(y, w, inverse, dim, need, b, in_template, poses)
 
@@ -89,7 +92,7 @@ def frame_pose(
 ) -> None:
     """Weighted pose y = R b + t of one frame, its rotation pulled towards `near`, in place.
 
-    Newton's method begins at the rotation `start`, if it has `started`.
+    By Newton's method from the rotation `start` if it has `started`; else, or if that fails, in closed form.
     """
     H, centres = np.zeros((3, 3)), np.zeros((2, 3))
     _moments(y, b, weights, centres, H)
@@ -100,7 +103,8 @@ def frame_pose(
         for p in range(3):
             for q in range(3):
                 H[p, q] += pull * near[p, q]
-        spatial_rotation(H, start, started, R)
+        if not (started and newton_rotation(H, start, R)):
+            closed_form(H, R)
     _translation(R, centres, t)
 
 
@@ -306,16 +310,6 @@ def _collect(
         s1[i] += a * x1
         s2[i] += a * x2
         s3[i] += a
-
-
-@compiled()
-def _update(sums: Floats, b: Floats, in_template: Floats) -> None:
-    """Template from the weighted sums, in place."""
-    for i in range(sums.shape[1]):
-        if sums[3, i] > 0:
-            in_template[i] = 1.0
-            for c in range(3):
-                b[c, i] = sums[c, i] / sums[3, i]
 
 
 @compiled()

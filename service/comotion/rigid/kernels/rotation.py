@@ -28,16 +28,6 @@ def planar_rotation(H: Floats, R: Floats) -> None:
 
 
 @compiled()
-def spatial_rotation(H: Floats, near: Floats, started: bool, R: Floats) -> None:
-    """R that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3].
-
-    Newton's method from `near` where `started`, else and where that fails the closed form.
-    """
-    if not (started and newton_rotation(H, near, R)):
-        _closed_form(H, R)
-
-
-@compiled()
 def newton_rotation(H: Floats, near: Floats, R: Floats) -> bool:
     """Whether Newton's method finds the maximum of tr(R^T H) over rotations, in place.
 
@@ -101,8 +91,8 @@ def _turn(R: Floats, x: float, y: float, z: float) -> None:
 
 
 @compiled()
-def _closed_form(H: Floats, R: Floats) -> None:
-    """The maximum, whatever the rank of H (Horn 1987, eq. 37 ff.).
+def closed_form(H: Floats, R: Floats) -> None:
+    """The maximum of tr(R^T H) over rotations, whatever the rank of H (Horn 1987, eq. 37 ff.).
 
     The quaternion (w, x, y, z) is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form.
     """
