@@ -138,16 +138,17 @@ def test_a_source_that_is_wrongly_calibrated_or_late_separates_no_body(name):
 
 # Ids that each object has on average, at most: without doubt about newborn features 1.8 where it is 1.
 @pytest.mark.parametrize(
-    ("family", "window", "most", "options"),
+    ("family", "seed", "window", "most", "options"),
     [
-        ("cover_1s", 10.0, 1.0, {}),
-        ("cover_3s", 2.0, 2.0, {}),
-        ("object_cover", 10.0, 1.0, {"duration": 14.0}),
-        ("restart", 10.0, 1.0, {}),
+        ("cover_1s", 0, 10.0, 1.0, {}),
+        ("cover_3s", 0, 2.0, 2.0, {}),
+        ("object_cover", 0, 10.0, 1.0, {"duration": 14.0}),
+        ("restart", 0, 10.0, 1.0, {}),
+        ("rebirth_100", 1, 10.0, 1.0, {}),
     ],
 )
-def test_objects_that_were_covered_or_tracked_anew_keep_their_ids(family, window, most, options):
-    figures = run_family(family, 0, FusionConfig(window=window), **options)
+def test_objects_that_were_covered_or_tracked_anew_keep_their_ids(family, seed, window, most, options):
+    figures = run_family(family, seed, FusionConfig(window=window), **options)
     assert figures["kept"] == 1.0
     assert figures["ids"] <= most
 

@@ -224,8 +224,10 @@ def _agreed(motions: dict[int, _Motion], places: Floats) -> dict[int, _Motion]:
 
     Where they disagree one of them may be right: what they see together is no measure for another.
     """
+    if not motions:
+        return {}
     noise = {body: motion.squared / max(motion.freedom, 1) for body, motion in motions.items()}
-    most = max(_AGREE * min(noise.values(), default=0.0), _EXACT * float(places.var(0).sum()))
+    most = max(_AGREE * min(noise.values()), _EXACT * float(places.var(0).sum()))
     return {body: motion for body, motion in motions.items() if noise[body] <= most}
 
 

@@ -20,12 +20,17 @@ def undecided(scene: Scene, labels: Ints) -> Ints:
 
     By place alone, the features of a body that returns would be those of the bodies about it, and of the
     static one, which has members everywhere. So while a hypothesis has no features, after it lost most of
-    them at once, features that appear among other newborn ones are outliers until their motion is known.
+    them at once, features that appear later among other newborn ones are outliers until their motion is
+    known. Those that appear as soon as it loses them are the same ones, under other names.
     """
     frames = scene.frames
     newborn = frames.current & ~scene.judged & (scene.hypotheses == NO_HYPOTHESIS)
     doubtful = newborn & (labels != OUTLIER)
-    if np.count_nonzero(newborn) <= _LEAST_NEWBORN or not doubtful.any() or not _any_lost(scene):
+    if np.count_nonzero(newborn) <= _LEAST_NEWBORN or not doubtful.any():
+        return labels
+    born = frames.stamps[-1] - (frames.life * 1e9).astype(np.int64)
+    doubtful &= born > _first_loss(scene) + _AT_ONCE * 1e9
+    if not doubtful.any():
         return labels
     current = np.flatnonzero(frames.current)
     neighbours = min(_NEIGHBOURS + 1, len(current))
@@ -37,9 +42,9 @@ def undecided(scene: Scene, labels: Ints) -> Ints:
     return decided
 
 
-def _any_lost(scene: Scene) -> bool:
-    """Whether a hypothesis has no current feature, after it lost most of them at once."""
-    frames = scene.frames
+def _first_loss(scene: Scene) -> float:
+    """When the first of the hypotheses without a feature lost most of them at once, ns; infinite for none."""
+    frames, first_loss = scene.frames, np.inf
     gone = np.setdiff1d(scene.hypotheses[~frames.current], scene.hypotheses[frames.current]).tolist()
     rows, first = np.unique(frames.owner, return_index=True)
     for hypothesis in gone:
@@ -51,5 +56,5 @@ def _any_lost(scene: Scene) -> bool:
         seconds_before = (last.max() - last) * 1e-9
         at_once = np.count_nonzero(seconds_before <= _AT_ONCE)
         if at_once >= max(_LEAST_LOST, _LOST_SHARE * np.count_nonzero(seconds_before <= _LOOK_BACK)):
-            return True
-    return False
+            first_loss = min(first_loss, int(last.max()))
+    return first_loss
