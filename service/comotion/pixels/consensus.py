@@ -72,7 +72,7 @@ def _draw(starts: Ints, rng: np.random.Generator) -> Ints:
 
 
 def _preference(misfits: Floats) -> Floats:
-    """Of ranks [H, G] among the geometries, each column of mean 0 and norm 1."""
+    """Of ranks [H, G] among the geometries, each column of mean 0 and norm 1; 0 where all rank alike."""
     preferred = np.exp(-rankdata(misfits, axis=0) / (_SHARE * len(misfits)))
     preferred -= preferred.mean(axis=0)
-    return np.asarray(preferred / np.linalg.norm(preferred, axis=0))
+    return np.asarray(preferred / np.maximum(np.linalg.norm(preferred, axis=0), 1e-12))

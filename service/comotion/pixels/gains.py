@@ -50,8 +50,9 @@ def group_gain(recent: Recent, members: Bools) -> Explained | None:
     gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:_BODY_SCALES], members)
     if motion < 0:
         return None
-    rest = rest_gain(recent)
     # Before a camera that moves, rest is explained with more tolerance than a motion.
-    if recent.tolerance.any() and np.median(rest[members]) > _RESTS:
-        return Explained(rest, 0.0)
+    if recent.tolerance.any():
+        rest = rest_gain(recent)
+        if np.median(rest[members]) > _RESTS:
+            return Explained(rest, 0.0)
     return Explained(gain, motion)
