@@ -173,7 +173,7 @@ def test_each_instant_of_a_moving_camera_is_one_line(tmp_path):
 def test_a_client_of_foxglove_reads_the_numbers_of_an_update():
     pytest.importorskip("foxglove")
     websockets = pytest.importorskip("websockets.sync.client")
-    from comotion_clients.foxglove.server import FoxgloveDisplay
+    from comotion_clients.foxglove.scene import FoxgloveDisplay
 
     with FoxgloveDisplay(0) as display:
         # A first message makes the channels known.

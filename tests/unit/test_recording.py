@@ -204,7 +204,7 @@ def test_what_waits_is_bounded_and_the_rest_is_counted():
 
 
 def test_the_export_is_what_foxglove_reads(tmp_path):
-    export = pytest.importorskip("comotion_clients.recording.export").export
+    export = pytest.importorskip("comotion_clients.foxglove.scene").export
     decoders = [pytest.importorskip("mcap_protobuf.decoder").DecoderFactory(), JsonDecoder()]
     path = record(tmp_path / "take.mcap").path
     exported = export(path, tmp_path / "fox.mcap", {1: "truck"})

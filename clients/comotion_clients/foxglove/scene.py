@@ -1,4 +1,4 @@
-"""Logs one scene on topics of Foxglove's SDK, for its server as for its file.
+"""Logs one scene on topics of Foxglove's SDK: for its WebSocket server, or a file from a recording.
 
 | topic | schema |
 |---|---|
@@ -17,17 +17,21 @@ Log times are given by the caller; time stamps within messages are acquisition t
 
 import math
 from collections import Counter
-from typing import Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
 
 import foxglove
 import numpy as np
 from foxglove import channels
 
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
+from comotion_schemas.errors import KnownError
 from comotion_schemas.naming import Names
+from comotion_schemas.text import counted
 
 from ..carried import poses_in_space
-from ..following import Display
+from ..following import Display, play
 from ..metrics import score_update
 from ..scene_model import SceneModel
 from ..scoring import Scoring, spaces_of
@@ -123,3 +127,98 @@ class FoxgloveScene(Display):
         if isinstance(message, dict):
             return foxglove.Channel(topic, schema=_NUMBERS_SCHEMA, context=self._context)
         return getattr(channels, f"{type(message).__name__}Channel")(topic, context=self._context)
+
+
+LOOPBACK = "127.0.0.1"
+_BACKLOG = 256
+"""Messages that wait for a slow client; then the oldest are dropped."""
+
+
+class FoxgloveDisplay(FoxgloveScene):
+    """Serves a scene to Foxglove; a context manager, for a running scene or a recording.
+
+    Parameters
+    ----------
+    port
+        TCP port on this machine alone; 0: a free one.
+    names
+        Names of hypotheses by id.
+
+    Raises
+    ------
+    OSError
+        If the port is in use.
+    """
+
+    def __init__(self, port: int, names: Names | None = None) -> None:
+        context = foxglove.Context()
+        super().__init__(context, names)
+        try:
+            self._server = foxglove.start_server(
+                name="comotion", host=LOOPBACK, port=port, context=context, message_backlog_size=_BACKLOG
+            )
+        except Exception as error:  # the SDK's own, without a class for a port in use
+            raise OSError(f"no server on {LOOPBACK}:{port}: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._server.stop()
+
+    @property
+    def url(self) -> str:
+        """Where Foxglove finds the scene."""
+        return f"ws://{LOOPBACK}:{self._server.port}"
+
+
+@dataclass
+class Exported:
+    """Result of an export: number of messages by topic; `invalid` payloads were left out."""
+
+    messages: dict[str, int] = field(default_factory=dict)
+    invalid: int = 0
+
+    def lines(self, target: Path) -> list[str]:
+        """Format the result as text."""
+        total = sum(self.messages.values())
+        lines = [f"{target}: {counted(total, 'message')} on {counted(len(self.messages), 'topic')}"]
+        lines += [f"  {topic}: {count}" for topic, count in sorted(self.messages.items())]
+        if self.invalid:
+            lines.append(f"left out as invalid: {self.invalid}")
+        return lines
+
+
+def export(source: Path, target: Path, names: Names | None = None) -> Exported:
+    """Convert a recording to a file for Foxglove.
+
+    Parameters
+    ----------
+    source
+        A recording of ``comotion record`` that includes the service.
+    target
+        The new file; it must not exist.
+    names
+        Names of hypotheses by id.
+
+    Raises
+    ------
+    ValueError
+        If the recording is damaged or holds no update of a service.
+    OSError
+        If a file cannot be read or written, or `target` exists.
+    """
+    from comotion_schemas.message_log import MessageLog  # the server needs no extra `record`
+
+    context = foxglove.Context()
+    with MessageLog(source) as log, target.open("xb") as output:
+        try:
+            with foxglove.open_mcap(output, context=context):
+                scene = FoxgloveScene(context, names)
+                play(scene, log.decoded())
+            if not scene.logged.get("/numbers"):
+                raise KnownError(f"{source}: it holds no hypotheses; was the service recorded?")
+        except BaseException:
+            target.unlink()
+            raise
+    return Exported(scene.logged, log.invalid)

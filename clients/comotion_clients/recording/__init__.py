@@ -1,6 +1,5 @@
-"""Recordings of a scene as MCAP files: write, repair, export. Needs the extra `record`.
+"""Recordings of a scene as MCAP files: write and repair. Needs the extra `record`.
 
 :mod:`.file` writes one file, :mod:`.series` a sequence of files, :mod:`.process` is the recorder.
-:mod:`.repair` recovers damaged files, :mod:`.export` converts a recording for Foxglove. Sources read
-recordings by ``comotion_sources.recordings``.
+:mod:`.repair` recovers damaged files. Sources read recordings by ``comotion_sources.recordings``.
 """

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import metadata
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import BinaryIO, NamedTuple, Self
 
 from mcap.writer import Writer
 
@@ -34,7 +34,7 @@ class Definition(NamedTuple):
     data: bytes
 
 
-class TopicWriter:
+class TopicWriter(Writer):
     """An MCAP writer that registers channels and schemas where a topic first has a message.
 
     Parameters
@@ -43,72 +43,22 @@ class TopicWriter:
         A binary file.
     profile, library
         Of the header of the file.
-    options
-        Of :class:`mcap.writer.Writer`.
     """
 
-    def __init__(
-        self, output: BinaryIO, *, profile: str = "", library: str = "comotion", **options: Any
-    ) -> None:
-        self._writer = Writer(output, **options)
-        self._writer.start(profile=profile, library=library)
-        self._schemas: dict[Definition, int] = {}
-        self._channels: dict[str, int] = {}
+    def __init__(self, output: BinaryIO, *, profile: str, library: str = "comotion") -> None:
+        super().__init__(output)
+        self.start(profile=profile, library=library)
+        self._schema_ids: dict[Definition, int] = {}
+        self._channel_ids: dict[str, int] = {}
 
-    def add(
-        self,
-        topic: str,
-        definition: Definition | None,
-        encoding: str,
-        data: bytes,
-        log_ns: int,
-        publish_ns: int | None = None,
-        sequence: int = 0,
-    ) -> None:
-        """Append a message.
-
-        Parameters
-        ----------
-        topic, definition, encoding
-            Topic, schema (None: unknown) and encoding of its messages; the first message of a topic counts.
-        data
-            The message.
-        log_ns, publish_ns
-            Log time and publish time, ns since the Unix epoch; None: the same.
-        sequence
-            Number of the message, 32 bits.
-        """
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(
-                topic=topic, message_encoding=encoding, schema_id=self._schema(definition)
-            )
-        self._writer.add_message(
-            channel_id=self._channels[topic],
-            log_time=log_ns,
-            publish_time=log_ns if publish_ns is None else publish_ns,
-            data=data,
-            sequence=sequence,
-        )
-
-    def describe(self, name: str, values: dict[str, str]) -> None:
-        """Complete the chunk and append a metadata record."""
-        self._writer.flush()
-        self._writer.add_metadata(name, values)
-
-    def flush(self) -> None:
-        """Complete the chunk."""
-        self._writer.flush()
-
-    def finish(self) -> None:
-        """Complete the chunk and write the index; the output stays open."""
-        self._writer.finish()
-
-    def _schema(self, definition: Definition | None) -> int:
-        if definition is None:
-            return 0
-        if definition not in self._schemas:
-            self._schemas[definition] = self._writer.register_schema(*definition)
-        return self._schemas[definition]
+    def channel(self, topic: str, definition: Definition | None, encoding: str) -> int:
+        """Id of the channel of a topic; its first call says schema (None: unknown) and encoding."""
+        if topic not in self._channel_ids:
+            if definition is not None and definition not in self._schema_ids:
+                self._schema_ids[definition] = self.register_schema(*definition)
+            schema_id = 0 if definition is None else self._schema_ids[definition]
+            self._channel_ids[topic] = self.register_channel(topic, encoding, schema_id)
+        return self._channel_ids[topic]
 
 
 class StorageError(OSError):
@@ -182,13 +132,15 @@ class RecordingFile:
             raise KnownError(f"{key!r} is not a key of messages")
         published_ns, number = publish_time(message, log_ns), sequence(message)
         with self._on_disk():
-            self._writer.add(key, _definition(kind), MESSAGE_ENCODING, payload, log_ns, published_ns, number)
+            channel = self._writer.channel(key, _definition(kind), MESSAGE_ENCODING)
+            self._writer.add_message(channel, log_ns, payload, published_ns, number)
             self._waiting += 1
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
-        """Append a metadata record."""
+        """Complete the chunk and append a metadata record."""
         with self._on_disk():
-            self._writer.describe(name, dict(values))
+            self._writer.flush()
+            self._writer.add_metadata(name, dict(values))
 
     def flush(self) -> None:
         """Complete the current chunk and write it: all messages so far are then in the file."""

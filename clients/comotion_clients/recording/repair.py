@@ -117,19 +117,15 @@ def _copy(data: mmap.mmap, writer: TopicWriter, result: RepairResult) -> None:
     for group in _groups(data, result):
         for record in group:
             if isinstance(record, Metadata):
-                writer.describe(record.name, record.metadata)
+                writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Message) and record.channel_id in channels:
-                channel = channels[record.channel_id]
-                result.count(record)
-                writer.add(
-                    channel.topic,
-                    schemas.get(channel.schema_id),
-                    channel.message_encoding,
-                    record.data,
-                    record.log_time,
-                    record.publish_time,
-                    record.sequence,
+                topic, schema = (
+                    channels[record.channel_id],
+                    schemas.get(channels[record.channel_id].schema_id),
                 )
+                result.count(record)
+                number = writer.channel(topic.topic, schema, topic.message_encoding)
+                writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
             else:
                 result.orphans += isinstance(record, Message)
         writer.flush()

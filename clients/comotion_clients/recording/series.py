@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from comotion_schemas import DecodeError, Message, TruthBatch, decode_on
-from comotion_schemas.keys import Kind, last_chunk
+from comotion_schemas.keys import Kind
 from comotion_schemas.recording import LOSSES
 from comotion_schemas.sequence import SequenceCounter
 
@@ -79,8 +79,8 @@ class Series:
         self.paths: list[Path] = []
         self._sequences = SequenceCounter()
         self._keys: set[str] = set()
-        self._truth: dict[str, tuple[str, list[tuple[bytes, TruthBatch]]]] = {}
-        self._begun_ns: int | None = None
+        self._truth: dict[str, list[tuple[bytes, TruthBatch]]] = {}
+        self._begun_ns = 0
         self._closed_bytes = 0
         self._check_free_space()
         self._file = self._next_file()
@@ -97,17 +97,20 @@ class Series:
 
     def add(self, arrival: Arrival) -> None:
         """Record one payload."""
-        if not self._accepts_key(arrival.key):
+        if arrival.key not in self._keys and len(self._keys) >= MAX_KEYS:
             self.counts.invalid["limit"] += 1
             return
+        self._keys.add(arrival.key)
         message = self._check(arrival)
-        if self._begun_ns is None:
-            self._begun_ns = arrival.log_ns
+        self._begun_ns = self._begun_ns or arrival.log_ns
         if self._is_full(arrival.log_ns):
             self._rotate(arrival.log_ns)
         self._file.add(arrival.key, arrival.log_ns, arrival.payload, message)
         if isinstance(message, TruthBatch):
-            self._keep_truth(arrival, message)
+            kept = self._truth.setdefault(arrival.key, [])
+            if kept and kept[0][1].session != message.session:
+                kept.clear()
+            kept.append((arrival.payload, message))
         self.counts.messages[arrival.kind] += 1
         self.counts.newest[arrival.kind] = arrival.log_ns
 
@@ -127,11 +130,6 @@ class Series:
         with contextlib.suppress(OSError):
             self._file.close()
 
-    def _accepts_key(self, key: str) -> bool:
-        if key not in self._keys and len(self._keys) < MAX_KEYS:
-            self._keys.add(key)
-        return key in self._keys
-
     def _check(self, arrival: Arrival) -> Message | None:
         """Decode a payload and count missing messages and invalid payloads."""
         try:
@@ -139,28 +137,15 @@ class Series:
         except DecodeError as error:
             self.counts.invalid[error.reason] += 1
             return None
-        self._count_lost(arrival.key, message)
-        return message
-
-    def _count_lost(self, key: str, message: Message) -> None:
         seq = getattr(message, "seq", None)
-        lost = 0 if seq is None else self._sequences.sight(key, message.session, seq).lost
-        if lost:
-            self.counts.lost[key] += lost
-
-    def _keep_truth(self, arrival: Arrival, truth: TruthBatch) -> None:
-        name = last_chunk(arrival.key)
-        session, batches = self._truth.get(name, ("", []))
-        if session != truth.session:
-            session, batches = truth.session, []
-        batches.append((arrival.payload, truth))
-        self._truth[name] = (session, batches)
+        if seq is not None and (lost := self._sequences.sight(arrival.key, message.session, seq).lost):
+            self.counts.lost[arrival.key] += lost
+        return message
 
     def _is_full(self, log_ns: int) -> bool:
         o = self._options
-        begun = self._begun_ns if self._begun_ns is not None else log_ns
         return (o.max_bytes is not None and self._file.size >= o.max_bytes) or (
-            o.max_seconds is not None and log_ns - begun >= o.max_seconds * 1e9
+            o.max_seconds is not None and log_ns - self._begun_ns >= o.max_seconds * 1e9
         )
 
     def _rotate(self, log_ns: int) -> None:
@@ -168,10 +153,9 @@ class Series:
         self._closed_bytes += self._file.path.stat().st_size
         self._begun_ns = log_ns
         self._file = self._next_file()
-        truth_key = f"comotion/@v1/{self._options.scene}/truth"
-        for name, (_, batches) in self._truth.items():
+        for key, batches in self._truth.items():
             for payload, truth in batches:
-                self._file.add(f"{truth_key}/{name}", log_ns, payload, truth)
+                self._file.add(key, log_ns, payload, truth)
 
     def _next_file(self) -> RecordingFile:
         o, number = self._options, len(self.paths) + 1

@@ -24,7 +24,8 @@ class Bag(ExitStack):
 
     def write(self, topic: str, kind: str, raw: bytes, stamp_ns: int) -> None:
         """Append a message in CDR."""
-        self._writer.add(topic, _definition(kind), "cdr", raw, stamp_ns)
+        channel = self._writer.channel(topic, _definition(kind), "cdr")
+        self._writer.add_message(channel, stamp_ns, raw, stamp_ns)
 
 
 @cache

@@ -159,7 +159,7 @@ Examples:
         Keys(self.scene)
         where = self.where() if self.recording is None else {}
         if self.foxglove:
-            from comotion_clients.foxglove.server import FoxgloveDisplay
+            from comotion_clients.foxglove.scene import FoxgloveDisplay
 
             with self._log() as log, FoxgloveDisplay(self.foxglove_port, self.names()) as display:
                 print(f"open {display.url} in Foxglove", file=sys.stderr, flush=True)

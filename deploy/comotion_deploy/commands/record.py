@@ -70,7 +70,7 @@ To play a recording: comotion source replay take.mcap
             saved = repair(self.repair, target)
             self.show(saved, *saved.lines(target))
         if self.export is not None:
-            from comotion_clients.recording.export import export
+            from comotion_clients.foxglove.scene import export
 
             target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
             exported = export(self.export, target)
