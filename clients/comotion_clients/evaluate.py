@@ -12,8 +12,8 @@ from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 
+from .bodies import known_values
 from .feed import SceneFeed
-from .joints import known_values
 from .metrics import Score
 from .scoring import Scoring
 from .watch_columns import number
@@ -99,9 +99,11 @@ def evaluate(
     ):
         if where.get("ready_file") is not None:
             component.ready()
-        begun = time.monotonic()
-        while not component.stop.wait(POLL_S) and not _is_over(run, duration, begun):
+        end = math.inf if duration is None else time.monotonic() + max(duration, FIRST_UPDATE_TIMEOUT_S)
+        while not component.stop.wait(POLL_S) and time.monotonic() < end:
             run.poll(feed, time.monotonic())
+            if duration is not None and run.first_at is not None:
+                end = run.first_at + duration
             report(lambda: progress_line(run))
         run.poll(feed, math.inf)
     if not run.scores:
@@ -109,14 +111,6 @@ def evaluate(
     if not any(score.scored for score in run.scores):
         raise KnownError(f"no update of scene {component.scene!r} could be scored: no source publishes truth")
     return run
-
-
-def _is_over(run: LiveRun, duration: float | None, begun: float) -> bool:
-    if duration is None:
-        return False
-    if run.first_at is None:
-        return time.monotonic() - begun >= max(duration, FIRST_UPDATE_TIMEOUT_S)
-    return time.monotonic() - run.first_at >= duration
 
 
 def progress_line(scoring: Scoring) -> str:

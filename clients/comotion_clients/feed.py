@@ -1,13 +1,21 @@
-"""What arrives of one scene: messages of some types, and who comes and goes, in an open session."""
+"""What arrives of one scene, and the viewer process: it shows a scene or a recording in a display.
+
+Messages of some types, and who comes and goes, are read in an open session, from bounded rings and inboxes
+that drop the oldest messages, so that a slow display does not delay other components.
+"""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol, Unpack
 
+import numpy as np
 import zenoh
 
-from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, Status
+from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, Preview, Status, TruthBatch
+from comotion_schemas.component import StatusFields, Where, viewer
 from comotion_schemas.types import is_name
 
 from .subscription import Subscription
@@ -103,3 +111,132 @@ class SceneFeed(ExitStack):
                 role, name = str(sample.key_expr).split("/")[-2:]
                 if is_name(name):
                     yield role, name, sample.kind == zenoh.SampleKind.PUT
+
+
+POLL_S = 0.02
+UPDATES_KEPT = 4
+"""Updates kept while the display is slow; older ones are dropped."""
+_AGES_KEPT = 36_000  # one hour at 10 Hz
+
+
+class Display(Listener):
+    """What is done with a scene's messages; this one does nothing."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed it."""
+        return False
+
+    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
+        """Nobody is shown."""
+
+    def refresh(self, now: float) -> None:
+        """Show what has come."""
+
+    def on_age(self, age_s: float | None) -> None:
+        """Learn how old the last update was when it was shown, s."""
+
+
+@dataclass(frozen=True)
+class Viewed:
+    """Result: updates shown, `lost` in transport, and `dropped` because the display was slow.
+
+    `age_s`: median, 99th percentile and largest age of updates when they were shown, in s since publication,
+    over the last hour at 10 Hz; None without any.
+    """
+
+    updates: int
+    lost: int
+    dropped: int
+    age_s: dict[str, float | None]
+
+    def line(self) -> str:
+        """Format the result as one line."""
+        line = f"{self.updates} updates shown, {self.lost} lost, {self.dropped} dropped"
+        median, p99 = self.age_s["median"], self.age_s["p99"]
+        if median is None or p99 is None:
+            return line
+        return f"{line}; age when shown: median {1e3 * median:.0f} ms, 99 % within {1e3 * p99:.0f} ms"
+
+
+# Truth and batches before the updates that are scored by them.
+_READ = (TruthBatch, ObservationBatch, Status, Preview, HypothesisUpdate)
+
+
+class _Feed(SceneFeed):
+    """Gives a display what arrives of one scene, and counts."""
+
+    def __init__(self, session: zenoh.Session, scene: str) -> None:
+        super().__init__(session, scene, _READ, updates_kept=UPDATES_KEPT)
+        self._ages: deque[float] = deque(maxlen=_AGES_KEPT)
+        self._shown = 0
+
+    def show(self, display: Display) -> None:
+        """Give received messages to a display, and let it show them."""
+        messages = [message for message, _ in self.pour(display)]
+        updates = [message for message in messages if isinstance(message, HypothesisUpdate)]
+        display.refresh(time.monotonic())
+        if updates:
+            self._shown += 1
+            self._ages.append((time.time_ns() - updates[-1].published_ns) / 1e9)
+            display.on_age(self._ages[-1])
+
+    def status(self) -> StatusFields:
+        """Build the Status of the viewer."""
+        updates = self.of[HypothesisUpdate]
+        counters = {"updates": self._shown, "lost": updates.counters.lost, "dropped": updates.dropped}
+        return StatusFields(ages={"hypotheses": self._ages[-1]} if self._ages else {}, counters=counters)
+
+    def viewed(self) -> Viewed:
+        """What was shown so far."""
+        updates, names = self.of[HypothesisUpdate], ("median", "p99", "max")
+        ages = np.percentile(self._ages, (50, 99, 100)).tolist() if self._ages else [None] * 3
+        counts = self._shown, updates.counters.lost, updates.dropped
+        return Viewed(*counts, dict(zip(names, ages, strict=True)))
+
+
+def follow(display: Display, duration: float | None = None, **where: Unpack[Where]) -> Viewed:
+    """Give a display the messages of a scene until a signal arrives, `duration` s are over, or it is closed.
+
+    Raises
+    ------
+    ValueError
+        If the scene name or an endpoint is not valid.
+    """
+    feeds: list[_Feed] = []
+    status = lambda: feeds[0].status() if feeds else StatusFields()  # noqa: E731
+    with (
+        viewer("view", status=status, **where) as component,
+        _Feed(component.session, component.scene) as feed,
+    ):
+        feeds.append(feed)
+        component.ready()
+        end = float("inf") if duration is None else time.monotonic() + duration
+        while not component.stop.wait(POLL_S) and not display.closed:
+            feed.show(display)
+            if time.monotonic() >= end:
+                break
+        return feed.viewed()
+
+
+def play(display: Display, messages: Iterable[tuple[int, Message]], *, in_time: bool = False) -> int:
+    """Give a display a recording; returns the number of updates.
+
+    Parameters
+    ----------
+    display
+        Shows it.
+    messages
+        (Time of receipt in ns, message), in order.
+    in_time
+        At the speed of its times, else as fast as possible: the viewer then plays it.
+    """
+    begun_s, first_ns, updates = time.monotonic(), None, 0
+    for log_ns, message in messages:
+        first_ns = log_ns if first_ns is None else first_ns
+        if in_time:
+            time.sleep(max(0.0, begun_s + (log_ns - first_ns) / 1e9 - time.monotonic()))
+        display.on_message(message, log_ns / 1e9, log_ns)
+        display.refresh(log_ns / 1e9)
+        updates += isinstance(message, HypothesisUpdate)
+    return updates

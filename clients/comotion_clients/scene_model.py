@@ -5,6 +5,7 @@ Times are as in :mod:`.scene_records`.
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,20 +13,20 @@ from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Status
 from comotion_schemas.naming import event_words, named
 from comotion_schemas.rigid import rotation
 
-from .joints import joint_row
-from .scene_problems import find_problems, overall
+from .bodies import joint_row
 from .scene_records import ComponentRecord, SceneRecords, in_cell, in_line
 from .scene_rows import (
     ComponentRow,
     EventRow,
     HypothesisRow,
-    ProblemRow,
     SceneStatus,
     ServiceRow,
     ServiceState,
     Snapshot,
     SourceRow,
     SourceState,
+    find_problems,
+    overall,
 )
 
 GONE_SHOWN_S = 60.0
@@ -90,9 +91,7 @@ class SceneModel(SceneRecords):
             message="" if status is None else in_line(status.message),
             counters={} if status is None else dict(status.counters),
             rejected={} if status is None else {str(k): v for k, v in status.rejected.items()},
-            problems=[
-                ProblemRow(problem.kind, problem.source, in_line(problem.text)) for problem in problems
-            ],
+            problems=[replace(problem, text=in_line(problem.text)) for problem in problems],
         )
 
     def _service_state(self, now: float) -> ServiceState:

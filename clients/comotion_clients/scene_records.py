@@ -20,7 +20,7 @@ from comotion_schemas.naming import Names
 from comotion_schemas.sequence import SequenceCounter
 from comotion_schemas.text import shown
 
-from .feature_names import HypothesisNames
+from .bodies import HypothesisNames
 from .scene_rows import RouterRow
 
 RATE_SPAN_S = 3.0
@@ -182,7 +182,11 @@ class SceneRecords:
 
     def on_presence(self, role: str, token: str, *, alive: bool, now: float = 0.0) -> None:
         """Add a change of a liveliness token; `token` is its last chunk."""
-        name = self._full_name(token_name(token)) if role == "service" else token
+        name = token
+        if role == "service":
+            short = token_name(token)
+            full = (name for name, record in self.components.items() if record.role == "service")
+            name = next((name for name in full if name[:TOKEN_NAME_CHARACTERS] == short), short)
         if alive:
             record = self.record(name)
             record.tokens.add(role)
@@ -224,11 +228,6 @@ class SceneRecords:
         )
 
     @property
-    def publishers(self) -> list[str]:
-        """Names of the components whose Status has arrived."""
-        return [name for name, record in self.components.items() if record.status is not None]
-
-    @property
     def service(self) -> Status | None:
         """Status of the service that speaks: of the highest epoch, and the newest."""
         services = [
@@ -250,10 +249,6 @@ class SceneRecords:
         if len(self.components) >= MOST and name not in self.components:
             return ComponentRecord()
         return self.components.setdefault(name, ComponentRecord())
-
-    def _full_name(self, short: str) -> str:
-        services = (name for name, record in self.components.items() if record.role == "service")
-        return next((name for name in services if name[:TOKEN_NAME_CHARACTERS] == short), short)
 
 
 def in_cell(value: object) -> str:

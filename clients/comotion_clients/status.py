@@ -10,13 +10,7 @@ import zenoh
 from rich.console import Console
 from rich.text import Text
 
-from comotion_schemas import (
-    DEFAULT_SCENE,
-    DecodeError,
-    HypothesisUpdate,
-    Status,
-    decode_as,
-)
+from comotion_schemas import DEFAULT_SCENE, DecodeError, HypothesisUpdate, Status, decode_as
 from comotion_schemas.transport import SessionSettings, client_settings, connect
 
 from .feed import SceneFeed
@@ -114,7 +108,7 @@ class _StatusFeed(SceneFeed):
             self.model.on_answer(answer, sent_s, received_s)
 
     def _query_caches(self) -> None:
-        for name in self.model.publishers:
+        for name in [name for name, record in self.model.components.items() if record.status]:
             key = f"{self._keys.stream('status', name)}/@adv/**"
             for _, sent_s, received_s in self._replies(key):
                 self.model.on_cache_answer(name, received_s - sent_s)

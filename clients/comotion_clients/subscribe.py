@@ -11,14 +11,17 @@ In asyncio the same object supports ``async with`` and ``async for``.
 
 import asyncio
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Generic, TypeAlias
 
-from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys
+import zenoh
+
+from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys, transport
 from comotion_schemas.tls import TlsFiles
-from comotion_schemas.transport import client_settings, connect
+from comotion_schemas.transport import client_settings
 
 from .inbox import Closed
 from .subscription import Counters, M, Subscription
@@ -33,30 +36,18 @@ class Subscribing(Generic[M]):
 
     def __init__(
         self,
-        message: type[M],
-        scene: str,
-        connect: Endpoints | None,
-        timeout: float | None,
-        capacity: int | None,
-        tls: TlsFiles | Path | str | None,
+        open_session: Callable[..., zenoh.Session],
+        subscription: Callable[[zenoh.Session], Subscription[M]],
     ) -> None:
-        self._settings = client_settings((connect,) if isinstance(connect, str) else connect, tls)
-        self._scene = Keys(scene).scene
-        self._message: type[M] = message
-        self._timeout = timeout
-        self._capacity = capacity
+        self._open = open_session
+        self._subscription: Callable[[zenoh.Session], Subscription[M]] = subscription
         self._given_up = threading.Event()
         self._exit = ExitStack()
 
     def __enter__(self) -> Subscription[M]:
         with ExitStack() as stack:
-            session = stack.enter_context(
-                connect(self._settings, timeout=self._timeout, given_up=self._given_up)
-            )
-            subscription = Subscription(
-                session, self._message, self._scene, capacity=self._capacity, timeout=self._timeout
-            )
-            stack.enter_context(subscription)
+            session = stack.enter_context(self._open(given_up=self._given_up))
+            subscription = stack.enter_context(self._subscription(session))
             self._exit = stack.pop_all()
         return subscription
 
@@ -109,4 +100,9 @@ def subscribe(
     ValueError
         If the scene name or an endpoint is not valid, or the folder of the certificate is not.
     """
-    return Subscribing(message, scene, connect, timeout, capacity, tls)
+    settings = client_settings((connect,) if isinstance(connect, str) else connect, tls)
+    scene = Keys(scene).scene
+    return Subscribing(
+        partial(transport.connect, settings, timeout=timeout),
+        partial(Subscription, message=message, scene=scene, capacity=capacity, timeout=timeout),
+    )

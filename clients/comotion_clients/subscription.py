@@ -200,8 +200,15 @@ class Subscription(Generic[M]):
     def _take(self, key: str, payload: bytes) -> None:
         if self._message is Status and self._is_storm(key):
             self.counters.stale += 1
-        else:
-            self._accept(key, payload)
+            return
+        try:
+            message = cast("M", decode_on(key, payload))
+        except DecodeError as error:
+            self.counters.invalid[error.reason] += 1
+            return
+        if self._is_new(key, message):
+            self.counters.received += 1
+            self._inbox.put((time.monotonic(), message))
 
     def _is_storm(self, key: str) -> bool:
         """Whether a Status follows another one of its component too soon to be worth reading."""
@@ -212,16 +219,6 @@ class Subscription(Generic[M]):
             self._read.clear()
         self._read[key] = now
         return False
-
-    def _accept(self, key: str, payload: bytes) -> None:
-        try:
-            message = cast("M", decode_on(key, payload))
-        except DecodeError as error:
-            self.counters.invalid[error.reason] += 1
-            return
-        if self._is_new(key, message):
-            self.counters.received += 1
-            self._inbox.put((time.monotonic(), message))
 
     def _is_new(self, key: str, message: M) -> bool:
         """Count missing sequence numbers; False for an update that is repeated or out of order."""

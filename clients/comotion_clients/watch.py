@@ -66,15 +66,15 @@ def watch(options: WatchOptions | None = None, **where: Unpack[Where]) -> None:
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    options = options or WatchOptions()
+    options, scene = options or WatchOptions(), where.get("scene", DEFAULT_SCENE)
+    model = SceneModel(scene, options.names, all_events=options.all_events)
     if options.once:
-        _once(where.get("scene", DEFAULT_SCENE), where.get("settings") or client_settings(), options)
+        _once(model, where.get("settings") or client_settings(), options)
         return
     with (
         viewer("watch", **where) as component,
         SceneFeed(component.session, component.scene, _READ) as feed,
     ):
-        model = SceneModel(component.scene, options.names, all_events=options.all_events)
         if where.get("ready_file") is not None:
             component.ready()
         if options.json or not sys.stdout.isatty():
@@ -83,20 +83,17 @@ def watch(options: WatchOptions | None = None, **where: Unpack[Where]) -> None:
             _screen(feed, model, component, options)
 
 
-def _once(scene: str, settings: SessionSettings, options: WatchOptions) -> None:
+def _once(model: SceneModel, settings: SessionSettings, options: WatchOptions) -> None:
     """Collect messages for a moment, and show how the scene is."""
     with (
         connect(settings, timeout=options.timeout) as session,
-        SceneFeed(session, scene, _READ) as feed,
+        SceneFeed(session, model.scene, _READ) as feed,
     ):
-        model, deadline = (
-            SceneModel(scene, options.names, all_events=options.all_events),
-            time.monotonic() + options.timeout,
-        )
+        deadline = time.monotonic() + options.timeout
         while not model.seen:
             if time.monotonic() > deadline:
                 where = ", ".join(settings.connect)
-                raise TimeoutError(f"no message of scene {scene!r} arrives at {where}")
+                raise TimeoutError(f"no message of scene {model.scene!r} arrives at {where}")
             time.sleep(0.05)
             feed.pour(model)
         time.sleep(ONCE_S)

@@ -13,7 +13,7 @@ from comotion_schemas import Joint
 from comotion_schemas.colours import as_hex
 from comotion_schemas.naming import Names
 
-from .joints import JointRow, joint_row
+from .bodies import JointRow, joint_row
 from .scene_rows import HypothesisRow, SourceRow
 
 Row = TypeVar("Row")

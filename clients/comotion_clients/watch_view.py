@@ -11,7 +11,7 @@ from comotion_schemas.colours import GREY, as_hex
 from comotion_schemas.plain import plain
 from comotion_schemas.text import counted, counter_words
 
-from .joints import JointRow
+from .bodies import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
 from .watch_columns import (
     HYPOTHESIS_COLUMNS,
@@ -40,12 +40,8 @@ _HYPOTHESES: dict[Sort, Callable[[HypothesisRow], Any]] = {
     "age": lambda row: (row.age, row.id),
 }
 _SERVICE_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "bold red", "silent": "bold red"}
-_EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"} | {
-    "absent": "yellow",
-    "returned": "green",
-    "joined": "green",
-    "released": "magenta",
-}
+_EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"}
+_EVENT_STYLES |= {"absent": "yellow", "returned": "green", "joined": "green", "released": "magenta"}
 _KNOWN_KINDS = {"fixed", "prismatic", "revolute"}
 _MAX_EVENT_ROWS = 4
 _MAX_PROBLEM_ROWS = 4
@@ -151,14 +147,11 @@ def _table(
 
 
 def _event_lines(events: Sequence[EventRow], height_left: int) -> list[Text]:
-    title = Text("last events" if events else "no events yet", style="bold dim")
-    return [
-        title,
-        *(
-            Text.assemble(f"{duration(e.ago):>8} ago  ", (e.words, _EVENT_STYLES.get(e.kind, "")))
-            for e in events[:height_left]
-        ),
+    shown = [
+        Text.assemble(f"{duration(e.ago):>8} ago  ", (e.words, _EVENT_STYLES.get(e.kind, "")))
+        for e in events[:height_left]
     ]
+    return [Text("last events" if events else "no events yet", style="bold dim"), *shown]
 
 
 def _cropped(lines: Sequence[Text], width: int) -> list[Text]:
@@ -177,12 +170,12 @@ def plain_line(snapshot: Snapshot) -> str:
     body = f"{counted(snapshot.tracks, 'track')} {hypotheses} {snapshot.undetermined} undetermined"
     problem = [_problems(service).plain] if service.state != "ok" and service.message else []
     lasting = [f"{row.kind}: {row.text}" for row in service.problems]
-    return " | ".join([head, body, *(_plain_source(row) for row in snapshot.sources), *problem, *lasting])
-
-
-def _plain_source(row: SourceRow) -> str:
-    state = "" if row.state == "ok" else f" {row.state.upper()}"
-    return f"{row.name}{state} {number(row.rate, 1)} Hz age {duration(row.age)} lost {row.lost}"
+    sources = [
+        f"{row.name}{'' if row.state == 'ok' else f' {row.state.upper()}'} "
+        f"{number(row.rate, 1)} Hz age {duration(row.age)} lost {row.lost}"
+        for row in snapshot.sources
+    ]
+    return " | ".join([head, body, *sources, *problem, *lasting])
 
 
 def as_json(snapshot: Snapshot) -> dict[str, Any]:

@@ -153,7 +153,7 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
     from comotion_experiments.plot import Trace, save_plot
     from comotion_schemas.transport import SessionSettings
 
-    from .child import READY_VARIABLE
+    from .launcher import READY_VARIABLE
 
     trace = Trace()
     run = evaluate(

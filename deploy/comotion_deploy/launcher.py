@@ -1,18 +1,194 @@
-"""Runs the processes of a system, which start, restart and stop together."""
+"""Runs the processes of a system, which start and stop together; each may be restarted, with back-off."""
 
 import math
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TypeAlias
+
+from rich.console import Console
+from rich.text import Text
 
 from comotion_schemas.component import stop_on_signals
 
-from .child import Child, WriteLine, log_lines
 from .errors import UserError
 from .processes import ProcessSpec
+
+_COLOURS = (
+    "bold",
+    "cyan",
+    "green",
+    "yellow",
+    "magenta",
+    "blue",
+    "bright_cyan",
+    "bright_green",
+    "bright_magenta",
+)
+
+
+WriteLine: TypeAlias = Callable[[str, str], None]
+"""Takes the name of a process and a line of it."""
+
+
+@contextmanager
+def log_lines(names: list[str], path: Path | None = None) -> Iterator[WriteLine]:
+    """Yield a function that prints prefixed lines, coloured on a terminal, or writes them to a file.
+
+    Parameters
+    ----------
+    names
+        Names of processes, for width and colour of the prefix; others may write too.
+    path
+        File for the lines; None: standard output. Needed while another process owns the terminal.
+    """
+    width, lock = max(map(len, names), default=0), threading.Lock()
+    styles = dict(zip(names, cycle(_COLOURS), strict=False))
+    with nullcontext() if path is None else path.open("w", encoding="utf-8") as file:
+        console = Console(file=file, soft_wrap=True, highlight=False)
+
+        def write(name: str, line: str) -> None:
+            prefix = Text(f"{name:>{width}} | ", style=styles.get(name, ""))
+            with lock:
+                console.print(prefix + Text.from_ansi(line))
+
+        yield write
+
+
+FIRST_DELAY_S = 0.2
+"""Delay of the first restart; it doubles with each further one."""
+LONGEST_DELAY_S = 10.0
+STABLE_S = 10.0
+"""A process that ran for this long restarts after the first delay again."""
+READY_VARIABLE = "COMOTION_READY_FILE"
+RESUME = {"COMOTION_RESUME": "1"}
+"""A service that is restarted goes on with the scene that it has left."""
+
+
+class Child(threading.Thread):
+    """A thread that runs a :class:`ProcessSpec`, again where it says so; the process ends with the thread.
+
+    Parameters
+    ----------
+    spec
+        The process.
+    folder
+        Where its ready file is.
+    write
+        Takes what it prints.
+    log
+        Takes lines that say when it has started and ended.
+    """
+
+    def __init__(self, spec: ProcessSpec, folder: Path, write: WriteLine, log: Callable[[str], None]) -> None:
+        super().__init__(name=spec.name, daemon=True)
+        self.spec = spec
+        self.last_line = ""
+        self.cannot_start = False
+        self._write, self._log = write, log
+        self._ready_file = folder / f"{spec.name}.ready"
+        self._was_ready = not spec.says_ready
+        self._stopping, self._lock = threading.Event(), threading.Lock()
+        self._popen: subprocess.Popen[str] | None = None
+
+    @property
+    def was_ready(self) -> bool:
+        """Whether it has said that it is ready, now or before a restart."""
+        self._was_ready |= self._ready_file.exists()
+        return self._was_ready
+
+    def run(self) -> None:
+        """Run the process, and again as its specification says, until it is to stop."""
+        delay_s = FIRST_DELAY_S
+        while (popen := self._open()) is not None:
+            began_s = time.monotonic()
+            self._log(f"started {self.name}, pid {popen.pid}")
+            status = self._follow(popen)
+            if self._stopping.is_set():
+                return
+            self.cannot_start = status == 2 and not self.was_ready
+            reason = f"killed by {signal.Signals(-status).name}" if status < 0 else f"status {status}"
+            if self.spec.restart == "never" or (self.spec.restart == "on-failure" and status == 0):
+                self._log(f"{self.name} has ended ({reason})")
+                return
+            if time.monotonic() - began_s >= STABLE_S:
+                delay_s = FIRST_DELAY_S
+            self._log(f"{self.name} has ended ({reason}); starting it again in {delay_s:.1f} s")
+            self._stopping.wait(delay_s)
+            delay_s = min(2 * delay_s, LONGEST_DELAY_S)
+
+    def terminate(self) -> None:
+        """Send SIGTERM; the process is not restarted."""
+        with self._lock:
+            self._stopping.set()
+        self._signal(signal.SIGTERM)
+
+    def wait(self, since_s: float) -> bool:
+        """Wait until it ends; if that exceeds `stop_s` since `since_s`, kill it and return False."""
+        if self.ident is None:
+            return True
+        self.join(max(0.0, since_s + self.spec.stop_s - time.monotonic()))
+        in_time = not self.is_alive()
+        self._signal(signal.SIGKILL)
+        self.join()
+        return in_time
+
+    def _open(self) -> subprocess.Popen[str] | None:
+        """Start the process, unless it is to stop."""
+        spec, ready = self.spec, {READY_VARIABLE: str(self._ready_file)}
+        self._ready_file.unlink(missing_ok=True)
+        with self._lock:
+            if self._stopping.is_set():
+                return None
+            self._popen = subprocess.Popen(
+                [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *spec.command],
+                stdin=None if spec.foreground else subprocess.DEVNULL,
+                stdout=None if spec.foreground else subprocess.PIPE,
+                stderr=None if spec.foreground else subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                env={**RESUME, **os.environ, "PYTHONUNBUFFERED": "1", **ready, **spec.env},
+                # In a separate session, Ctrl-C reaches only the launcher, which stops all in order.
+                start_new_session=not spec.foreground,
+            )
+        return self._popen
+
+    def _follow(self, popen: subprocess.Popen[str]) -> int:
+        """Write the lines of the process until it ends; returns its exit status."""
+        with popen:
+            # What it has started itself may hold its output open.
+            reader = threading.Thread(target=self._read, args=(popen,), daemon=True)
+            reader.start()
+            status = popen.wait()
+            self._signal(signal.SIGKILL)
+            self._popen = None
+            reader.join()
+        return status
+
+    def _read(self, popen: subprocess.Popen[str]) -> None:
+        for line in popen.stdout or ():
+            self.last_line = line.rstrip("\n")
+            self._write(self.name, self.last_line)
+
+    def _signal(self, number: signal.Signals) -> None:
+        """Send a signal to the process and to all that it has started."""
+        if (popen := self._popen) is None:
+            return
+        with suppress(ProcessLookupError):
+            if self.spec.foreground:
+                popen.send_signal(number)
+            else:
+                os.killpg(popen.pid, number)
+
 
 OWN_NAME = "launcher"
 READY_S = 180.0

@@ -23,12 +23,10 @@ from .errors import UserError
 from .network import OPEN_METRICS, require_closed, session_settings
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
     from comotion_schemas.component import Where
     from comotion_schemas.transport import SessionSettings
 
-Options = TypeVar("Options", bound="DataclassInstance")
+Result = TypeVar("Result")
 _FROM_NAME = "COMOTION_"
 _VALUES: dict[object, str] = {int: "N", float: "NUMBER", str: "TEXT", Path: "PATH"}
 """What stands for a value of a type in the help, unless an option says more."""
@@ -86,11 +84,12 @@ class Command:
         """Do the work."""
         raise NotImplementedError
 
-    def taken(self, kind: type[Options], **others: Any) -> Options:
-        """Return the options of a process, a dataclass: those of our fields that it has too, and `others`."""
+    def call(self, work: Callable[..., Result], *given: Any, **others: Any) -> Result:
+        """Call a function or a class with those of our fields that it takes, and with what is given."""
         own = {member.name for member in fields(self)}
-        same = {member.name: getattr(self, member.name) for member in fields(kind) if member.name in own}
-        return kind(**(same | others))
+        names = list(inspect.signature(work).parameters)[len(given) :]
+        same = {name: getattr(self, name) for name in names if name in own}
+        return work(*given, **(same | others))
 
     def reject_flags(self, names: tuple[str, ...], why: str) -> None:
         """Reject options on the command line that have no effect; environment and files may set them.

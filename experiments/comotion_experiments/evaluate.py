@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.joints import known_values
+from comotion_clients.bodies import known_values
+from comotion_clients.formats import save_paths
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary
-from comotion_clients.tum import save_paths
 from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain

@@ -11,7 +11,7 @@ from pathlib import Path
 import foxglove
 
 from comotion import FusionConfig
-from comotion_clients.following import play
+from comotion_clients.feed import play
 from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
 from comotion_clients.viewing.picture import Drawn, ScenePicture

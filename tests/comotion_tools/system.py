@@ -11,7 +11,7 @@ from typing import Any, Self
 from comotion_clients.subscription import M, Subscription
 from comotion_deploy.errors import UserError
 from comotion_deploy.pki.authority import Authority
-from comotion_deploy.pki.grants import CertificateRole, Grant
+from comotion_deploy.pki.certificates import CertificateRole, Grant
 from comotion_schemas import Keys
 from comotion_schemas.transport import SessionSettings, connect
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import typer
 
-from comotion_deploy.child import log_lines
 from comotion_deploy.cli import app, run
 from comotion_deploy.errors import UserError
+from comotion_deploy.launcher import log_lines
 from comotion_deploy.processes import read_processes
 
 SCENES = Path(__file__).parents[2] / "deploy" / "scenes"
@@ -66,12 +66,12 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(capsys, 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError, KeyboardInterrupt])
 def test_an_unknown_error_keeps_its_traceback_and_an_interrupt_is_none(monkeypatch, capsys, kind):
-    from comotion_deploy.commands import config
+    from comotion_deploy.commands import serve
 
     def defect(*_):
         raise kind("a defect")
 
-    monkeypatch.setattr(config.Config, "fusion_config", defect)
+    monkeypatch.setattr(serve.Config, "fusion_config", defect)
     if kind is KeyboardInterrupt:
         assert run(["config"]) == 130
         assert capsys.readouterr().err.strip() == ""

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from comotion_clients.feature_names import HypothesisNames
-from comotion_clients.tum import save_paths
-from comotion_clients.urdf import to_urdf
+from comotion_clients.bodies import HypothesisNames
+from comotion_clients.formats import save_paths, to_urdf
 from comotion_schemas import Box, Joint, Pose
 from comotion_schemas.colours import Palette
 from comotion_schemas.hypotheses import SourceRef

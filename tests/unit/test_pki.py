@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from comotion_deploy.cli import run
 from comotion_deploy.network import is_loopback
 from comotion_deploy.pki.authority import Authority, export
-from comotion_deploy.pki.grants import ROLES, Grant, grant_from_uris
+from comotion_deploy.pki.certificates import ROLES, Grant, grant_from_uris
 from comotion_schemas.tls import load_tls
 from comotion_schemas.transport import SessionSettings, client_settings
 

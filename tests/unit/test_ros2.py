@@ -17,8 +17,20 @@ pytest.importorskip("rosbags", reason="needs the extra ros")
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from comotion_clients.ros2.messages import Converter
-from comotion_clients.ros2.names import Node, attachment, topic_chunk, topic_key
-from comotion_clients.ros2.types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, to_cdr, type_hash
+from comotion_clients.ros2.types import (
+    CLOUD,
+    DETECTIONS,
+    JOINTS,
+    MARKERS,
+    ODOMETRY,
+    TF,
+    Node,
+    attachment,
+    to_cdr,
+    topic_chunk,
+    topic_key,
+    type_hash,
+)
 
 # As ROS 2 Jazzy and vision_msgs 4.1.1 publish them.
 PUBLISHED = {
@@ -183,7 +195,7 @@ def test_keys_tokens_and_attachment_follow_rmw_zenoh():
 def test_a_bag_is_read_by_another_reader(tmp_path):
     pytest.importorskip("mcap")
     decoder = pytest.importorskip("mcap_ros2.reader")
-    from comotion_clients.ros2.bag import Bag
+    from comotion_clients.ros2.process import Bag
 
     with Bag(tmp_path / "bodies.mcap") as bag:
         for topic, kind, message in Converter("my-lab").convert(update()):

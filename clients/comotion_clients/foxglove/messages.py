@@ -14,7 +14,7 @@ from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names, event_words, joint_words, named
 from comotion_schemas.rigid import rotation, three
 
-from ..joints import joint_lines
+from ..bodies import joint_lines
 
 PIXEL_M = 0.001
 """A pixel is drawn as 1 mm: the 3-D panel of Foxglove is in metres."""
@@ -23,17 +23,9 @@ _BOX_ALPHA = 0.2
 _PERIODS_SHOWN = 3
 _MOST_SECONDS = 2**32 - 1  # of a Timestamp
 _POINT = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("red", "u1"),
-        ("green", "u1"),
-        ("blue", "u1"),
-        ("alpha", "u1"),
-        ("hypothesis", "<u4"),
-        ("confidence", "<f4"),
-    ]
+    [(axis, "<f4") for axis in "xyz"]
+    + [(colour, "u1") for colour in ("red", "green", "blue", "alpha")]
+    + [("hypothesis", "<u4"), ("confidence", "<f4")]
 )
 _NUMBERS = fg.PackedElementFieldNumericType
 _TYPES = {"<f4": _NUMBERS.Float32, "|u1": _NUMBERS.Uint8, "<u4": _NUMBERS.Uint32}
@@ -216,22 +208,16 @@ def image(preview: Preview) -> fg.CompressedImage:
 
 def event_line(event: Event, names: Names) -> fg.Log:
     """Format an event."""
-    return fg.Log(
-        timestamp=_time(event.stamp_ns),
-        level=fg.LogLevel.Info,
-        message=event_words(event, names),
-        name="comotion",
-    )
+    return _line(event.stamp_ns, "ok", event_words(event, names), "comotion")
 
 
 def health_line(status: Status) -> fg.Log:
     """What a component says of itself, as a line of a log."""
-    return fg.Log(
-        timestamp=_time(status.stamp_ns),
-        level=_LEVELS[status.state],
-        message=f"{status.state} {status.message}".strip(),
-        name=status.component,
-    )
+    return _line(status.stamp_ns, status.state, f"{status.state} {status.message}".strip(), status.component)
+
+
+def _line(stamp_ns: int, state: str, text: str, name: str) -> fg.Log:
+    return fg.Log(timestamp=_time(stamp_ns), level=_LEVELS[state], message=text, name=name)
 
 
 def numbers(update: HypothesisUpdate, nmi: float | None, misclassification: float | None) -> dict[str, Any]:

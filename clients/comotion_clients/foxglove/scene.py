@@ -30,8 +30,8 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.naming import Names
 from comotion_schemas.text import counted
 
-from ..carried import poses_in_space
-from ..following import Display, play
+from ..bodies import poses_in_space
+from ..feed import Display, play
 from ..metrics import score_update
 from ..scene_model import SceneModel
 from ..scoring import Scoring, spaces_of
@@ -119,14 +119,11 @@ class FoxgloveScene(Display):
         if message is None:
             return
         if topic not in self._channels:
-            self._channels[topic] = self._channel(topic, message)
+            schema = {"schema": _NUMBERS_SCHEMA} if isinstance(message, dict) else {}
+            kind = foxglove.Channel if schema else getattr(channels, f"{type(message).__name__}Channel")
+            self._channels[topic] = kind(topic, context=self._context, **schema)
         self._channels[topic].log(message, log_time=max(log_ns, 0))
         self.logged[topic] += 1
-
-    def _channel(self, topic: str, message: Any) -> Any:
-        if isinstance(message, dict):
-            return foxglove.Channel(topic, schema=_NUMBERS_SCHEMA, context=self._context)
-        return getattr(channels, f"{type(message).__name__}Channel")(topic, context=self._context)
 
 
 LOOPBACK = "127.0.0.1"

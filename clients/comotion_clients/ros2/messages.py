@@ -17,11 +17,9 @@ from comotion_schemas.naming import Names, joint_words
 from comotion_schemas.naming import named as called
 from comotion_schemas.rigid import rotation, spin, three, transform
 
-from ..carried import poses_in_space
-from ..feature_names import HypothesisNames
+from ..bodies import HypothesisNames, poses_in_space
 from ..scoring import UNKNOWN, spaces_of
-from .names import topic_chunk
-from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF
+from .types import CLOUD, DETECTIONS, JOINTS, MARKERS, ODOMETRY, TF, topic_chunk
 
 
 @dataclass(frozen=True)

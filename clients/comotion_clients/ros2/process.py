@@ -4,6 +4,7 @@ import secrets
 import time
 from collections import Counter
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -16,8 +17,7 @@ from comotion_schemas.transport import SessionSettings, open_session
 
 from ..feed import SceneFeed
 from .messages import Converter
-from .names import Node, attachment, topic_chunk, topic_key
-from .types import to_cdr, type_hash
+from .types import Node, attachment, definition, to_cdr, topic_chunk, topic_key, type_hash
 
 _POLL_S = 0.2
 
@@ -61,11 +61,7 @@ def run(
     presence = viewer("ros2", status=lambda: StatusFields(counters={"messages": sent.total()}), **where)
     converter = Converter(presence.scene, names)
     with ExitStack() as stack:
-        output: Any = None
-        if bag is not None:
-            from .bag import Bag
-
-            output = stack.enter_context(Bag(bag))
+        output: Any = None if bag is None else stack.enter_context(Bag(bag))
         component = stack.enter_context(presence)
         if output is None:
             session = component.session if ros is None else stack.enter_context(open_session(ros))
@@ -127,3 +123,26 @@ class Network(ExitStack):
         self._sequence[topic] += 1
         number = attachment(self._sequence[topic], time.time_ns(), self._gids[topic])
         self._publishers[topic].put(raw, attachment=number)
+
+
+class Bag(ExitStack):
+    """Writes messages to a new MCAP file, for ``ros2 bag`` and Foxglove; a context manager.
+
+    Raises
+    ------
+    OSError
+        If the file exists or cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        from ..recording.file import Definition, TopicWriter  # needs the extra `record`
+
+        super().__init__()
+        self._writer = TopicWriter(self.enter_context(path.open("xb")), profile="ros2")
+        self.callback(self._writer.finish)
+        self._definition = cache(lambda kind: Definition(kind, "ros2msg", definition(kind).encode()))
+
+    def write(self, topic: str, kind: str, raw: bytes, stamp_ns: int) -> None:
+        """Append a message in CDR."""
+        channel = self._writer.channel(topic, self._definition(kind), "cdr")
+        self._writer.add_message(channel, stamp_ns, raw, stamp_ns)

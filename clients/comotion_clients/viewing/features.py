@@ -10,7 +10,7 @@ from comotion_schemas import HypothesisUpdate
 from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names
 
-from ..carried import poses_in_space
+from ..bodies import poses_in_space
 from ..scoring import SpaceRef, spaces_of
 from .drawing import Axes, Eye, Positions, Shape, SpaceView, Trails, nothing, points, segments
 from .hypotheses import axis_length, draw_hypotheses, draw_joints

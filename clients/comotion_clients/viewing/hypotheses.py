@@ -10,7 +10,7 @@ from comotion_schemas.colours import Palette
 from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.rigid import matrix
 
-from ..joints import joint_lines
+from ..bodies import joint_lines
 from .drawing import Colours, Eye, Positions, Shape, arrows, boxes, labels, segments
 
 # Red, green and blue for x, y and z, as in other viewers; they differ in lightness as well.

@@ -10,7 +10,7 @@ from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Previe
 from comotion_schemas.colours import HUES
 from comotion_schemas.naming import Names, event_words
 
-from ..following import Display
+from ..feed import Display
 from ..metrics import Score, TrackIds, score_update
 from ..scene_model import SceneModel
 from ..scoring import Scoring

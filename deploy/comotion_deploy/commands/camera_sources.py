@@ -165,10 +165,10 @@ class CameraSource(Camera, Process):
 
         self.clear_frames(self.preview)
         offset_ns = round(self.clock_offset * 1e9)
-        options = self.taken(
+        options = self.call(
             CameraOptions,
             tracker=self.tracker_config(moving=moving),
-            pacing=self.taken(Pacing, offset_ns=offset_ns),
+            pacing=self.call(Pacing, offset_ns=offset_ns),
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
             **others,

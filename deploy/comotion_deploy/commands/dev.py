@@ -1,15 +1,41 @@
-"""``comotion dev``: the groups of commands for those who change comotion, and for its experiments."""
+"""``comotion dev``: the groups of commands for those who change comotion, and for its experiments.
 
+Most of its tools are in a checkout alone, beside the tests.
+"""
+
+import os
+import sys
 import time
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import typer
 from typer.core import TyperGroup
 
-from ..checkout import commands_of_checkout
 from ..errors import UserError
-from ..options import Tool, add, flowing, option
+from ..options import Command, Tool, add, flowing, option
 from .experiments import Figures
+
+_TESTS = Path(__file__).parents[3] / "tests"
+
+
+def in_checkout() -> bool:
+    """Whether this is a checkout of the repository, not what a wheel installed."""
+    return (_TESTS / "comotion_tools").is_dir()
+
+
+def commands_of_checkout(group: Literal["TOOLS", "STUDIES"]) -> dict[str, type[Command]]:
+    """Commands beside the tests, which no wheel has; processes that are started from here find them too."""
+    if not in_checkout():
+        return {}
+    if str(_TESTS) not in sys.path:
+        sys.path.append(str(_TESTS))
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    if str(_TESTS) not in paths:
+        os.environ["PYTHONPATH"] = os.pathsep.join([*filter(None, paths), str(_TESTS)])
+    from comotion_tools import commands
+
+    return commands.TOOLS if group == "TOOLS" else commands.STUDIES
 
 
 class WarmUp(Tool):

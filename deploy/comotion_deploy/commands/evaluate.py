@@ -83,19 +83,11 @@ Examples:
         config = self.fusion_config()
         rates = parse_rates(self.rate) if self.rate else None
         seeds = parse_seeds(self.seeds)
-        inputs = find_inputs(files, seeds=seeds, split=self.split, rates=rates, as_received=self.as_received)
+        inputs = self.call(find_inputs, files, seeds=seeds, rates=rates)
         # What is wrong with the inputs has been said: the core takes longer to load.
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
 
-        results = evaluate_inputs(
-            inputs,
-            config,
-            period=self.period,
-            duration=self.duration,
-            plot=self.plot,
-            paths=self.paths,
-            comparator=self.compare,
-        )
+        results = self.call(evaluate_inputs, inputs, config, comparator=self.compare)
         several = len(inputs) > 1
         plots = (
             [] if self.plot is None else [plot_path(self.plot, scored, several=several) for scored in inputs]
@@ -105,7 +97,7 @@ Examples:
 
     def _score_scene(self) -> None:
         from comotion_clients.evaluate import as_json, evaluate, summary_lines
-        from comotion_clients.tum import save_paths
+        from comotion_clients.formats import save_paths
         from comotion_experiments.plot import Trace, save_plot
 
         trace = Trace()

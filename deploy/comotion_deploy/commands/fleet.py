@@ -77,14 +77,8 @@ class RunAgent(Cluster, Ready, Session):
 
         serve = [word for endpoint in self.connect or () for word in ("--connect", endpoint)]
         serve += [] if self.tls is None else ["--tls", str(self.tls)]
-        run_agent(
-            self.name or host_name(),
-            self.capacity,
-            self.cluster(),
-            serve,
-            log=self.log,
-            ready_file=self.ready_file,
-        )
+        name = self.name or host_name()
+        self.call(run_agent, name=name, etcd=self.cluster(), options=serve)
 
 
 class Add(Cluster):

@@ -53,12 +53,12 @@ Examples:
         else:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILE")
             update = self._offline(self.file)
-        from comotion_clients.joints import as_json
+        from comotion_clients.bodies import as_json
         from comotion_clients.watch_columns import joint_table
 
         self.show(as_json(update), joint_table(update.joints, self.names()), width=120)
         if self.urdf is not None:
-            from comotion_clients.urdf import to_urdf
+            from comotion_clients.formats import to_urdf
 
             self.urdf.write_text(to_urdf(update, self.space), encoding="utf-8")
             if not self.json_:

@@ -14,7 +14,7 @@ from ..errors import UserError, require_suffix
 from ..options import Client, Command, Json, Present, argument, option, setting
 
 if TYPE_CHECKING:
-    from comotion_clients.following import Display
+    from comotion_clients.feed import Display
     from comotion_clients.viewing.sink import RerunSink
     from comotion_schemas.component import Where
     from comotion_schemas.message_log import MessageLog
@@ -66,7 +66,7 @@ Examples:
         """Show it until stopped."""
         from comotion_clients.watch import WatchOptions, watch
 
-        watch(self.taken(WatchOptions, json=self.json_, names=self.names()), **self.where())
+        watch(self.call(WatchOptions, json=self.json_, names=self.names()), **self.where())
 
 
 _EXIT = {"ok": 0, "degraded": 1, "stalled": 3}
@@ -100,9 +100,7 @@ Exit status: 0 ok; 1 degraded; 3 stalled, or no service; 2 no router answers, or
         from comotion_clients.status import show
         from comotion_clients.status import status as look
 
-        state = look(
-            self.scene, self.settings(), wait=self.wait, timeout=self.timeout, expect=self.expect or ()
-        )
+        state = self.call(look, settings=self.settings(), expect=self.expect or ())
         if self.json_:
             self.show(state)
         else:
@@ -198,7 +196,7 @@ Examples:
         self, display: "Display", log: "MessageLog | None", where: "Where", *, in_time: bool = False
     ) -> None:
         """Give a display the running scene, or the recording."""
-        from comotion_clients.following import follow, play
+        from comotion_clients.feed import follow, play
         from comotion_schemas.text import counted
 
         if log is None:
@@ -227,14 +225,8 @@ Examples:
         window = not self.web and self.save is None
         if window and not _has_display():
             raise UserError("there is no display for a window: use --web (browser) or --save FILE.rrd")
-        return RerunSink(
-            window=window,
-            web_port=self.port if self.web else None,
-            open_browser=self.browser and _has_display(),
-            file=self.save,
-            data_port=self.data_port,
-            memory=self.memory,
-        )
+        web_port, opened = self.port if self.web else None, self.browser and _has_display()
+        return self.call(RerunSink, window=window, web_port=web_port, open_browser=opened, file=self.save)
 
 
 def _has_display() -> bool:

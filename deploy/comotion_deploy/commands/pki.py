@@ -81,7 +81,7 @@ Then restart the routers (or send them SIGHUP), and run the component with --tls
     def run(self) -> None:
         """Issue it."""
         from ..pki.authority import Authority
-        from ..pki.grants import DEFAULT_RATE, Grant
+        from ..pki.certificates import DEFAULT_RATE, Grant
 
         is_router = self.role == "router"
         grant = Grant(

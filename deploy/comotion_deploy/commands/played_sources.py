@@ -118,7 +118,7 @@ Examples:
         from comotion_sources import replay
         from comotion_sources.schedule import Schedule, parse_start
 
-        schedule = self.taken(Schedule, start_at=parse_start(self.start_at))
+        schedule = self.call(Schedule, start_at=parse_start(self.start_at))
         if is_scene:
             replay.replay_scene(self.file, schedule, **self.where())
             return
@@ -186,7 +186,7 @@ Examples:
         )
         play_streams(
             simulations,
-            self.taken(Schedule, start_at=parse_start(self.start_at)),
+            self.call(Schedule, start_at=parse_start(self.start_at)),
             message=f"simulates {simulations[0].spec.title}",
             **self.where(),
         )

@@ -63,16 +63,8 @@ Examples:
         loaded, links, truth, default_joints = _load(self.model, self.link)
         encoders = Encoders(angular=self.encoder, linear=self.linear_encoder)
         kinematics = Kinematics(loaded, links, _base(self.base), encoders)
-        process.run(
-            kinematics,
-            self._joint_reader(default_joints),
-            rate=self.rate,
-            span=self.batch,
-            truth=truth,
-            name=self.name,
-            space=self.space,
-            **self.where(),
-        )
+        reader = self._joint_reader(default_joints)
+        self.call(process.run, kinematics, reader, span=self.batch, truth=truth, **self.where())
 
     def _joint_reader(self, default_joints: str | None) -> "Reader":
         """Open the input that is given, or the joint states of the workcell."""
@@ -166,13 +158,7 @@ Examples:
         if self.write_tum is not None:
             _write(self.workcell_scene, self.camera, self.seed, self.duration, self.write_tum)
             return
-        process.run(
-            Scene(self.workcell_scene, self.seed),
-            rate=self.rate,
-            duration=self.duration,
-            name=self.name,
-            **self.where(),
-        )
+        self.call(process.run, Scene(self.workcell_scene, self.seed), **self.where())
 
 
 def _print_scenes() -> None:

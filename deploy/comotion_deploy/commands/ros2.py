@@ -64,14 +64,7 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
         from comotion_clients.ros2.process import run
 
         self.require_ros()
-        sent = run(
-            domain=self.domain,
-            ros=self.ros_settings(),
-            bag=self.bag,
-            duration=self.duration,
-            names=self.names(),
-            **self.where(),
-        )
+        sent = self.call(run, ros=self.ros_settings(), names=self.names(), **self.where())
         for topic, count in sorted(sent.items()):
             print(f"{topic}: {count}")
 
@@ -101,13 +94,4 @@ Examples:
         from comotion_sources.ros2.process import run
 
         self.require_ros()
-        run(
-            self.topic,
-            domain=self.domain,
-            pattern=self.match,
-            frame=self.frame,
-            ros=self.ros_settings(),
-            name=self.name,
-            space=self.space,
-            **self.where(),
-        )
+        self.call(run, pattern=self.match, ros=self.ros_settings(), **self.where())

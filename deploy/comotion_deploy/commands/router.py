@@ -67,7 +67,7 @@ SIGHUP restarts it in place, with the certificates that the folder then has.
 
         if has_table:
             raise UserError("--secure makes the tables of [zenoh] itself")
-        from ..pki.secure_router import secure_setup
+        from ..pki.access import secure_setup
 
         run_router(
             lambda: secure_setup(

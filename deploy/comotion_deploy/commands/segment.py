@@ -117,7 +117,7 @@ Examples:
             open_frames(self.what, self.rate).close()
         from comotion_experiments.labelled import SegmentOptions
 
-        return self.taken(
+        return self.call(
             SegmentOptions,
             tracker=self.tracker_config(moving=self.moving),
             fusion=self.fusion_config(),
@@ -150,7 +150,7 @@ Examples:
 
 def _write_trajectory(path: Path, result: "Segmented") -> None:
     """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
-    from comotion_clients.tum import line
+    from comotion_clients.formats import line
 
     lines = ["# stamp tx ty tz qx qy qz qw", *(line(stamp_ns, pose) for stamp_ns, pose in result.path)]
     path.write_text("\n".join(lines) + "\n")

@@ -18,8 +18,8 @@ from comotion.runtime.standby import Etcd, EtcdUnavailableError
 from comotion_schemas.component import stop_on_signals
 from comotion_schemas.readiness import announce_ready
 
-from ..child import Child, WriteLine, log_lines
 from ..errors import UserError
+from ..launcher import Child, WriteLine, log_lines
 from ..processes import ProcessSpec, comotion
 from . import entries
 from .plan import Fleet, Place, Scene, claims, may_change, releases

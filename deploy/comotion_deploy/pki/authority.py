@@ -30,8 +30,7 @@ from comotion_schemas.tls import (
     identity_as_json,
 )
 
-from .certificates import grant_of, make_certificate, pem_of, pem_of_key, read_certificate, read_key
-from .grants import Grant
+from .certificates import Grant, grant_of, make_certificate, pem_of, pem_of_key, read_certificate, read_key
 
 CA_KEY_FILE = "ca.key"
 CA_DAYS = 3650

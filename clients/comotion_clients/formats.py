@@ -1,18 +1,22 @@
-"""Describes an update in URDF: the hypotheses of a space as links, and what connects them as joints. Pure.
+"""Updates in the formats of other tools: URDF for simulators, and paths in the TUM format, as evo reads them.
 
-Every link has the axes of the space at the stamp of the update, and its origin where its joint is. Position 0
-of every joint is that of the update. What has no joint floats; what rests is fixed to the root, which is the
-space. A link has the extent of its hypothesis, and a mass of 1 kg: masses cannot be seen.
+In URDF the hypotheses of a space are links, and what connects them joints. Every link has the axes of the
+space at the stamp of the update, and its origin where its joint is. Position 0 of every joint is that of the
+update. What has no joint floats; what rests is fixed to the root, which is the space. A link has the extent
+of its hypothesis, and a mass of 1 kg: masses cannot be seen.
+
+A line of TUM is ``time x y z qx qy qz qw``, time in s: ``evo_ape tum truth.tum camera-<space>.tum -a``.
 """
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from graphlib import TopologicalSorter
+from pathlib import Path
 
-from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint
+from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint, Pose
 from comotion_schemas.errors import KnownError
-from comotion_schemas.rigid import rotation
+from comotion_schemas.rigid import rotation, three
 
 _MASS = 1.0
 # m; least size of a link, so that its inertia is above zero.
@@ -151,3 +155,43 @@ def _text(values: Sequence[float]) -> str:
 
 def _number(value: float) -> str:
     return f"{value if math.isfinite(value) else 0.0:.9g}"
+
+
+def paths_of(updates: Iterable[HypothesisUpdate]) -> dict[str, list[str]]:
+    """Lines of each path: ``camera-<space>`` for a frame that moves, ``hypothesis-<id>`` for a body."""
+    paths: dict[str, list[str]] = {}
+    last_ns: int | None = None
+    for update in updates:
+        if update.stamp_ns == last_ns:
+            continue
+        last_ns = update.stamp_ns
+        poses = [(f"camera-{space}", pose) for space, pose in update.frames.items()]
+        bodies = (h for h in update.hypotheses if not h.absent)
+        poses += [(f"hypothesis-{h.id}", h.pose) for h in bodies if h.pose is not None]
+        for name, pose in poses:
+            paths.setdefault(name, []).append(line(update.stamp_ns, pose))
+    return paths
+
+
+def save_paths(folder: Path, updates: Iterable[HypothesisUpdate]) -> list[Path]:
+    """Write a file for each path to a folder, which is made; returns the files.
+
+    Raises
+    ------
+    OSError
+        If one cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, lines in paths_of(updates).items():
+        file = folder / f"{name}.tum"
+        file.write_text("\n".join([*lines, ""]))
+        files.append(file)
+    return files
+
+
+def line(stamp_ns: int, pose: Pose) -> str:
+    """Return the line of a pose; one in the plane is in z = 0."""
+    values = (*three(pose.translation), *rotation(pose.rotation).as_quat())
+    seconds, rest = divmod(stamp_ns, 1_000_000_000)
+    return f"{seconds}.{rest:09d} " + " ".join(f"{value:.9g}" for value in values)
