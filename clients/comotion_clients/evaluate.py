@@ -16,6 +16,7 @@ from .bodies import known_values
 from .feed import SceneFeed
 from .metrics import Score
 from .scoring import Scoring
+from .subscription import Counters
 from .watch_columns import number
 
 POLL_S = 0.1
@@ -36,15 +37,15 @@ class LiveRun(Scoring):
         When the first update has arrived, s of the monotonic clock.
     joints
         Those of the last update.
-    lost, invalid
-        Number of lost updates; of invalid ones by reason.
+    counters
+        Of the subscription to updates: lost and invalid ones.
     """
 
     def __init__(self, on_update: OnUpdate) -> None:
         super().__init__()
         self.first_at: float | None = None
         self.joints: list[Joint] = []
-        self.lost, self.invalid = 0, dict[str, int]()
+        self.counters = Counters()
         self._on_update = on_update
 
     def poll(self, feed: SceneFeed, now: float) -> None:
@@ -56,8 +57,7 @@ class LiveRun(Scoring):
         for update in self.due(now):
             self.joints = update.joints
             self._on_update(update, self.score(update))
-        counters = feed.of[HypothesisUpdate].counters
-        self.lost, self.invalid = counters.lost, dict(counters.invalid)
+        self.counters = feed.of[HypothesisUpdate].counters
 
 
 def evaluate(
@@ -138,16 +138,17 @@ def summary_lines(run: LiveRun) -> list[str]:
         f"as tracked objects: HOTA {number(s.hota, 3)}, IDF1 {number(s.idf1, 3)}, "
         f"{number(s.id_switches, 0)} switches of identity",
     ]
-    if run.lost or run.invalid:
-        lines.append(f"{counted(run.lost, 'lost update')}, {sum(run.invalid.values())} invalid")
+    lost, invalid = run.counters.lost, run.counters.invalid.total()
+    if lost or invalid:
+        lines.append(f"{counted(lost, 'lost update')}, {invalid} invalid")
     return lines
 
 
 def as_json(run: LiveRun) -> dict[str, Any]:
     """Convert the result to plain values for JSON, with NMI over time; unknown values are None."""
     values: dict[str, Any] = plain(run.summary) | {
-        "lost": run.lost,
-        "invalid": run.invalid,
+        "lost": run.counters.lost,
+        "invalid": run.counters.invalid,
         "joints": [known_values(joint) for joint in run.joints],
         "over_time": plain(run.scores),
     }

@@ -72,7 +72,9 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
     Squares around features, and the background where no feature of another hypothesis is near.
     """
     bodies = [places[index == k] for k in range(int(index.max()) + 1)]
-    background = int(np.argmax([_cells(body, shape) for body in bodies]))
+    # In how many cells of a grid over the image they lie.
+    cells = [np.unique((body * _GRID // max(shape)).astype(int), axis=0) for body in bodies]
+    background = int(np.argmax([len(taken) for taken in cells]))
     seeds, open_ = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
     for k, body in enumerate(bodies):
         if k != background:
@@ -85,11 +87,6 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
             rows, columns = (slice(max(v - _SEED_PX, 0), v + _SEED_PX + 1) for v in (y, x))
             seeds[rows, columns] = k + 1
     return seeds
-
-
-def _cells(places: Floats, shape: tuple[int, ...]) -> int:
-    """In how many cells of a grid over the image points [n, 2] lie."""
-    return len(np.unique((places * _GRID // max(shape)).astype(int), axis=0))
 
 
 def _spacing(places: Floats) -> Floats:

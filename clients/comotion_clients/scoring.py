@@ -207,15 +207,9 @@ class Scoring:
         return score
 
     @property
-    def spaces(self) -> dict[str, SpaceRef]:
-        """Coordinate space of every source."""
-        return self.observed.spaces
-
-    @property
     def summary(self) -> Summary:
         """Summary of the scores so far."""
-        scored = [score for score in self.scores if score.scored]
-        tracked = self._tracking.figures() if scored else None
+        scored, tracked = [score for score in self.scores if score.scored], self._tracking.figures()
         return Summary(
             updates=len(self.scores),
             scored=len(scored),
@@ -226,9 +220,9 @@ class Scoring:
             mean_hypotheses=_mean([s.hypotheses for s in scored] if scored else self._listed),
             mean_objects=_mean([s.objects for s in scored]),
             switches_per_100=100.0 * self._switched / max(self._common, 1),
-            hota=math.nan if tracked is None else tracked.hota,
-            idf1=math.nan if tracked is None else tracked.idf1,
-            id_switches=math.nan if tracked is None else tracked.id_switches,
+            hota=tracked.hota,
+            idf1=tracked.idf1,
+            id_switches=tracked.id_switches,
         )
 
     @property

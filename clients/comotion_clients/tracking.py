@@ -6,6 +6,7 @@ tests/unit/test_metrics.py holds. It is no dependency: it would install opencv-p
 opencv-python-headless. motmetrics had its last release in 2022.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ class TrackingFigures:
     det_a: float
     ass_a: float
     idf1: float
-    id_switches: int
+    id_switches: float
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,9 @@ class Tracking:
         )
 
     def figures(self) -> TrackingFigures:
-        """Figures over all instants; 0 where nothing is matched."""
+        """Figures over all instants; 0 where nothing is matched, NaN without any."""
+        if not self._instants:
+            return TrackingFigures(*[math.nan] * 5)
         objects, hypotheses = (
             np.bincount(np.concatenate([[], *rows]).astype(np.intp), minlength=count)
             for rows, count in (

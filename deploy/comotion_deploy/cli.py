@@ -6,7 +6,7 @@ The help is short: shared and rare options, and environment variables, are shown
 import logging
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -165,16 +165,22 @@ def helped(app: typer.Typer, arguments: Sequence[str]) -> Callable[..., Any]:
     if arguments and not {"--help", ALL} & set(arguments):
         return partial(app, list(arguments))
     command: Any = typer.main.get_command(app)
-    _make_plain(command)
-    if ALL not in arguments:
-        _fold(command)
+    for each in _whole(command):
+        _make_plain(each)
+        if ALL not in arguments:
+            _fold(each)
     return partial(command, ["--help" if word == ALL else word for word in arguments])
+
+
+def _whole(group: Any) -> Iterator[Any]:
+    """Yield a group and all below it."""
+    yield group
+    for child in getattr(group, "commands", {}).values():
+        yield from _whole(child)
 
 
 def _make_plain(command: Any) -> None:
     """Leave out the types of flags and arguments, which their words say better."""
-    for child in getattr(command, "commands", {}).values():
-        _make_plain(child)
     for parameter in command.get_params(typer.Context(command)):
         if getattr(parameter, "is_flag", False):
             parameter.metavar = " "
@@ -183,8 +189,6 @@ def _make_plain(command: Any) -> None:
 
 
 def _fold(command: Any) -> None:
-    for child in getattr(command, "commands", {}).values():
-        _fold(child)
     folded = False
     for parameter in command.params:
         if parameter.name in COMMON | RARE:

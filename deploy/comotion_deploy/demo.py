@@ -79,12 +79,10 @@ def demo_processes(
         )
         for k, rate in enumerate(RATES, 1)
     ]  # fmt: skip
-    state = out / "demo.state"
-    state.unlink(missing_ok=True)
     report = (*PYTHON, "comotion_deploy.demo", endpoint, simulated, str(out))
     return [
         comotion("router", "router", "--listen", endpoint),
-        comotion("serve", "serve", "--state", state, *fusion, *at),
+        comotion("serve", "serve", "--state", out / "demo.state", *fusion, *at),
         ProcessSpec(name="report", command=report, restart="never", stop_s=_REPORT_S),
         *sources,
         comotion("watch", "watch", *at, foreground=on_terminal),
@@ -115,11 +113,6 @@ def prepare() -> None:
     show_progress("preparing", warm_up.prepare(FusionConfig()))
 
 
-def sparkline(values: Sequence[float]) -> str:
-    """Return one bar per value in 0..1; a dot for NaN."""
-    return "".join("." if math.isnan(v) else _BARS[1 + min(7, int(v * 8))] for v in values)
-
-
 def nmi_per_second(stamps_ns: Sequence[int], nmi: Sequence[float]) -> list[float]:
     """Mean NMI of every second of the run; NaN without scores."""
     groups: dict[int, list[float]] = {}
@@ -131,9 +124,10 @@ def nmi_per_second(stamps_ns: Sequence[int], nmi: Sequence[float]) -> list[float
 
 
 def _curve(values: Sequence[float]) -> list[str]:
+    bars = ["." if math.isnan(value) else _BARS[1 + min(7, int(value * 8))] for value in values]
     return [
         "NMI over time, one bar a second, the full height is 1:",
-        f"  {sparkline(values)}",
+        f"  {''.join(bars)}",
         *(
             "  " + "  ".join(f"{k:>3} s {v:.2f}" for k, v in list(enumerate(values))[row : row + 6])
             for row in range(0, len(values), 6)
@@ -176,14 +170,6 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
         lines.append("no plot: pip install 'comotion[plot]'")
     lines.append(f"written: {', '.join(files)}")
     (out / SUMMARY).write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def show_summary(out: Path) -> None:
-    """Print the summary of the reporter."""
-    try:
-        print((out / SUMMARY).read_text(encoding="utf-8"), end="")
-    except FileNotFoundError:
-        print("stopped before anything could be scored")
 
 
 if __name__ == "__main__":

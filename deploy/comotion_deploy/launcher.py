@@ -4,7 +4,6 @@ import math
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +20,7 @@ from rich.text import Text
 from comotion_schemas.component import stop_on_signals
 
 from .errors import UserError
-from .processes import ProcessSpec
+from .processes import ENDS_WITH_PARENT, ProcessSpec
 
 _COLOURS = (
     "bold",
@@ -150,7 +149,7 @@ class Child(threading.Thread):
             if self._stopping.is_set():
                 return None
             self._popen = subprocess.Popen(
-                [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *spec.command],
+                [*ENDS_WITH_PARENT, *spec.command],
                 stdin=None if spec.foreground else subprocess.DEVNULL,
                 stdout=None if spec.foreground else subprocess.PIPE,
                 stderr=None if spec.foreground else subprocess.STDOUT,

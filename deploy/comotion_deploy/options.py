@@ -11,6 +11,7 @@ import re
 import socket
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from types import NoneType
@@ -300,36 +301,23 @@ class Process(Present):
         """Start logging, take the name in the certificate, and serve metrics."""
         super().prepare()
         given = self.ctx.get_parameter_source("name")
-        if given is None or given.name == "DEFAULT":
-            self.name = _name_in(self.tls) or self.name
+        if self.tls is not None and (given is None or given.name == "DEFAULT"):
+            from comotion_schemas.tls import load_tls
+
+            with suppress(ValueError):  # said when the session is opened
+                identity = load_tls(self.tls).identity
+                self.name = self.name if identity is None else identity.name
         if self.metrics_port is not None:
-            _expose_metrics(self.metrics_port, insecure=self.insecure)
+            from comotion_schemas import metrics
+
+            host, port = metrics.parse_address(self.metrics_port)
+            require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=self.insecure)
+            port = metrics.expose(host, port)
+            print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
 
     def settings(self) -> "SessionSettings":
         """Return the settings of its session."""
         return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
-
-
-def _name_in(tls: Path | None) -> str | None:
-    """The name in a certificate, if there is any."""
-    if tls is None:
-        return None
-    from comotion_schemas.tls import load_tls
-
-    try:
-        identity = load_tls(tls).identity
-    except ValueError:  # said when the session is opened
-        return None
-    return None if identity is None else identity.name
-
-
-def _expose_metrics(address: str, *, insecure: bool) -> None:
-    from comotion_schemas import metrics
-
-    host, port = metrics.parse_address(address)
-    require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=insecure)
-    port = metrics.expose(host, port)
-    print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
 
 
 def host_name() -> str:

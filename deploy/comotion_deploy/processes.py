@@ -17,6 +17,8 @@ from .errors import UserError
 
 Restart = Literal["always", "on-failure", "never"]
 PYTHON = (sys.executable, "-m")
+ENDS_WITH_PARENT = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
+"""Words before a command that the kernel kills when its parent ends, even by SIGKILL; of Linux alone."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -99,11 +99,11 @@ def unit(rgb: RGB) -> Rgb:
 
 class _RunFigure:
     def __init__(self, trace: Trace, run: Scored) -> None:
-        space = main_space(trace.updates, run.spaces)
+        space = main_space(trace.updates, run.observed.spaces)
         if space is None:
             raise KnownError("there is nothing to plot: no update lists a track")
         self._run, self._space = run, space
-        self._moments = [moment_of(update, run.truth, run.spaces, space) for update in trace.updates]
+        self._moments = [moment_of(update, run.truth, run.observed.spaces, space) for update in trace.updates]
         self._colours = _colours(trace.updates)
         self._has_truth = any((moment.objects >= 0).any() for moment in self._moments)
         filled = [m.stamp_ns for m in self._moments if m.tracks]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from comotion_deploy.processes import PYTHON
+from comotion_deploy.processes import ENDS_WITH_PARENT, PYTHON
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _STOP_S = 10.0
@@ -90,7 +90,7 @@ class Managed:
         command = [word.replace(STARTS, str(self.starts)) for word in self.command]
         with nullcontext(subprocess.STDOUT) if self.log is None else self.log.open("ab") as errors:
             self._popen = subprocess.Popen(
-                [sys.executable, "-m", "comotion_deploy.parent_watch", str(os.getpid()), *command],
+                [*ENDS_WITH_PARENT, *command],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

@@ -93,7 +93,7 @@ class FoxgloveScene(Display):
         scored = score.scored > 0 and not math.isnan(score.nmi)
         scores = (score.nmi, score.misclassification) if scored else (None, None)
         self._log("/numbers", log_ns, messages.numbers(update, *scores))
-        space_of = [ref.name for ref in spaces_of(update, self._scoring.spaces)]
+        space_of = [ref.name for ref in spaces_of(update, self._scoring.observed.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)
         scales = {h.space: self._scale(h.space) for h in update.hypotheses}
@@ -111,7 +111,7 @@ class FoxgloveScene(Display):
         self._log(f"/joints/{space}", log_ns, drawing.joints())
 
     def _scale(self, space: str) -> float:
-        units = {ref.unit for ref in self._scoring.spaces.values() if ref.name == space}
+        units = {ref.unit for ref in self._scoring.observed.spaces.values() if ref.name == space}
         return messages.PIXEL_M if units == {"px"} else 1.0
 
     def _log(self, topic: str, log_ns: int, message: Any) -> None:

@@ -117,17 +117,14 @@ class _Recorder:
         if time.monotonic() >= self._flush_at:
             self.series.flush()
             self._flush_at = time.monotonic() + FLUSH_S
-            self._log_losses()
+            lost = self.losses()["lost"]
+            if lost > self._reported_losses:
+                _log.warning("%s, %d so far", counted(lost - self._reported_losses, "lost message"), lost)
+            self._reported_losses = lost
 
     def losses(self) -> dict[str, int]:
         """Total numbers of lost and dropped messages."""
         return {"lost": self.series.counts.lost.total(), "dropped": self.pending.dropped}
-
-    def _log_losses(self) -> None:
-        lost = self.losses()["lost"]
-        if lost > self._reported_losses:
-            _log.warning("%s, %d so far", counted(lost - self._reported_losses, "lost message"), lost)
-        self._reported_losses = lost
 
     def status(self) -> StatusFields:
         """Build the Status of the recorder."""

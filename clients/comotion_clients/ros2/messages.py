@@ -60,6 +60,8 @@ def frame_of(hypothesis: Hypothesis) -> Body:
 Vector: TypeAlias = Sequence[float]
 Fields: TypeAlias = dict[str, Any]
 """Fields of a message, as :func:`.types.to_cdr` takes them."""
+_KINDS = {"/tf": TF, "detections": DETECTIONS, "odometry": ODOMETRY}
+_KINDS |= {"features": CLOUD, "markers": MARKERS, "joints": JOINTS}
 _CUBE, _TEXT = 1, 9  # visualization_msgs/Marker
 _FLOAT32, _UINT32 = 7, 6  # sensor_msgs/PointField
 _MOST_SECONDS = 2**31 - 1  # builtin_interfaces/Time
@@ -86,15 +88,7 @@ class Converter:
 
     def kinds(self) -> dict[str, str]:
         """Type of each topic."""
-        named = self._topic
-        return {
-            "/tf": TF,
-            named("detections"): DETECTIONS,
-            named("odometry"): ODOMETRY,
-            named("features"): CLOUD,
-            named("markers"): MARKERS,
-            named("joints"): JOINTS,
-        }
+        return {self._topic(name): kind for name, kind in _KINDS.items()}
 
     def convert(self, update: HypothesisUpdate) -> Iterator[tuple[str, str, Fields]]:
         """Yield topic, type and fields of messages; none for an update that repeats a stamp or has none."""
@@ -103,30 +97,27 @@ class Converter:
         if update.stamp_ns <= 0 or update.stamp_ns == self._last_ns:
             return
         self._last_ns, update = update.stamp_ns, poses_in_space(update)
+        for name, fields in self._messages(update):
+            yield self._topic(name), _KINDS[name], fields
+
+    def _messages(self, update: HypothesisUpdate) -> Iterator[tuple[str, Fields]]:
         tracks = _tracks_by_space(update)
-        placed = [frame_of(h) for h in update.hypotheses if h.space in tracks and not h.absent]
-        named = self._topic
+        bodies = [frame_of(h) for h in update.hypotheses if h.space in tracks and not h.absent]
         for space, rows in tracks.items():
-            of_space = [body for body in placed if body.hypothesis.space == space]
-            yield named("features"), CLOUD, self._cloud(update, space, rows)
-            yield (
-                named("detections"),
-                DETECTIONS,
-                {
-                    "header": _header(update, space),
-                    "detections": [_detection(update, body) for body in of_space],
-                },
-            )
-            yield named("markers"), MARKERS, self._markers(update, of_space)
-        for body in placed:
-            yield named("odometry"), ODOMETRY, self._odometry(update, body)
-        if placed:
-            yield "/tf", TF, {"transforms": list(self._transforms(update, placed))}
+            of_space = [body for body in bodies if body.hypothesis.space == space]
+            detections = [_detection(update, body) for body in of_space]
+            yield "features", self._cloud(update, space, rows)
+            yield "detections", {"header": _header(update, space), "detections": detections}
+            yield "markers", self._markers(update, of_space)
+        for body in bodies:
+            yield "odometry", self._odometry(update, body)
+        if bodies:
+            yield "/tf", {"transforms": list(self._transforms(update, bodies))}
         if any(joint.position is not None for joint in update.joints):
-            yield named("joints"), JOINTS, self._joints(update)
+            yield "joints", self._joints(update)
 
     def _topic(self, name: str) -> str:
-        return f"/comotion/{topic_chunk(self._scene)}/{name}"
+        return name if name == "/tf" else f"/comotion/{topic_chunk(self._scene)}/{name}"
 
     def _frame(self, hypothesis: int) -> str:
         return f"comotion/{self._scene}/{hypothesis}"

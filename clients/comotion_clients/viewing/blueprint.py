@@ -78,17 +78,13 @@ def _space(space: SpaceView, origin: str = "spaces") -> Any:
         "contents": f"/{space.path}/**",
         "name": plain(space.name),
         "background": _GROUND,
-        "overrides": _trails(space.path),
+        # Segments of the last seconds; all other shapes are the newest ones.
+        "overrides": {f"/{space.path}/trails": rrb.VisibleTimeRanges([_last(TRAIL_S)])},
     }
     if space.axes in _AXES:
         eye = space.eye and rrb.EyeControls3D(position=space.eye.position, look_target=space.eye.target)
         return rrb.Spatial3DView(origin=space.path, line_grid=_LINES, eye_controls=eye, **options)
     return rrb.Spatial2DView(origin=origin, **options)
-
-
-def _trails(path: str) -> dict[str, Any]:
-    """Show the segments of the last seconds; all other shapes are the newest ones."""
-    return {f"/{path}/trails": rrb.VisibleTimeRanges([_last(TRAIL_S)])}
 
 
 def _side(layout: Layout) -> Any:

@@ -45,9 +45,15 @@ class Health:
         stamp_ns
             Time of what is drawn.
         """
+        sizes = [
+            value(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", row.colour)
+            for row in snapshot.hypotheses
+        ]
+        if snapshot.tracks:
+            sizes.append(value("sizes/undetermined", snapshot.undetermined, "undetermined", GREY))
         return [
             *self._curves(snapshot, view_age),
-            *_sizes(snapshot),
+            *sizes,
             *legend(snapshot.hypotheses),
             page("summary", summary(snapshot)),
             *self._changes(snapshot, stamp_ns),
@@ -91,16 +97,6 @@ class Health:
             if (more := lost - self._lost.get(who, 0)) > 0:
                 yield warning(stamp_ns, f"{more} lost of {who}")
             self._lost[who] = lost
-
-
-def _sizes(snapshot: Snapshot) -> list[Shape]:
-    """Curves of the number of features per hypothesis."""
-    shapes: list[Shape] = [
-        value(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", row.colour) for row in snapshot.hypotheses
-    ]
-    if snapshot.tracks:
-        shapes.append(value("sizes/undetermined", snapshot.undetermined, "undetermined", GREY))
-    return shapes
 
 
 def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:

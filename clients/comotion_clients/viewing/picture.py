@@ -96,7 +96,7 @@ class ScenePicture:
     @property
     def layout(self) -> Layout:
         """Spaces and cameras with a view; a pixel space whose features are in images needs none."""
-        cameras, published = self._cameras.views, self._scoring.spaces.items()
+        cameras, published = self._cameras.views, self._scoring.observed.spaces.items()
         in_images = {ref.name for name, ref in published if name in cameras and ref.unit == "px"}
         in_images -= {ref.name for name, ref in published if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
@@ -120,7 +120,7 @@ class ScenePicture:
             case HypothesisUpdate() if message.stamp_ns != self._drawn_ns and _has_time(message):
                 self._drawn_ns = message.stamp_ns
                 if self._wanted("update", arrived):
-                    shapes = self._features.draw(message, self._scoring.spaces)
+                    shapes = self._features.draw(message, self._scoring.observed.spaces)
                     moments.append(Moment(message.stamp_ns, shapes))
         return moments
 

@@ -193,7 +193,8 @@ class RerunSink:
         except OSError:
             self.__exit__()
             raise
-        self.url = page_url(port, data_uri)
+        data = urllib.parse.quote(data_uri, safe="")
+        self.url = f"http://{LOOPBACK}:{port}/?url={data}&theme=dark&hide_welcome_screen"
         if self.open_browser:
             import webbrowser
 
@@ -207,12 +208,6 @@ class RerunSink:
             if time.monotonic() > deadline:
                 raise OSError(f"the page does not answer at port {port}")
             time.sleep(_POLL_S)
-
-
-def page_url(port: int, data_uri: str) -> str:
-    """Address of the web page that shows a data server."""
-    data = urllib.parse.quote(data_uri, safe="")
-    return f"http://{LOOPBACK}:{port}/?url={data}&theme=dark&hide_welcome_screen"
 
 
 def free_port() -> int:

@@ -83,7 +83,9 @@ Examples:
         workcell = find_spec("mujoco") is not None
         if self.only and not workcell and all(figure.workcell for figure in chosen):
             raise UserError("mujoco is not installed: pip install 'comotion[sim3d]'")
-        given = Options(simulated, filmed, self.quick, self._cache(), config)
+        caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        cache = self.cache or caches / "comotion" / "figures"
+        given = Options(simulated, filmed, self.quick, cache, config)
         with progress() as note:
             study = Study(given, self.out, note)
             study.draw(chosen, workcell=workcell)
@@ -92,10 +94,6 @@ Examples:
         html.write_text(page(study, self._command()), encoding="utf-8")
         missing = [left_out(study)] if left_out(study) else []
         self.show(study.as_json(), _table(study), *missing, f"written: {html}, {data}", width=170)
-
-    def _cache(self) -> Path:
-        base = os.environ.get("XDG_CACHE_HOME")
-        return self.cache or (Path(base) if base else Path.home() / ".cache") / "comotion" / "figures"
 
     def _command(self) -> str:
         """Return the command line that makes the same page."""

@@ -176,12 +176,9 @@ Examples:
                 print(f"look at {sink.url}", file=sys.stderr, flush=True)
             scene = self.scene if log is None else log.scene
             picture = ScenePicture(scene, self.rate, dense=self.regions, names=self.names())
-            if log is None:
+            with nullcontext() if log is None else stop_on_signals(stop):
                 self._show(Drawn(sink, picture), log, where)
-                return
-            with stop_on_signals(stop):
-                self._show(Drawn(sink, picture), log, where)
-                if sink.window or sink.web_port is not None:
+                if log is not None and (sink.window or sink.web_port is not None):
                     sink.wait(stop, self.duration)
 
     def _log(self) -> "AbstractContextManager[MessageLog | None]":

@@ -1,5 +1,6 @@
 """``comotion source proprioception`` and ``workcell``: what a robot's joints say, and a simulated robot."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +148,9 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped."""
+        from comotion_schemas.text import counted
         from comotion_sources.workcell import process
+        from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum
         from comotion_sources.workcell.scene import Scene
 
         if self.list_:
@@ -156,7 +159,10 @@ Examples:
         if self.workcell_scene is None:
             raise UserError("which scene? 'comotion source workcell --list' names them")
         if self.write_tum is not None:
-            _write(self.workcell_scene, self.camera, self.seed, self.duration, self.write_tum)
+            spec = parse(f"{self.workcell_scene}/{self.camera}")
+            spec = replace(spec, seed=self.seed or spec.seed, duration=self.duration or spec.duration)
+            count = write_tum(WorkcellCamera(spec), self.write_tum)
+            print(f"{counted(count, 'frame')} in {self.write_tum}")
             return
         self.call(process.run, Scene(self.workcell_scene, self.seed), **self.where())
 
@@ -168,15 +174,3 @@ def _print_scenes() -> None:
         scene = Scene(name)
         moving = ", ".join(scene.objects[number] for number in sorted(scene.objects) if number)
         print(f"{name:22} cameras {', '.join(scene.cameras)}; {scene.period:g} s; moving: {moving}")
-
-
-def _write(scene: str, camera: str, seed: int, duration: float | None, folder: Path) -> None:
-    from dataclasses import replace
-
-    from comotion_schemas.text import counted
-    from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum
-
-    spec = parse(f"{scene}/{camera}")
-    spec = replace(spec, seed=seed or spec.seed, duration=duration or spec.duration)
-    count = write_tum(WorkcellCamera(spec), folder)
-    print(f"{counted(count, 'frame')} in {folder}")

@@ -84,6 +84,7 @@ Examples:
         options = self._options()
         import cv2
 
+        from comotion_clients.formats import line
         from comotion_experiments.segment import segment
         from comotion_sources.klt.picture_file import NO_ENCODER
 
@@ -91,7 +92,11 @@ Examples:
         with _progress(str(self.what or self.tracks)) as progress:
             result = segment(self.what, options, progress)
         if self.trajectory is not None:
-            _write_trajectory(self.trajectory, result)
+            lines = [
+                "# stamp tx ty tz qx qy qz qw",
+                *(line(stamp_ns, pose) for stamp_ns, pose in result.path),
+            ]
+            self.trajectory.write_text("\n".join(lines) + "\n")
         codec = [f"the video is {NO_ENCODER}"] if result.codec == "mpeg4" else []
         self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
 
@@ -146,14 +151,6 @@ Examples:
         return [
             path for path in (self.out, self.csv, self.sheet, self.trajectory, self.masks) if path is not None
         ]
-
-
-def _write_trajectory(path: Path, result: "Segmented") -> None:
-    """Write where the camera was: ``stamp tx ty tz qx qy qz qw`` a line."""
-    from comotion_clients.formats import line
-
-    lines = ["# stamp tx ty tz qx qy qz qw", *(line(stamp_ns, pose) for stamp_ns, pose in result.path)]
-    path.write_text("\n".join(lines) + "\n")
 
 
 def _stem(what: str) -> str:

@@ -99,7 +99,12 @@ Examples:
             on_terminal=on_terminal,
         )
         launch(processes, log=out / "demo.log" if on_terminal else None, duration_s=self.duration)
-        demo.show_summary(out)
+        summary = out / demo.SUMMARY
+        scored = summary.exists()
+        print(
+            summary.read_text(encoding="utf-8") if scored else "stopped before anything could be scored\n",
+            end="",
+        )
 
     def _fusion_words(self) -> list[str]:
         """Options of ``comotion serve``."""

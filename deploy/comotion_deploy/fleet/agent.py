@@ -58,6 +58,7 @@ def run_agent(
         Agent(name, capacity, etcd, options, Path(folder), write).run(stop, ready_file)
 
 
+@dataclass
 class Agent:
     """One agent.
 
@@ -80,15 +81,14 @@ class Agent:
         By :meth:`run`, if another agent of this name lives.
     """
 
-    def __init__(
-        self, name: str, capacity: int, etcd: Etcd, options: Sequence[str], folder: Path, write: WriteLine
-    ) -> None:
-        self._name = name
-        self._capacity = capacity
-        self._etcd = etcd
-        self._options = tuple(options)
-        self._folder = folder
-        self._write = write
+    name: str
+    capacity: int
+    etcd: Etcd
+    options: Sequence[str]
+    folder: Path
+    write: WriteLine
+
+    def __post_init__(self) -> None:
         self._lease: int | None = None
         self._followed = -1
         self._running: dict[Place, _Running] = {}
@@ -117,9 +117,9 @@ class Agent:
         try:
             lease = self._renew()
             # Where nothing has changed there is nothing to do; all entries of a large fleet are much to read.
-            if self._etcd.revision != self._followed:
-                fleet = entries.read_fleet(self._etcd)
-                revision = self._etcd.revision
+            if self.etcd.revision != self._followed:
+                fleet = entries.read_fleet(self.etcd)
+                revision = self.etcd.revision
                 self._follow(fleet, lease)
                 self._followed = revision
             self._report(lease)
@@ -134,12 +134,12 @@ class Agent:
         return True
 
     def _renew(self) -> int:
-        if self._lease is not None and self._etcd.renew(self._lease):
+        if self._lease is not None and self.etcd.renew(self._lease):
             return self._lease
-        lost, self._lease = self._lease is not None, self._etcd.grant(LEASE_S)
-        if not entries.register(self._etcd, self._name, self._capacity, self._lease):
+        lost, self._lease = self._lease is not None, self.etcd.grant(LEASE_S)
+        if not entries.register(self.etcd, self.name, self.capacity, self._lease):
             self._lease = None
-            raise UserError(f"an agent {self._name!r} is there already; choose another --name")
+            raise UserError(f"an agent {self.name!r} is there already; choose another --name")
         if lost:
             _log.warning("the lease had ended; claiming the %d places again", len(self._running))
             self._reclaim(self._lease)
@@ -148,7 +148,7 @@ class Agent:
     def _reclaim(self, lease: int) -> None:
         """After the lease had ended, keep what nobody else has claimed meanwhile."""
         for place, running in self._running.items():
-            if not entries.claim(self._etcd, place, self._name, lease):
+            if not entries.claim(self.etcd, place, self.name, lease):
                 self._stop(place, running, "another agent has it")
             running.announced = False
 
@@ -160,11 +160,11 @@ class Agent:
         for place, why in self._given_up(fleet).items():
             running = self._running[place]
             running.announced = False
-            if entries.say_leaving(self._etcd, place, held[place], held.get(place.other), lease):
+            if entries.say_leaving(self.etcd, place, held[place], held.get(place.other), lease):
                 self._stop(place, running, why)
         for place, agent in claims(fleet).items():
-            free = agent == self._name and place not in self._running
-            if free and entries.claim(self._etcd, place, self._name, lease):
+            free = agent == self.name and place not in self._running
+            if free and entries.claim(self.etcd, place, self.name, lease):
                 self._start(place, fleet.scenes[place.scene])
 
     def _given_up(self, fleet: Fleet) -> dict[Place, str]:
@@ -175,21 +175,21 @@ class Agent:
             if place in held and running.scene != fleet.scenes[place.scene] and may_change(fleet, place):
                 reasons.setdefault(place, "changed")
         staying = {p for p, running in self._running.items() if not running.leaving}
-        return {p: why for p, why in reasons.items() if p in staying and held[p].agent == self._name}
+        return {p: why for p, why in reasons.items() if p in staying and held[p].agent == self.name}
 
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""
         for place, running in list(self._running.items()):
             if running.leaving and running.ended:
-                entries.release(self._etcd, place, lease)
+                entries.release(self.etcd, place, lease)
                 del self._running[place]
             elif not (running.leaving or running.announced) and running.children[0].was_ready:
-                entries.say_ready(self._etcd, place, self._name, running.scene.version, lease)
+                entries.say_ready(self.etcd, place, self.name, running.scene.version, lease)
                 running.announced = True
 
     def _start(self, place: Place, scene: Scene) -> None:
-        log = partial(self._write, self._name)
-        children = [Child(spec, self._folder, self._write, log) for spec in self._specs(place, scene)]
+        log = partial(self.write, self.name)
+        children = [Child(spec, self.folder, self.write, log) for spec in self._specs(place, scene)]
         self._running[place] = _Running(children, scene)
         for child in children:
             child.start()
@@ -197,11 +197,11 @@ class Agent:
 
     def _specs(self, place: Place, scene: Scene) -> list[ProcessSpec]:
         name = f"{place.scene}-{place.number}"
-        served = ["serve", "--scene", place.scene, "--name", f"{self._name}-{place.number}"]
-        replica = ["--standby", "--etcd", ",".join(self._etcd.urls)]
-        specs = [comotion(name, *served, *replica, *self._options, *scene.serve, restart="always")]
+        served = ["serve", "--scene", place.scene, "--name", f"{self.name}-{place.number}"]
+        replica = ["--standby", "--etcd", ",".join(self.etcd.urls)]
+        specs = [comotion(name, *served, *replica, *self.options, *scene.serve, restart="always")]
         for k, also in enumerate(scene.also if place.number == 0 else ()):
-            words = [*also.split(), "--scene", place.scene, *self._options]
+            words = [*also.split(), "--scene", place.scene, *self.options]
             specs.append(comotion(f"{name}-also{k}", *words, restart="on-failure"))
         return specs
 
@@ -229,6 +229,6 @@ class Agent:
                 child.wait(running.stopped_s)
         if self._lease is not None:
             try:
-                self._etcd.revoke(self._lease)
+                self.etcd.revoke(self._lease)
             except EtcdUnavailableError as error:
                 _log.warning("could not give up the places: %s", error)

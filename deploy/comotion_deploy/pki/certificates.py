@@ -114,6 +114,9 @@ def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
 
 # Clocks of hosts may differ a little when a certificate is new.
 _SKEW = timedelta(minutes=5)
+# Keys sign certificates or only messages.
+_OTHERS = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
+_NEVER = dict.fromkeys((*_OTHERS, "encipher_only", "decipher_only"), False)
 
 
 def grant_of(certificate: x509.Certificate) -> Grant:
@@ -154,6 +157,9 @@ def make_certificate(
     """
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
     issuer_name, issuer_key = issuer or (name, key)
+    usage = x509.KeyUsage(
+        digital_signature=True, key_cert_sign=issuer is None, crl_sign=issuer is None, **_NEVER
+    )
     builder = (
         x509.CertificateBuilder()
         .subject_name(name)
@@ -164,7 +170,7 @@ def make_certificate(
         .not_valid_after(not_after)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
         .add_extension(x509.BasicConstraints(issuer is None, 0 if issuer is None else None), critical=True)
-        .add_extension(_key_usage(signs=issuer is None), critical=True)
+        .add_extension(usage, critical=True)
     )
     if grant is not None:
         names: list[x509.GeneralName] = [_general_name(host) for host in hosts]
@@ -175,13 +181,6 @@ def make_certificate(
         for extension in (usages, x509.SubjectAlternativeName(names), signer):
             builder = builder.add_extension(extension, critical=False)
     return pem_of(builder.sign(issuer_key, hashes.SHA256()))
-
-
-def _key_usage(*, signs: bool) -> x509.KeyUsage:
-    """Extension for a key that signs certificates, or only messages."""
-    others = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
-    never = dict.fromkeys((*others, "encipher_only", "decipher_only"), False)
-    return x509.KeyUsage(digital_signature=True, key_cert_sign=signs, crl_sign=signs, **never)
 
 
 def _general_name(host: str) -> x509.GeneralName:
