@@ -14,6 +14,8 @@ from collections.abc import Iterable, Sequence
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import numpy as np
+
 from comotion_schemas import Box, Hypothesis, HypothesisUpdate, Joint, Pose
 from comotion_schemas.errors import KnownError
 from comotion_schemas.rigid import rotation, three
@@ -21,7 +23,7 @@ from comotion_schemas.rigid import rotation, three
 _MASS = 1.0
 # m; least size of a link, so that its inertia is above zero.
 _LEAST = 0.01
-_KINDS = {"fixed": "fixed", "prismatic": "prismatic", "revolute": "revolute"}
+_KINDS = {"fixed", "prismatic", "revolute"}
 # URDF requires limits of effort and velocity: none are known.
 _UNLIMITED = "1000"
 
@@ -60,11 +62,11 @@ def to_urdf(update: HypothesisUpdate, space: str | None = None, name: str = "com
     ET.SubElement(robot, "link", name=chosen)
     origins: dict[int | None, Sequence[float]] = {None: [0.0, 0.0, 0.0]}
     for parent, body, joint in _tree(bodies, update.joints):
-        at = list(joint.point) if joint is not None and joint.point is not None else list(body.centroid)
+        at = body.centroid if joint is None or joint.point is None else joint.point
         origins[body.id] = at
         _add_link(robot, body, at)
-        base = origins[parent]
-        _add_joint(robot, chosen if parent is None else link_name(parent), body, joint, _minus(at, base))
+        above = chosen if parent is None else link_name(parent)
+        _add_joint(robot, above, body, joint, np.subtract(at, origins[parent]).tolist())
     ET.indent(robot)
     return ET.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -103,7 +105,7 @@ def _add_joint(
     robot: ET.Element, parent: str, body: Hypothesis, joint: Joint | None, at: Sequence[float]
 ) -> None:
     rest = "fixed" if body.state == "static" else "floating"
-    kind = rest if joint is None else _KINDS[joint.kind]
+    kind = rest if joint is None else joint.kind
     element = ET.SubElement(robot, "joint", name=f"joint-{body.id}", type=kind)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=link_name(body.id))
@@ -127,7 +129,7 @@ def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> N
     box = body.box or Box(center=list(body.centroid), half=[_LEAST] * 3, rotation=[0.0, 0.0, 0.0, 1.0])
     size = [max(2 * half, _LEAST) for half in box.half]
     place = {
-        "xyz": _text(_minus(box.center, origin)),
+        "xyz": _text(np.subtract(box.center, origin).tolist()),
         "rpy": _text(rotation(box.rotation).as_euler("xyz").tolist()),
     }
     inertial = ET.SubElement(link, "inertial")
@@ -143,10 +145,6 @@ def _add_link(robot: ET.Element, body: Hypothesis, origin: Sequence[float]) -> N
     visual = ET.SubElement(link, "visual")
     ET.SubElement(visual, "origin", place)
     ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_text(size))
-
-
-def _minus(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    return [x - y for x, y in zip(a, b, strict=True)]
 
 
 def _text(values: Sequence[float]) -> str:

@@ -159,13 +159,10 @@ class SceneModel(SceneRecords):
         newest_first = sorted(self.events.values(), key=lambda e: e.stamp_ns, reverse=True)[:EVENTS_SHOWN]
         return [
             EventRow(
-                e.stamp_ns,
-                (update.stamp_ns - e.stamp_ns) / 1e9,
-                e.kind,
-                e.hypothesis,
-                list(e.others),
-                {number: self.names[number] for number in (e.hypothesis, *e.others) if number in self.names},
-                event_words(e, self.names),
+                **vars(e),
+                ago=(update.stamp_ns - e.stamp_ns) / 1e9,
+                names={k: self.names[k] for k in (e.hypothesis, *e.others) if k in self.names},
+                words=event_words(e, self.names),
             )
             for e in newest_first
         ]

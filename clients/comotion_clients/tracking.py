@@ -77,13 +77,11 @@ class Tracking:
         """Figures over all instants; 0 where nothing is matched, NaN without any."""
         if not self._instants:
             return TrackingFigures(*[math.nan] * 5)
-        objects, hypotheses = (
-            np.bincount(np.concatenate([[], *rows]).astype(np.intp), minlength=count)
-            for rows, count in (
-                ([instant.objects for instant in self._instants], len(self._objects)),
-                ([instant.hypotheses for instant in self._instants], len(self._hypotheses)),
-            )
-        )
+        objects = np.zeros(len(self._objects), np.intp)
+        hypotheses = np.zeros(len(self._hypotheses), np.intp)
+        for instant in self._instants:
+            objects[instant.objects] += 1
+            hypotheses[instant.hypotheses] += 1
         # In how many instants each object and each hypothesis is, summed, [G, K].
         counts = objects[:, None] + hypotheses[None, :]
         total = int(objects.sum() + hypotheses.sum())

@@ -12,14 +12,17 @@ from typing import Any
 
 import typer
 
-from .commands import dev, fleet, pki, source
+from .commands import dev, fleet, pki
 from .commands.calibrate import Calibrate
+from .commands.camera_sources import ExternalCamera, Klt
 from .commands.dev import in_checkout
 from .commands.evaluate import Evaluate
 from .commands.joints import Joints
 from .commands.look import Status, View, Watch
+from .commands.played_sources import Replay, Simulator
 from .commands.record import Record
-from .commands.ros2 import Ros2
+from .commands.robot_sources import Proprioception, Workcell
+from .commands.ros2 import Ros2, SourceRos2
 from .commands.router import Router
 from .commands.segment import Segment
 from .commands.serve import Config, Serve
@@ -62,9 +65,12 @@ def _root(
     pass
 
 
+_sources = typer.Typer(help="Publish tracked features to a scene.", no_args_is_help=True)
+add(_sources, {"simulator": Simulator, "replay": Replay, "ros2": SourceRos2, "workcell": Workcell})
+add(_sources, {"proprioception": Proprioception, "klt": Klt, "external-camera": ExternalCamera})
 _PANELS: dict[str, dict[str, type[Command] | typer.Typer]] = {
     "Start": {"demo": Demo, "up": Up},
-    "Run": {"router": Router, "serve": Serve, "source": source.app, "ros2": Ros2},
+    "Run": {"router": Router, "serve": Serve, "source": _sources, "ros2": Ros2},
     "Look": {"watch": Watch, "view": View, "status": Status},
     "Data": {
         "segment": Segment,

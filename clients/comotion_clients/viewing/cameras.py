@@ -41,6 +41,11 @@ class Cameras:
         Names of hypotheses by id.
     dense
         Whether to draw the regions of hypotheses too. Needs the extra `dense`.
+
+    Attributes
+    ----------
+    views
+        View of every camera that has shown an image, by source.
     """
 
     def __init__(
@@ -50,14 +55,9 @@ class Cameras:
         self._names_of = {} if names is None else names
         self._dense = dense
         self._paths = Paths("cameras")
-        self._names: list[str] = []
+        self.views: dict[str, SpaceView] = {}
         self._trails: dict[str, Trails] = {}
         self._held: deque[tuple[float, Preview]] = deque(maxlen=MAX_DELAYED)
-
-    @property
-    def views(self) -> dict[str, SpaceView]:
-        """Source -> view of every camera that has shown an image."""
-        return {name: SpaceView(self._paths(name), name, "image") for name in self._names}
 
     def add(self, preview: Preview, arrived: float) -> None:
         """Add an image."""
@@ -77,10 +77,8 @@ class Cameras:
         return moments
 
     def _draw(self, preview: Preview, update: HypothesisUpdate | None) -> Moment:
-        name = preview.source
-        if name not in self._names:
-            self._names.append(name)
-        path = self._paths(name)
+        name, path = preview.source, self._paths(preview.source)
+        self.views.setdefault(name, SpaceView(path, name, "image"))
         hypotheses = _hypotheses(preview, update)
         shades = self._palette.colours(hypotheses)
         trails = self._trails.setdefault(name, Trails())

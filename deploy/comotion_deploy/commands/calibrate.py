@@ -1,12 +1,8 @@
 """``comotion calibrate``: the extrinsics of a second camera."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..options import Json, Tool, argument, option, setting
-
-if TYPE_CHECKING:
-    from comotion_sources.pair_calibration.calibrate import PairFit
 
 
 class Calibrate(Json, Tool):
@@ -66,9 +62,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
                 given_a.extrinsics or a.extrinsics,
                 self.views,
             )
-        self._report(result, format_calibration(inner_b, result.pose))
-
-    def _report(self, result: "PairFit", text: str) -> None:
+        text = format_calibration(inner_b, result.pose)
         if self.output is not None:
             self.output.write_text(text, encoding="utf-8")
         error_a, error_b = result.error_a, result.error_b

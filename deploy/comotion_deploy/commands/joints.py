@@ -1,15 +1,11 @@
 """``comotion joints``: how the bodies of a scene are connected, as a table, JSON or URDF."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import UserError
 from ..fusion_options import Fusion
 from ..options import Client, Json, argument, setting
 from .look import BodyNames
-
-if TYPE_CHECKING:
-    from comotion_schemas import HypothesisUpdate
 
 _OFFLINE_ONLY = ("method", "set_", "duration")
 _LIVE_ONLY = ("scene", "connect", "tls", "timeout")
@@ -49,10 +45,23 @@ Examples:
             raise UserError(f"{self.urdf.parent}: no such folder")
         if self.file is None:
             self.reject_flags(_OFFLINE_ONLY, "is only for a FILE")
-            update = self._live()
+            from comotion_clients.subscribe import subscribe
+
+            settings = self.settings()
+            with subscribe(self.scene, settings.connect, timeout=self.timeout, tls=settings.tls) as updates:
+                try:
+                    update = next(updates)
+                except TimeoutError:
+                    raise UserError(f"no update of scene {self.scene} within {self.timeout:g} s") from None
         else:
             self.reject_flags(_LIVE_ONLY, "is only for a running scene, without FILE")
-            update = self._offline(self.file)
+            from comotion_experiments.inputs import find_inputs
+
+            config = self.fusion_config()
+            (recording,) = find_inputs([self.file])
+            from comotion_experiments.offline import run_offline
+
+            update = run_offline(recording.open(), config, duration=self.duration).last
         from comotion_clients.bodies import as_json
         from comotion_clients.watch_columns import joint_table
 
@@ -63,22 +72,3 @@ Examples:
             self.urdf.write_text(to_urdf(update, self.space), encoding="utf-8")
             if not self.json_:
                 print(f"urdf: {self.urdf}")
-
-    def _offline(self, file: str) -> "HypothesisUpdate":
-        from comotion_experiments.inputs import find_inputs
-
-        config = self.fusion_config()
-        (recording,) = find_inputs([file])
-        from comotion_experiments.offline import run_offline
-
-        return run_offline(recording.open(), config, duration=self.duration).last
-
-    def _live(self) -> "HypothesisUpdate":
-        from comotion_clients.subscribe import subscribe
-
-        settings = self.settings()
-        with subscribe(self.scene, settings.connect, timeout=self.timeout, tls=settings.tls) as updates:
-            try:
-                return next(updates)
-            except TimeoutError:
-                raise UserError(f"no update of scene {self.scene} within {self.timeout:g} s") from None

@@ -1,5 +1,6 @@
 """``comotion pki``: certificates of the components of a system, from a private authority in a folder."""
 
+import socket
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -93,7 +94,10 @@ Then restart the routers (or send them SIGHUP), and run the component with --tls
             joints=tuple(self.joints or ()),
             rate=DEFAULT_RATE if self.max_rate is None else self.max_rate,
         )
-        hosts = _hosts(self.host) if is_router else list(self.host or ())
+        hosts = self.host or []
+        if is_router:  # its loopback interface too
+            own = ["localhost", "127.0.0.1", "::1"]
+            hosts = list(dict.fromkeys([*(hosts or [socket.gethostname()]), *own]))
         issued = Authority(self.folder).issue(grant, hosts=hosts, days=self.days, renew=self.renew)
         names = ", ".join(hosts or grant.sources or (self.name,))
         print(f"{issued}: certificate of {self.role} {self.name!r}; names: {names}")
@@ -149,14 +153,6 @@ app = typer.Typer(
     help="Make and list the certificates of a system.", epilog=flowing(EPILOG), no_args_is_help=True
 )
 add(app, {"init": Init, "issue": Issue, "list": Listing, "export": Export})
-
-
-def _hosts(given: list[str] | None) -> list[str]:
-    """Names and addresses of a router: those given, and those of this machine's loopback interface."""
-    import socket
-
-    own = ["localhost", "127.0.0.1", "::1"]
-    return list(dict.fromkeys([*(given or [socket.gethostname()]), *own]))
 
 
 def _row(entry: "Issued", now: "datetime") -> dict[str, Any]:

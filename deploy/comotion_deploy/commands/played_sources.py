@@ -7,8 +7,7 @@ from ..errors import UserError
 from ..options import Command, Process, argument, option, setting
 
 if TYPE_CHECKING:
-    from comotion_sources.recordings import Recording
-    from comotion_sources.streams import Part, Stream
+    from comotion_sources.streams import Part
 
 Stamps = Literal["now", "original"]
 """Stamps of recorded data: the time of publication, or those of the recording."""
@@ -122,11 +121,6 @@ Examples:
         if is_scene:
             replay.replay_scene(self.file, schedule, **self.where())
             return
-        streams, recording = self._streams()
-        replay.replay_recording(recording, streams, schedule, **self.where())
-
-    def _streams(self) -> "tuple[list[Stream], Recording]":
-        """The streams that this process publishes."""
         from comotion_sources.recordings import read_recording, recording_streams
 
         part = self.chosen_part()
@@ -139,7 +133,7 @@ Examples:
         if part is not None:
             streams = [streams[part.index]]
             streams[0].name = self.name or streams[0].name
-        return streams, recording
+        replay.replay_recording(recording, streams, schedule, **self.where())
 
 
 class Simulator(Played):

@@ -1,7 +1,5 @@
 """``comotion segment``: draws the objects of a video, offline."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +11,7 @@ from .look import BodyNames
 
 if TYPE_CHECKING:
     from comotion_experiments.labelled import SegmentOptions
-    from comotion_experiments.segment import Progress, Segmented
+    from comotion_experiments.segment import Segmented
     from comotion_sources.recordings import Recording
 
 _OWN_TRACKER = ("max_features", "respawn_every", "tracker", "calibration", "extrinsics")
@@ -86,11 +84,13 @@ Examples:
 
         from comotion_clients.formats import line
         from comotion_experiments.segment import segment
+        from comotion_schemas.terminal import reporting
         from comotion_sources.klt.picture_file import NO_ENCODER
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-        with _progress(str(self.what or self.tracks)) as progress:
-            result = segment(self.what, options, progress)
+        name = Path(str(self.what or self.tracks)).name
+        with reporting() as report:
+            result = segment(self.what, options, lambda done, total: report(lambda: _line(name, done, total)))
         if self.trajectory is not None:
             lines = [
                 "# stamp tx ty tz qx qy qz qw",
@@ -171,13 +171,5 @@ def _summary(result: "Segmented") -> list[str]:
     ]
 
 
-@contextmanager
-def _progress(what: str) -> "Iterator[Progress]":
-    """One line on standard error: it changes on a terminal; elsewhere there is one every few seconds."""
-    from comotion_schemas.terminal import reporting
-
-    name = Path(what).name
-    with reporting() as report:
-        yield lambda done, total: report(
-            lambda: f"{name}: frame {done}" + ("" if total is None else f" of {total}")
-        )
+def _line(name: str, done: int, total: int | None) -> str:
+    return f"{name}: frame {done}" + ("" if total is None else f" of {total}")

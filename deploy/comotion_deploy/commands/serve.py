@@ -17,7 +17,6 @@ from .camera_sources import read_calibration
 if TYPE_CHECKING:
     from comotion import FusionConfig
     from comotion.config import Camera
-    from comotion_sources.calibration.files import Calibration
 
 
 class Serve(Fusion, Process):
@@ -136,7 +135,16 @@ def _camera(text: str) -> "tuple[str, Camera]":
         raise UserError(f"--camera {text}: expected NAME=FILE, or NAME=INTRINSICS,EXTRINSICS")
     first, comma, second = where.partition(",")
     files = Path(first), Path(second) if comma else None
-    calibration = _workcell(where) if where.startswith(_WORKCELL) else read_calibration(*files)
+    if where.startswith(_WORKCELL):
+        from comotion_sources.calibration.files import Calibration
+        from comotion_sources.workcell.camera import parse
+        from comotion_sources.workcell.scene import Scene
+        from comotion_sources.workcell.viewpoint import calibration as seen_from
+
+        spec = parse(where)
+        calibration = Calibration(*seen_from(Scene(spec.scene, spec.seed), spec.camera, spec.size))
+    else:
+        calibration = read_calibration(*files)
     inner, outer = calibration.intrinsics, calibration.extrinsics
     if inner is None or outer is None:
         raise UserError(f"--camera {text}: has no {'intrinsics' if inner is None else 'extrinsics'}")
@@ -150,16 +158,6 @@ def _camera(text: str) -> "tuple[str, Camera]":
         quaternion=tuple(outer.quaternion.tolist()),
         frame=outer.frame,
     )
-
-
-def _workcell(what: str) -> "Calibration":
-    from comotion_sources.calibration.files import Calibration
-    from comotion_sources.workcell.camera import parse
-    from comotion_sources.workcell.scene import Scene
-    from comotion_sources.workcell.viewpoint import calibration
-
-    spec = parse(what)
-    return Calibration(*calibration(Scene(spec.scene, spec.seed), spec.camera, spec.size))
 
 
 if TYPE_CHECKING:
