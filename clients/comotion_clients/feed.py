@@ -91,8 +91,12 @@ class SceneFeed(ExitStack):
     def pour(self, listener: Listener) -> list[tuple[Message, Any]]:
         """Give a model or display what has arrived; returns the messages with what it has answered."""
         answers = [(received[0], listener.on_message(*received)) for received in self.messages()]
-        for role, token, alive in self.presence():
-            listener.on_presence(role, token, alive=alive, now=time.monotonic())
+        for tokens in self._tokens.values():
+            while (sample := tokens.try_recv()) is not None:
+                role, token = str(sample.key_expr).split("/")[-2:]
+                if is_name(token):
+                    alive = sample.kind == zenoh.SampleKind.PUT
+                    listener.on_presence(role, token, alive=alive, now=time.monotonic())
         return answers
 
     def messages(self) -> Iterator[tuple[Message, float, int]]:
@@ -103,14 +107,6 @@ class SceneFeed(ExitStack):
                 if isinstance(message, Status) and message.role != "service" and not self._everybody:
                     self._follow(self._keys.live(message.role, message.component))
                 yield message, arrived, round(arrived * 1e9) + ahead_ns
-
-    def presence(self) -> Iterator[tuple[str, str, bool]]:
-        """Yield who has come and gone: (role, last chunk of the token, whether the component is alive)."""
-        for tokens in self._tokens.values():
-            while (sample := tokens.try_recv()) is not None:
-                role, name = str(sample.key_expr).split("/")[-2:]
-                if is_name(name):
-                    yield role, name, sample.kind == zenoh.SampleKind.PUT
 
 
 POLL_S = 0.02

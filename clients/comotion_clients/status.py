@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
@@ -88,39 +89,28 @@ class _StatusFeed(SceneFeed):
     def run(self, duration_s: float) -> None:
         """Listen and ask for some time."""
         end = time.monotonic() + duration_s
-        self._query_routers()
+        for sample, *_ in self._replies(ROUTERS):
+            with suppress(ValueError, RecursionError):
+                if isinstance(described := json.loads(sample.payload.to_string()), dict):
+                    self.model.on_router(described)
         queried_s = float("-inf")
         while (now := time.monotonic()) < end:
             self.pour(self.model)
             if now - queried_s > _QUERY_S:
                 queried_s = now
-                self._query_services()
-                self._query_caches()
+                self._query()
             time.sleep(_POLL_S)
         self.pour(self.model)
 
-    def _query_services(self) -> None:
+    def _query(self) -> None:
+        """Ask services for their Status, and the cache of every component."""
         for sample, sent_s, received_s in self._replies(self._keys.query("status")):
-            try:
-                answer = decode_as(Status, sample.payload.to_bytes())
-            except DecodeError:
-                continue
-            self.model.on_answer(answer, sent_s, received_s)
-
-    def _query_caches(self) -> None:
+            with suppress(DecodeError):
+                self.model.on_answer(decode_as(Status, sample.payload.to_bytes()), sent_s, received_s)
         for name in [name for name, record in self.model.components.items() if record.status]:
             key = f"{self._keys.stream('status', name)}/@adv/**"
             for _, sent_s, received_s in self._replies(key):
                 self.model.on_cache_answer(name, received_s - sent_s)
-
-    def _query_routers(self) -> None:
-        for sample, *_ in self._replies(ROUTERS):
-            try:
-                described = json.loads(sample.payload.to_string())
-            except (ValueError, RecursionError):
-                continue
-            if isinstance(described, dict):
-                self.model.on_router(described)
 
     def _replies(self, key: str) -> Iterator[tuple[zenoh.Sample, float, float]]:
         """Yield (sample, time of the query, time of the reply) by the monotonic clock, as wall time."""

@@ -14,7 +14,7 @@ from .processes import PYTHON, ProcessSpec, comotion
 RATES = (15, 30, 100)
 SUMMARY = "summary.txt"
 # Variables by which processes know how their own scene is reached and run; the demo has another one.
-_OF_OTHER_SCENES = (
+_FOREIGN = (
     "TLS",
     "SECURE",
     "ROUTER_CONNECT",
@@ -25,6 +25,7 @@ _OF_OTHER_SCENES = (
     "CLOCK",
     "NO_STATE",
 )
+OF_OTHER_SCENES = [f"COMOTION_{name}" for name in _FOREIGN]
 _BARS = " ▁▂▃▄▅▆▇█"
 _LEAD_S = 4.0  # until the scene starts: all processes are then ready
 _REPORT_S = 60.0  # longest time for writing the report
@@ -35,12 +36,6 @@ def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def without_other_scenes() -> list[str]:
-    """Remove from the environment what belongs to other scenes; returns the names that were there."""
-    names = [f"COMOTION_{name}" for name in _OF_OTHER_SCENES]
-    return [name for name in names if os.environ.pop(name, None)]
 
 
 def demo_processes(
@@ -102,15 +97,6 @@ def time_scale(simulated: str, duration: float) -> float:
     from comotion_sources.simulator import load_scene
 
     return min(1.0, load_scene(simulated).duration / (duration + 2 * _LEAD_S))
-
-
-def prepare() -> None:
-    """Compile all kernels before the scene starts."""
-    from comotion import FusionConfig, warm_up
-
-    from .compiling import show_progress
-
-    show_progress("preparing", warm_up.prepare(FusionConfig()))
 
 
 def nmi_per_second(stamps_ns: Sequence[int], nmi: Sequence[float]) -> list[float]:

@@ -62,12 +62,6 @@ class RepairResult:
             )
         return lines
 
-    def count(self, message: Message) -> None:
-        """Count a message."""
-        self.start_ns = min(self.start_ns, message.log_time) if self.messages else message.log_time
-        self.end_ns = max(self.end_ns, message.log_time)
-        self.messages += 1
-
 
 def repair(source: Path, target: Path) -> RepairResult:
     """Copy every readable message of a file to a new file with an index.
@@ -123,7 +117,11 @@ def _copy(data: mmap.mmap, writer: TopicWriter, result: RepairResult) -> None:
                     channels[record.channel_id],
                     schemas.get(channels[record.channel_id].schema_id),
                 )
-                result.count(record)
+                result.start_ns = (
+                    min(result.start_ns, record.log_time) if result.messages else record.log_time
+                )
+                result.end_ns = max(result.end_ns, record.log_time)
+                result.messages += 1
                 number = writer.channel(topic.topic, schema, topic.message_encoding)
                 writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
             else:

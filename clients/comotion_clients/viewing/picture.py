@@ -11,7 +11,7 @@ from comotion_schemas.colours import HUES
 from comotion_schemas.naming import Names, event_words
 
 from ..feed import Display
-from ..metrics import Score, TrackIds, score_update
+from ..metrics import TrackIds, score_update
 from ..scene_model import SceneModel
 from ..scoring import Scoring
 from .cameras import Cameras
@@ -22,44 +22,6 @@ from .paths import Paths
 
 if TYPE_CHECKING:
     from .sink import RerunSink
-
-
-class ScoreCurves:
-    """Scores updates; `scored`: whether any update could be scored."""
-
-    def __init__(self) -> None:
-        self.scored = False
-        self._spaces: list[str] = []
-        self._paths = Paths("scores")
-
-    def draw(self, update: HypothesisUpdate, scoring: Scoring) -> list[Moment]:
-        """Return the scores of an update as shapes; none without truth. Updates must come in order."""
-        # Called without truth as well: it discards old batches.
-        tracks = scoring.observed.at(update.stamp_ns)
-        if not len(scoring.truth):
-            return []
-        groups: dict[str, TrackIds] = {}
-        for source, ids in tracks.items():
-            name = scoring.observed.spaces[source[0]].name
-            groups[name] = {**groups.get(name, {}), source: ids}
-        shapes = []
-        for name, group in sorted(groups.items()):
-            shapes += self._space(name, score_update(update, scoring.truth, group))
-        self.scored |= bool(shapes)
-        return [Moment(update.stamp_ns, shapes)] if shapes else []
-
-    def _space(self, name: str, score: Score) -> list[Shape]:
-        if not score.scored:
-            return []
-        if name not in self._spaces:
-            self._spaces.append(name)
-        number = 2 * self._spaces.index(name)
-        nmi, missed = (HUES[(k + number) % len(HUES)] for k in (2, 5))
-        path = self._paths(name)
-        return [
-            value(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi),
-            value(f"{path}/wrong", score.misclassification, f"misclassified in {name}", missed),
-        ]
 
 
 class ScenePicture:
@@ -84,7 +46,8 @@ class ScenePicture:
         self._gap = 0.0 if rate is None else 1 / rate
         self._drawn_at: dict[str, float] = {}
         self.view_age: float | None = None
-        self._agreement = ScoreCurves()
+        self._score_paths = Paths("scores")
+        self._score_hues: dict[str, int] = {}
         self._scoring = Scoring()
         self._features = Features(self.model.palette, self.model.names)
         self._cameras = Cameras(self.model.palette, self.model.names, dense=dense)
@@ -100,7 +63,7 @@ class ScenePicture:
         in_images = {ref.name for name, ref in published if name in cameras and ref.unit == "px"}
         in_images -= {ref.name for name, ref in published if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
-        return Layout(tuple(spaces), tuple(cameras.values()), self._agreement.scored)
+        return Layout(tuple(spaces), tuple(cameras.values()), bool(self._score_hues))
 
     def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Moment]:
         """Add a message of any kind; returns what is to be drawn at once.
@@ -127,8 +90,8 @@ class ScenePicture:
     def tick(self, now: float) -> list[Moment]:
         """Draw what is due at `now`: images, scores, and twice a second the health of the scene."""
         moments = self._cameras.due(self.model.update, now)
-        for fused in self._scoring.due(now):
-            moments += self._agreement.draw(fused, self._scoring)
+        scores = ((fused.stamp_ns, self._scores(fused)) for fused in self._scoring.due(now))
+        moments += [Moment(stamp_ns, shapes) for stamp_ns, shapes in scores if shapes]
         update = self.model.update
         stamp_ns = self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
         if stamp_ns is not None and now - self._health_at >= PERIOD_S:
@@ -136,6 +99,25 @@ class ScenePicture:
             shapes = self._health.draw(self.model.snapshot(now), self.view_age, stamp_ns)
             moments.append(Moment(stamp_ns, shapes))
         return moments
+
+    def _scores(self, update: HypothesisUpdate) -> list[Shape]:
+        """Curves of the scores of an update in each space; none without truth."""
+        # Called without truth as well: it discards old batches.
+        groups: dict[str, TrackIds] = {}
+        for source, ids in self._scoring.observed.at(update.stamp_ns).items():
+            name = self._scoring.observed.spaces[source[0]].name
+            groups[name] = {**groups.get(name, {}), source: ids}
+        shapes = []
+        for name, group in sorted(groups.items()):
+            score = score_update(update, self._scoring.truth, group)
+            if score.scored:
+                first = self._score_hues.setdefault(name, 2 * len(self._score_hues))
+                nmi, missed = (HUES[(k + first) % len(HUES)] for k in (2, 5))
+                path = self._score_paths(name)
+                shapes.append(value(f"{path}/nmi", score.nmi, f"NMI in {name}", nmi))
+                missing = f"misclassified in {name}"
+                shapes.append(value(f"{path}/wrong", score.misclassification, missing, missed))
+        return shapes
 
     def _wanted(self, what: str, arrived: float) -> bool:
         """Whether the last one that is drawn was long enough ago; of steady ones, every k-th is."""

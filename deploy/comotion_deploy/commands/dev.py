@@ -101,7 +101,5 @@ add(app, {"reproduce": _reproduce, **commands_of_checkout("TOOLS"), "warm-up": W
 MOVED = frozenset({"bench", "reproduce", "soak", "warm-up"})
 """Commands that had no group; their old names are accepted for one release."""
 
-OF_CHECKOUT = frozenset({"bench", "soak"}) | frozenset(
-    {"ablation", "stress", "pixels", "carried", "accuracy"}
-)
+OF_CHECKOUT = frozenset({"bench", "soak", "ablation", "stress", "pixels", "carried", "accuracy"})
 """Commands and studies that are in a checkout alone."""

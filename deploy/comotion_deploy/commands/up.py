@@ -1,5 +1,6 @@
 """``comotion up`` and ``comotion demo``: a system of processes in one command."""
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -74,10 +75,11 @@ Examples:
     def run(self) -> None:
         """Run the demo."""
         from .. import demo
+        from ..compiling import show_progress
         from ..launcher import launch
 
         out, scale = self.out, demo.time_scale(self.simulated, self.duration)
-        if ignored := demo.without_other_scenes():
+        if ignored := [name for name in demo.OF_OTHER_SCENES if os.environ.pop(name, None)]:
             print(f"the demo has a router of its own and does not use {', '.join(ignored)}", flush=True)
         out.mkdir(parents=True, exist_ok=True)
         for name in ("demo.state", "summary.txt", "demo.png", "demo.json"):
@@ -87,7 +89,9 @@ Examples:
             flush=True,
         )
         print("preparing; the first time on a machine this compiles for half a minute or more", flush=True)
-        demo.prepare()
+        from comotion import FusionConfig, warm_up
+
+        show_progress("preparing", warm_up.prepare(FusionConfig()))
         on_terminal = sys.stdout.isatty()
         processes = demo.demo_processes(
             self.simulated,

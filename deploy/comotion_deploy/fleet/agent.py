@@ -142,15 +142,12 @@ class Agent:
             raise UserError(f"an agent {self.name!r} is there already; choose another --name")
         if lost:
             _log.warning("the lease had ended; claiming the %d places again", len(self._running))
-            self._reclaim(self._lease)
-        return self._lease
-
-    def _reclaim(self, lease: int) -> None:
-        """After the lease had ended, keep what nobody else has claimed meanwhile."""
-        for place, running in self._running.items():
-            if not entries.claim(self.etcd, place, self.name, lease):
+        for place, running in self._running.items() if lost else ():
+            # Keep what nobody else has claimed meanwhile.
+            if not entries.claim(self.etcd, place, self.name, self._lease):
                 self._stop(place, running, "another agent has it")
             running.announced = False
+        return self._lease
 
     def _follow(self, fleet: Fleet, lease: int) -> None:
         held, wanted = fleet.held(), set(fleet.places())
