@@ -65,10 +65,10 @@ def _amount(joint: Joint, value: float | None, sigma: float | None = None) -> st
 
 def as_json(update: HypothesisUpdate) -> dict[str, Any]:
     """Convert the joints of an update to plain values; what is unknown is left out."""
-    return {"stamp_ns": update.stamp_ns, "joints": [known_values(joint) for joint in update.joints]}
+    return {"stamp_ns": update.stamp_ns, "joints": [joint_values(joint) for joint in update.joints]}
 
 
-def known_values(joint: Joint) -> dict[str, Any]:
+def joint_values(joint: Joint) -> dict[str, Any]:
     """Convert a joint to plain values; what is unknown is left out."""
     return {name: value for name, value in asdict(joint).items() if value is not None}
 

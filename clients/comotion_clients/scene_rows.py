@@ -237,13 +237,11 @@ def _versions_differ(what: str, given: list[tuple[str, str]]) -> list[str]:
             of.setdefault(version, []).append(name)
     if len(of) < 2:
         return []
-    words = (f"{version} ({_few(sorted(names))})" for version, names in sorted(of.items()))
+    words = []
+    for version, names in sorted(of.items()):
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        words.append(f"{version} ({', '.join(sorted(names)[:_MOST_NAMES])}{more})")
     return [f"{what} differ: {', '.join(words)}"]
-
-
-def _few(names: list[str]) -> str:
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _clock_problems(rows: list[ComponentRow]) -> list[str]:

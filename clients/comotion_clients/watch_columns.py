@@ -91,10 +91,6 @@ def _components(values: list[float] | None, digits: int) -> str:
     return "-" if values is None else " ".join(number(round(value, digits) + 0.0, digits) for value in values)
 
 
-def _rotation(row: HypothesisRow) -> str:
-    return _components(None if row.rotation is None else [math.degrees(v) for v in row.rotation], 0)
-
-
 SOURCE_COLUMNS: tuple[Column[SourceRow], ...] = (
     Column("source", 18, lambda r: Text(r.name, "dim" if r.state == "gone" else ""), left=True),
     Column("state", 7, lambda r: Text(r.state, STATE_STYLES.get(r.state, "dim")), left=True),
@@ -133,7 +129,12 @@ POSE_COLUMNS: tuple[Column[HypothesisRow], ...] = (
         lambda r: _components(r.translation, 1 if r.unit == "px" else 3),
         from_width=77,
     ),
-    Column("turned, °", 13, _rotation, from_width=91),
+    Column(
+        "turned, °",
+        13,
+        lambda r: _components(r.rotation and [*map(math.degrees, r.rotation)], 0),
+        from_width=91,
+    ),
     Column("extent", 14, _extent, from_width=106),
 )
 

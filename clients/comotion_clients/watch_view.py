@@ -42,7 +42,7 @@ _HYPOTHESES: dict[Sort, Callable[[HypothesisRow], Any]] = {
 _SERVICE_STYLES = {"ok": "green", "degraded": "yellow", "stalled": "bold red", "silent": "bold red"}
 _EVENT_STYLES = {"born": "green", "split": "cyan", "merged": "magenta", "ended": "dim"}
 _EVENT_STYLES |= {"absent": "yellow", "returned": "green", "joined": "green", "released": "magenta"}
-_KNOWN_KINDS = {"fixed", "prismatic", "revolute"}
+_JOINED_KINDS = {"fixed", "prismatic", "revolute"}
 _MAX_EVENT_ROWS = 4
 _MAX_PROBLEM_ROWS = 4
 WHOLE = 100_000
@@ -108,7 +108,7 @@ def _head(snapshot: Snapshot) -> list[Text]:
 
 def _joints(joints: Sequence[JointRow], hypotheses: Sequence[HypothesisRow]) -> list[Text]:
     """A line about the joints that are known; none without."""
-    shown = [row for row in joints if row.kind in _KNOWN_KINDS]
+    shown = [row for row in joints if row.kind in _JOINED_KINDS]
     if not shown:
         return []
     colours = {row.id: row.colour for row in hypotheses}

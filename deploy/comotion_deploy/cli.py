@@ -113,7 +113,7 @@ def run(arguments: Sequence[str]) -> int:
             raise
         return _fail(missing, error)
     except ValueError as error:
-        if not _is_known(error):
+        if not _is_of_user(error):
             raise
         return _fail(error, error)
     except (typer.Abort, KeyboardInterrupt):
@@ -121,7 +121,7 @@ def run(arguments: Sequence[str]) -> int:
     return result if isinstance(result, int) else 0
 
 
-def _is_known(error: ValueError) -> bool:
+def _is_of_user(error: ValueError) -> bool:
     """Whether something given is wrong, as we or those who parse it for us say; any other is a defect."""
     # Importing these takes longer than to show the help.
     import json

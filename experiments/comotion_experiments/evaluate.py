@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.bodies import known_values
+from comotion_clients.bodies import joint_values
 from comotion_clients.formats import save_paths
 from comotion_clients.metrics import Score
 from comotion_clients.scoring import Summary
@@ -144,7 +144,7 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
     runs = []
     for r in results:
         row = {"file": r.name, "seed": r.seed, "seconds": float(r.run.seconds[-1]), **r.values()}
-        row |= {"updates_sha256": r.digest, "joints": [known_values(joint) for joint in r.run.last.joints]}
+        row |= {"updates_sha256": r.digest, "joints": [joint_values(joint) for joint in r.run.last.joints]}
         runs.append(row | ({"brox_malik": r.compared} if r.compared else {}))
     overall = means(list(by_file(results).values()))
     values: dict[str, Any] = plain(

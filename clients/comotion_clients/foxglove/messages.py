@@ -9,9 +9,10 @@ from foxglove import messages as fg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Joint, Preview, Status
+from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint, Preview
 from comotion_schemas.colours import Palette
-from comotion_schemas.naming import Names, event_words, joint_words, named
+from comotion_schemas.messages import StatusState
+from comotion_schemas.naming import Names, joint_words, named
 from comotion_schemas.rigid import rotation, three
 
 from ..bodies import joint_lines
@@ -33,7 +34,11 @@ _FIELDS = [
     fg.PackedElementField(name=name, offset=_POINT.fields[name][1], type=_TYPES[_POINT[name].str])  # type: ignore[index]
     for name in _POINT.names or ()
 ]
-_LEVELS = {"ok": fg.LogLevel.Info, "degraded": fg.LogLevel.Warning, "stalled": fg.LogLevel.Error}
+_LEVELS: dict[StatusState, fg.LogLevel] = {
+    "ok": fg.LogLevel.Info,
+    "degraded": fg.LogLevel.Warning,
+    "stalled": fg.LogLevel.Error,
+}
 _NO_TURN = Rotation.identity()
 _ORIGIN = fg.Pose(position=fg.Vector3(), orientation=fg.Quaternion(w=1.0))
 
@@ -206,17 +211,8 @@ def image(preview: Preview) -> fg.CompressedImage:
     )
 
 
-def event_line(event: Event, names: Names) -> fg.Log:
-    """Format an event."""
-    return _line(event.stamp_ns, "ok", event_words(event, names), "comotion")
-
-
-def health_line(status: Status) -> fg.Log:
-    """What a component says of itself, as a line of a log."""
-    return _line(status.stamp_ns, status.state, f"{status.state} {status.message}".strip(), status.component)
-
-
-def _line(stamp_ns: int, state: str, text: str, name: str) -> fg.Log:
+def line(stamp_ns: int, state: StatusState, text: str, name: str) -> fg.Log:
+    """A line of a log: an event, or what a component says of itself."""
     return fg.Log(timestamp=_time(stamp_ns), level=_LEVELS[state], message=text, name=name)
 
 

@@ -27,7 +27,7 @@ from foxglove import channels
 
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.errors import KnownError
-from comotion_schemas.naming import Names
+from comotion_schemas.naming import Names, event_words
 from comotion_schemas.text import counted
 
 from ..bodies import poses_in_space
@@ -83,9 +83,12 @@ class FoxgloveScene(Display):
             case Preview():
                 self._log(f"/images/{message.source}", log_ns, messages.image(message))
             case Status():
-                self._log("/health", log_ns, messages.health_line(message))
+                text = f"{message.state} {message.message}".strip()
+                line = messages.line(message.stamp_ns, message.state, text, message.component)
+                self._log("/health", log_ns, line)
         for event in events:
-            self._log("/events", log_ns, messages.event_line(event, self._model.names))
+            words = event_words(event, self._model.names)
+            self._log("/events", log_ns, messages.line(event.stamp_ns, "ok", words, "comotion"))
 
     def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
         update = poses_in_space(update)

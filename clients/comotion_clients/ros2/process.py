@@ -72,19 +72,14 @@ def run(
         end = float("inf") if duration is None else time.monotonic() + duration
         while not component.stop.is_set() and (left := end - time.monotonic()) > 0:
             feed.of[HypothesisUpdate].wait(min(_POLL_S, left))
-            _pass_on(feed, converter, output, sent)
+            for received, *_ in feed.messages():
+                if isinstance(received, Status):
+                    converter.names.on_status(received)
+                elif isinstance(received, HypothesisUpdate):
+                    for topic, kind, message in converter.convert(received):
+                        output.write(topic, kind, to_cdr(message, kind), received.published_ns)
+                        sent[topic] += 1
     return sent
-
-
-def _pass_on(feed: SceneFeed, converter: Converter, output: Any, sent: Counter[str]) -> None:
-    """Convert what has arrived, and write it to the output."""
-    for received, *_ in feed.messages():
-        if isinstance(received, Status):
-            converter.names.on_status(received)
-        elif isinstance(received, HypothesisUpdate):
-            for topic, kind, message in converter.convert(received):
-                output.write(topic, kind, to_cdr(message, kind), received.published_ns)
-                sent[topic] += 1
 
 
 class Network(ExitStack):

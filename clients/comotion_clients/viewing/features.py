@@ -79,7 +79,10 @@ class Features:
     def _space(self, ref: SpaceRef) -> _Space:
         space = self._spaces.get(ref.name)
         if space is None or space.ref != ref:
-            view = SpaceView(self._paths(ref.name), ref.name, _axes(ref))
+            axes: Axes = "optical" if ref.name.endswith("optical") else "z-up"
+            if ref.dim == 2:
+                axes = "y-up" if ref.unit == "m" else "image"
+            view = SpaceView(self._paths(ref.name), ref.name, axes)
             space = self._spaces[ref.name] = _Space(ref, view, Paths(f"{view.path}/features"))
         return space
 
@@ -138,9 +141,3 @@ def look_at(positions: Positions, direction: NDArray[np.float64], moving: NDArra
     away = _DISTANCE * diagonal / np.linalg.norm(direction)
     target = (low + high) / 2
     return Eye(tuple((target + away * direction).tolist()), tuple(target.tolist()))
-
-
-def _axes(ref: SpaceRef) -> Axes:
-    if ref.dim == 2:
-        return "y-up" if ref.unit == "m" else "image"
-    return "optical" if ref.name.endswith("optical") else "z-up"

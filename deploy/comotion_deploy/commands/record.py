@@ -1,5 +1,6 @@
 """``comotion record``: records a scene to MCAP files, repairs them and exports them."""
 
+from datetime import datetime
 from pathlib import Path
 
 from ..errors import UserError, require_suffix
@@ -52,9 +53,12 @@ To play a recording: comotion source replay take.mcap
         from comotion_clients.recording.series import SeriesOptions
         from comotion_schemas import Keys
 
+        scene = Keys(self.scene).scene
+        path = self.file or Path(f"{scene}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap")
+        require_suffix(path, "a recording", ".mcap")
         series = SeriesOptions(
-            path=_target(self.file, Keys(self.scene).scene),
-            scene=self.scene,
+            path=path,
+            scene=scene,
             max_bytes=None if self.max_size is None else round(self.max_size * 2**20),
             max_seconds=self.max_time,
             reserve_bytes=round(self.reserve * 2**20),
@@ -75,12 +79,3 @@ To play a recording: comotion source replay take.mcap
             target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
             exported = export(self.export, target)
             self.show(exported, *exported.lines(target))
-
-
-def _target(file: Path | None, scene: str) -> Path:
-    if file is None:
-        from datetime import datetime
-
-        return Path(f"{scene}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap")
-    require_suffix(file, "a recording", ".mcap")
-    return file

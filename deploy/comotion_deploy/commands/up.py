@@ -93,11 +93,15 @@ Examples:
 
         show_progress("preparing", warm_up.prepare(FusionConfig()))
         on_terminal = sys.stdout.isatty()
+        as_in_thesis = self.method == "thesis" and self.simulated == "fig4_4"
+        settings = self.set_ or (_THESIS_FIG_4_4 if as_in_thesis else ())
+        words = [word for setting in settings for word in ("--set", setting)]
+        words += ["--method", self.method] if self.method else []
         processes = demo.demo_processes(
             self.simulated,
             demo.free_endpoint(),
             out,
-            fusion=self._fusion_words(),
+            fusion=words,
             scale=scale,
             seed=self.seed,
             on_terminal=on_terminal,
@@ -109,10 +113,3 @@ Examples:
             summary.read_text(encoding="utf-8") if scored else "stopped before anything could be scored\n",
             end="",
         )
-
-    def _fusion_words(self) -> list[str]:
-        """Options of ``comotion serve``."""
-        as_in_thesis = self.method == "thesis" and self.simulated == "fig4_4"
-        settings = self.set_ or (_THESIS_FIG_4_4 if as_in_thesis else ())
-        words = [word for setting in settings for word in ("--set", setting)]
-        return words + (["--method", self.method] if self.method else [])

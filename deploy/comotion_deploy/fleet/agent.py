@@ -112,8 +112,11 @@ class Agent:
                 self._leave()
 
     def _pass(self) -> bool:
-        """One pass; whether etcd has answered."""
-        self._kill_late()
+        """Kill what does not stop, then do what etcd says; whether it has answered."""
+        for running in self._running.values():
+            for child in running.children if running.leaving else ():
+                if time.monotonic() > running.stopped_s + child.spec.stop_s:
+                    child.wait(running.stopped_s)
         try:
             lease = self._renew()
             # Where nothing has changed there is nothing to do; all entries of a large fleet are much to read.
@@ -209,13 +212,6 @@ class Agent:
         running.leaving, running.stopped_s = True, time.monotonic()
         for child in running.children:
             child.terminate()
-
-    def _kill_late(self) -> None:
-        """Kill what does not stop."""
-        for running in self._running.values():
-            for child in running.children if running.leaving else ():
-                if time.monotonic() > running.stopped_s + child.spec.stop_s:
-                    child.wait(running.stopped_s)
 
     def _leave(self) -> None:
         """Stop everything, then end the lease: the places are free."""
