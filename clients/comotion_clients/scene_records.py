@@ -103,8 +103,8 @@ class ComponentRecord:
     @property
     def role(self) -> str:
         """The role of its token; what its Status says counts only without one, or among several."""
-        said = "" if self.status is None else self.status.role
-        return said if not self.tokens or said in self.tokens else min(self.tokens)
+        role = "" if self.status is None else self.status.role
+        return role if not self.tokens or role in self.tokens else min(self.tokens)
 
 
 class SceneRecords:

@@ -229,19 +229,19 @@ def _router_problems(routers: Sequence[RouterRow]) -> list[str]:
     return problems
 
 
-def _versions_differ(what: str, given: list[tuple[str, str]]) -> list[str]:
-    """Say who has which version, where there are several."""
-    of: dict[str, list[str]] = {}
-    for version, name in given:
+def _versions_differ(subject: str, components: list[tuple[str, str]]) -> list[str]:
+    """Say who has which version, where there are several, of (version, name) each."""
+    names_by_version: dict[str, list[str]] = {}
+    for version, name in components:
         if version:
-            of.setdefault(version, []).append(name)
-    if len(of) < 2:
+            names_by_version.setdefault(version, []).append(name)
+    if len(names_by_version) < 2:
         return []
     words = []
-    for version, names in sorted(of.items()):
+    for version, names in sorted(names_by_version.items()):
         more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
         words.append(f"{version} ({', '.join(sorted(names)[:_MOST_NAMES])}{more})")
-    return [f"{what} differ: {', '.join(words)}"]
+    return [f"{subject} differ: {', '.join(words)}"]
 
 
 def _clock_problems(rows: list[ComponentRow]) -> list[str]:

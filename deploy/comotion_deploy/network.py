@@ -1,14 +1,19 @@
-"""Session settings of a command's endpoints and certificates; refuses to listen openly by accident."""
+"""What connects: options, endpoints and certificates of a session; refuses to listen openly by accident."""
 
 import ipaddress
+import re
+import socket
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .errors import UserError
+from .options import Command, Logged, Tool, option, setting
 
 if TYPE_CHECKING:
+    from comotion_schemas.component import Where
     from comotion_schemas.transport import SessionSettings
 
 OPEN_ROUTER = (
@@ -91,3 +96,90 @@ def session_settings(
         raise UserError("--listen has no certificates: run 'comotion router --secure DIR' beside it")
     require_closed(listen, OPEN_ROUTER, insecure=insecure, remedy="'comotion router --secure DIR'")
     return SessionSettings(mode="router", connect=tuple(connect or ()), listen=tuple(listen))
+
+
+class Ready(Command):
+    """The option of a command that says when it is ready."""
+
+    ready_file: Path | None = setting(
+        None, "Write this file when ready, instead of printing 'ready'.", metavar="PATH"
+    )
+
+
+class Session(Logged):
+    """Options of a command that connects to a router."""
+
+    connect: list[str] | None = setting(
+        None, "Router to connect to; may be repeated. Default: tcp/127.0.0.1:7447.", metavar="ENDPOINT"
+    )
+    tls: Path | None = setting(
+        None, "Connect with the certificate in this folder, made by 'comotion pki issue'.", metavar="DIR/NAME"
+    )
+
+    def settings(self) -> "SessionSettings":
+        """Return the settings of its session."""
+        return session_settings(self.connect, tls=self.tls)
+
+
+class Client(Session, Tool):
+    """Options of a command that looks at a scene."""
+
+    scene: str = setting("default", "Scene: one service and its sources.")
+
+
+class Present(Ready, Client):
+    """Options of a command that is seen in the scene while it runs."""
+
+    def where(self) -> "Where":
+        """Return where its component runs, and how it says that it is ready."""
+        return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
+
+
+class Process(Present):
+    """Options of a process that is part of a scene."""
+
+    name: str | None = setting(
+        None, "Name of the source. With a certificate: its name.", env="COMOTION_SOURCE_NAME"
+    )
+    # Not from the environment, which is the router's: another process would take its port.
+    listen: list[str] | None = option(
+        None, "Also act as a router, at this endpoint; may be repeated.", metavar="ENDPOINT"
+    )
+    insecure: bool = setting(False, "Allow to listen where other machines can connect, without certificates.")
+    metrics_port: str | None = setting(
+        None,
+        "Serve Prometheus metrics, by default on 127.0.0.1; 0 chooses a free port.",
+        metavar="[HOST:]PORT",
+    )
+
+    def prepare(self) -> None:
+        """Start logging, take the name in the certificate, and serve metrics."""
+        super().prepare()
+        given = self.ctx.get_parameter_source("name")
+        if self.tls is not None and (given is None or given.name == "DEFAULT"):
+            from comotion_schemas.tls import load_tls
+
+            with suppress(ValueError):  # said when the session is opened
+                identity = load_tls(self.tls).identity
+                self.name = self.name if identity is None else identity.name
+        if self.metrics_port is not None:
+            from comotion_schemas import metrics
+
+            host, port = metrics.parse_address(self.metrics_port)
+            require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=self.insecure)
+            port = metrics.expose(host, port)
+            print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
+
+    def settings(self) -> "SessionSettings":
+        """Return the settings of its session."""
+        return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
+
+
+def host_name() -> str:
+    """The name of this host, as a name of the protocol."""
+    return re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48] or "host"
+
+
+def urls(text: str | None) -> tuple[str, ...]:
+    """Split urls that are separated by commas."""
+    return tuple(url.strip() for url in (text or "").split(",") if url.strip())

@@ -2,16 +2,15 @@
 
 A flag takes precedence over ``COMOTION_*`` in the environment, the environment over the file given by
 ``--config`` (:mod:`.config_file`), and the file over the default. Options that several commands share are in
-a class that they extend: those of processes and clients here, others beside the commands. A class attribute
-sets another default for an option that a command inherits.
+a class that they extend: here, in :mod:`.network`, or beside the commands. A class attribute sets another
+default for an option that a command inherits.
 """
 
 import inspect
+import json
 import re
-import socket
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from types import NoneType
@@ -19,13 +18,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, dataclass_tra
 
 import typer
 
-from .config_file import read_config
+from .config_file import file_table, read_config, spelling
 from .errors import UserError
-from .network import OPEN_METRICS, require_closed, session_settings
 
 if TYPE_CHECKING:
-    from comotion_schemas.component import Where
-    from comotion_schemas.transport import SessionSettings
+    from comotion import FusionConfig
 
 Result = TypeVar("Result")
 _FROM_NAME = "COMOTION_"
@@ -226,8 +223,6 @@ class Json(Command):
         width
             Characters of what rich renders where the output is no terminal.
         """
-        import json
-
         from rich.console import Console
 
         from comotion_schemas.plain import plain
@@ -237,94 +232,66 @@ class Json(Command):
             return
         console = Console(width=None if sys.stdout.isatty() else width)
         for part in shown:
-            if isinstance(part, str):
-                print(part)
-            else:
-                console.print(part)
+            (print if isinstance(part, str) else console.print)(part)
 
 
-class Ready(Command):
-    """The option of a command that says when it is ready."""
+class Assignments(Command):
+    """The option of a command that takes fusion parameters."""
 
-    ready_file: Path | None = setting(
-        None, "Write this file when ready, instead of printing 'ready'.", metavar="PATH"
-    )
-
-
-class Session(Logged):
-    """Options of a command that connects to a router."""
-
-    connect: list[str] | None = setting(
-        None, "Router to connect to; may be repeated. Default: tcp/127.0.0.1:7447.", metavar="ENDPOINT"
-    )
-    tls: Path | None = setting(
-        None, "Connect with the certificate in this folder, made by 'comotion pki issue'.", metavar="DIR/NAME"
-    )
-
-    def settings(self) -> "SessionSettings":
-        """Return the settings of its session."""
-        return session_settings(self.connect, tls=self.tls)
-
-
-class Client(Session, Tool):
-    """Options of a command that looks at a scene."""
-
-    scene: str = setting("default", "Scene: one service and its sources.")
-
-
-class Present(Ready, Client):
-    """Options of a command that is seen in the scene while it runs."""
-
-    def where(self) -> "Where":
-        """Return where its component runs, and how it says that it is ready."""
-        return {"scene": self.scene, "settings": self.settings(), "ready_file": self.ready_file}
-
-
-class Process(Present):
-    """Options of a process that is part of a scene."""
-
-    name: str | None = setting(
-        None, "Name of the source. With a certificate: its name.", env="COMOTION_SOURCE_NAME"
-    )
-    # Not from the environment, which is the router's: another process would take its port.
-    listen: list[str] | None = option(
-        None, "Also act as a router, at this endpoint; may be repeated.", metavar="ENDPOINT"
-    )
-    insecure: bool = setting(False, "Allow to listen where other machines can connect, without certificates.")
-    metrics_port: str | None = setting(
+    set_: list[str] | None = setting(
         None,
-        "Serve Prometheus metrics, by default on 127.0.0.1; 0 chooses a free port.",
-        metavar="[HOST:]PORT",
+        "Set a fusion parameter; may be repeated. 'null' is None; see 'comotion config'.",
+        metavar="NAME=VALUE",
     )
 
-    def prepare(self) -> None:
-        """Start logging, take the name in the certificate, and serve metrics."""
-        super().prepare()
-        given = self.ctx.get_parameter_source("name")
-        if self.tls is not None and (given is None or given.name == "DEFAULT"):
-            from comotion_schemas.tls import load_tls
+    def fusion_config(self, method: str | None = None) -> "FusionConfig":
+        """Build the fusion parameters: ``[fusion]`` of the file, then `method`, then ``--set``.
 
-            with suppress(ValueError):  # said when the session is opened
-                identity = load_tls(self.tls).identity
-                self.name = self.name if identity is None else identity.name
-        if self.metrics_port is not None:
-            from comotion_schemas import metrics
+        Raises
+        ------
+        UserError, ValueError
+            For an unknown parameter or a value out of bounds.
+        """
+        from comotion.reading import put, read_config
 
-            host, port = metrics.parse_address(self.metrics_port)
-            require_closed([f"{host}:{port}"], OPEN_METRICS, insecure=self.insecure)
-            port = metrics.expose(host, port)
-            print(f"metrics at http://{host}:{port}/metrics", file=sys.stderr, flush=True)
-
-    def settings(self) -> "SessionSettings":
-        """Return the settings of its session."""
-        return session_settings(self.connect, self.listen, self.tls, insecure=self.insecure)
+        table = _read_null(file_table(self.ctx, "fusion"))
+        values = {spelling(name): value for name, value in table.items()}
+        if method is not None:
+            values["method"] = method
+        for text in self.set_ or ():
+            put(values, *assignment(text))
+        return read_config(values)
 
 
-def host_name() -> str:
-    """The name of this host, as a name of the protocol."""
-    return re.sub(r"[^a-z0-9_-]+", "-", socket.gethostname().lower())[:48] or "host"
+class Fusion(Assignments):
+    """Options of a command that groups features, by the method that it is given."""
+
+    method: str | None = setting(None, "Method: comotion or thesis.")
+
+    def fusion_config(self, method: str | None = None) -> "FusionConfig":
+        """Build the fusion parameters, with ``--method``."""
+        return super().fusion_config(method or self.method)
 
 
-def urls(text: str | None) -> tuple[str, ...]:
-    """Split urls that are separated by commas."""
-    return tuple(url.strip() for url in (text or "").split(",") if url.strip())
+def _read_null(value: Any) -> Any:
+    """None for TOML's "null", in tables too."""
+    if isinstance(value, dict):
+        return {key: _read_null(content) for key, content in value.items()}
+    return None if value == "null" else value
+
+
+def assignment(text: str, flag: str = "--set") -> tuple[str, Any]:
+    """Parse ``NAME=VALUE`` of an option; the value is JSON, or else a text.
+
+    Raises
+    ------
+    UserError
+        If it is not of this form.
+    """
+    name, separator, value = text.partition("=")
+    if not separator or not name:
+        raise UserError(f"{flag} {text}: expected NAME=VALUE")
+    try:
+        return spelling(name.strip()), json.loads(value)
+    except ValueError:
+        return spelling(name.strip()), value

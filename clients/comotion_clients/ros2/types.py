@@ -59,10 +59,10 @@ def _field(kind: Any, value: Any) -> Any:
         return value if value is not None else "" if content[0] == "string" else 0
     if mark == _MESSAGE:
         return _message(content, () if value is None else value)
-    (mark, of), count = content
-    if mark == _BASE and of[0] != "string":
-        return np.zeros(count, of[0]) if value is None else np.asarray(value, of[0])
-    return [_field((mark, of), item) for item in value or ()]
+    (mark, item_type), count = content
+    if mark == _BASE and item_type[0] != "string":
+        return np.zeros(count, item_type[0]) if value is None else np.asarray(value, item_type[0])
+    return [_field((mark, item_type), item) for item in value or ()]
 
 
 # Quality of service in a token: all defaults, depth 10.

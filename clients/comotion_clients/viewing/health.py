@@ -78,25 +78,25 @@ class Health:
     def _changes(self, snapshot: Snapshot, stamp_ns: int) -> Iterator[Shape]:
         """Lines of the log: states that have changed, and losses."""
         service = snapshot.service
-        said: list[tuple[str, str, str, str]] = [
+        states: list[tuple[str, str, str, str]] = [
             ("service", service.state, f"service is {service.state}", service.message)
         ]
         counts = [("updates", service.lost)]
         for row in snapshot.sources:
             words = {"ok": f"source {row.name} is live", "gone": f"source {row.name} has left"}
             text = words.get(row.state, f"source {row.name} is {row.state}")
-            said.append((f"source {row.name}", row.state, text, f"in {row.space}" if row.space else ""))
+            states.append((f"source {row.name}", row.state, text, f"in {row.space}" if row.space else ""))
             counts.append((row.name, row.lost))
-        for who, state, text, detail in said:
+        for name, state, text, detail in states:
             # A recording begins before its service has spoken.
-            if self._states.get(who, "absent") != state:
-                self._states[who] = state
+            if self._states.get(name, "absent") != state:
+                self._states[name] = state
                 line = entry if state == "ok" else warning
                 yield line(stamp_ns, f"{text}: {detail}" if detail else text)
-        for who, lost in counts:
-            if (more := lost - self._lost.get(who, 0)) > 0:
-                yield warning(stamp_ns, f"{more} lost of {who}")
-            self._lost[who] = lost
+        for name, lost in counts:
+            if (newly := lost - self._lost.get(name, 0)) > 0:
+                yield warning(stamp_ns, f"{newly} lost of {name}")
+            self._lost[name] = lost
 
 
 def legend(hypotheses: Sequence[HypothesisRow]) -> list[Shape]:

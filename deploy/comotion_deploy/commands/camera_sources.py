@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ..errors import UserError, one_line
-from ..fusion_options import assignment
-from ..options import Command, Process, argument, setting
+from ..network import Process
+from ..options import Command, argument, assignment, setting
 from .played_sources import Stamps
 
 if TYPE_CHECKING:

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ..errors import UserError, require_suffix
-from ..fusion_options import Fusion
-from ..options import Json, Present, argument, option, setting
+from ..network import Present
+from ..options import Fusion, Json, argument, option, setting
 
 _OFFLINE_ONLY = ("all_", "method", "set_", "period", "seeds", "split", "rate", "as_received", "compare")
 _LIVE_ONLY = ("scene", "connect", "ready_file")

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError
-from ..fusion_options import Assignments
-from ..options import Json, Tool, option, setting
+from ..options import Assignments, Json, Tool, option, setting
 
 if TYPE_CHECKING:
     from comotion_experiments.figures import Study

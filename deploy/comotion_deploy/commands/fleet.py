@@ -7,20 +7,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ..errors import UserError
-from ..options import (
-    Command,
-    Json,
-    Ready,
-    Session,
-    add,
-    argument,
-    as_function,
-    flowing,
-    host_name,
-    option,
-    setting,
-    urls,
-)
+from ..network import Ready, Session, host_name, urls
+from ..options import Command, Json, add, argument, as_function, flowing, option, setting
 
 if TYPE_CHECKING:
     from rich.table import Table

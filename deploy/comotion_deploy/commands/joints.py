@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ..errors import UserError
-from ..fusion_options import Fusion
-from ..options import Client, Json, argument, setting
+from ..network import Client
+from ..options import Fusion, Json, argument, setting
 from .look import BodyNames
 
 _OFFLINE_ONLY = ("method", "set_", "duration")

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from ..errors import UserError, require_suffix
-from ..options import Client, Command, Json, Present, argument, option, setting
+from ..network import Client, Present
+from ..options import Command, Json, argument, option, setting
 
 if TYPE_CHECKING:
     from comotion_clients.feed import Display

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ..errors import UserError
-from ..options import Command, Process, argument, option, setting
+from ..network import Process
+from ..options import Command, argument, option, setting
 
 if TYPE_CHECKING:
     from comotion_sources.streams import Part

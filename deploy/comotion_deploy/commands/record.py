@@ -4,7 +4,8 @@ from datetime import datetime
 from pathlib import Path
 
 from ..errors import UserError, require_suffix
-from ..options import Json, Process, argument, option, setting
+from ..network import Process
+from ..options import Json, argument, option, setting
 
 
 class Record(Json, Process):

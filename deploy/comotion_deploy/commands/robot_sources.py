@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UserError
-from ..options import Process, argument, option, setting
+from ..network import Process
+from ..options import argument, option, setting
 from .played_sources import Timed
 
 if TYPE_CHECKING:

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError
-from ..options import Command, Present, Process, argument, option, setting
+from ..network import Present, Process
+from ..options import Command, argument, option, setting
 from .look import BodyNames
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from ..config_file import file_table
 from ..errors import UserError
-from ..network import session_settings
-from ..options import Ready, Tool, setting
+from ..network import Ready, session_settings
+from ..options import Tool, setting
 
 DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 

@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import UserError, require_suffix
-from ..fusion_options import Fusion
-from ..options import Json, Tool, argument, setting
+from ..options import Fusion, Json, Tool, argument, setting
 from .camera_sources import Carried, read_calibration
 from .look import BodyNames
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args, get_origin
 import typer
 
 from ..errors import UserError
-from ..fusion_options import Fusion
-from ..options import Json, Process, Tool, host_name, setting, urls
+from ..network import Process, host_name, urls
+from ..options import Fusion, Json, Tool, setting
 from .camera_sources import read_calibration
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..config_file import load_toml
-from ..fusion_options import Fusion
-from ..options import Logged, argument, option, setting
+from ..options import Fusion, Logged, argument, option, setting
 
 DEFAULT_LOG = Path("comotion-up.log")
 

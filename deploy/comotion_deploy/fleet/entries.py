@@ -45,8 +45,8 @@ def _enter(fleet: Fleet, folder: str, name: str, value: dict[str, Any], changed:
             fleet.agents[name] = Agent(int(value["capacity"]))
         case "places":
             scene, _, number = name.rpartition("/")
-            said = str(value["agent"]), bool(value.get("ready")), changed, str(value.get("version", ""))
-            fleet.holders[Place(scene, int(number))] = Holder(*said)
+            fields = str(value["agent"]), bool(value.get("ready")), changed, str(value.get("version", ""))
+            fleet.holders[Place(scene, int(number))] = Holder(*fields)
 
 
 def add_scene(etcd: Etcd, name: str, scene: Scene, *, change: bool = False) -> bool:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from comotion_deploy.commands.experiments import progress
 from comotion_deploy.errors import UserError
-from comotion_deploy.fusion_options import Assignments
-from comotion_deploy.options import option
+from comotion_deploy.options import Assignments, option
 
 from .studies import Experiment
 
