@@ -16,17 +16,15 @@ from .commands import dev, fleet, pki
 from .commands.calibrate import Calibrate
 from .commands.camera_sources import ExternalCamera, Klt
 from .commands.dev import in_checkout
-from .commands.evaluate import Evaluate
-from .commands.joints import Joints
+from .commands.evaluate import Evaluate, Joints
 from .commands.look import Status, View, Watch
 from .commands.played_sources import Replay, Simulator
 from .commands.record import Record
 from .commands.robot_sources import Proprioception, Workcell
 from .commands.ros2 import Ros2, SourceRos2
-from .commands.router import Router
 from .commands.segment import Segment
 from .commands.serve import Config, Serve
-from .commands.up import Demo, Up
+from .commands.up import Demo, Router, Up
 from .errors import UserError, missing_extra, one_line
 from .options import Command, add, flowing
 

@@ -14,8 +14,7 @@ from ..builders import SESSION, S, hypothesis
 rerun = pytest.importorskip("rerun", reason="needs the extra view")
 
 from comotion_clients.scoring import SETTLE_S  # noqa: E402
-from comotion_clients.viewing.cameras import MAX_DELAY_S, MAX_DELAYED, Cameras  # noqa: E402
-from comotion_clients.viewing.features import Features  # noqa: E402
+from comotion_clients.viewing.features import MAX_DELAY_S, MAX_DELAYED, Cameras, Features  # noqa: E402
 from comotion_clients.viewing.hypotheses import draw_hypotheses  # noqa: E402
 from comotion_clients.viewing.picture import ScenePicture  # noqa: E402
 

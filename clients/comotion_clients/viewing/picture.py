@@ -14,9 +14,8 @@ from ..feed import Display
 from ..metrics import TrackIds, score_update
 from ..scene_model import SceneModel
 from ..scoring import Scoring
-from .cameras import Cameras
 from .drawing import Layout, Moment, Shape, entry, value
-from .features import Features
+from .features import Cameras, Features
 from .health import PERIOD_S, Health
 from .paths import Paths
 

@@ -5,7 +5,9 @@ Most of its tools are in a checkout alone, beside the tests.
 
 import os
 import sys
+import threading
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,7 +61,7 @@ Examples:
         from comotion import FusionConfig
         from comotion.warm_up import prepare
 
-        from ..compiling import show_progress
+        from .dev import show_progress
 
         begun = time.monotonic()
         for name in self.method or ("comotion", "thesis"):
@@ -103,3 +105,28 @@ MOVED = frozenset({"bench", "reproduce", "soak", "warm-up"})
 
 OF_CHECKOUT = frozenset({"bench", "soak", "ablation", "stress", "pixels", "carried", "accuracy"})
 """Commands and studies that are in a checkout alone."""
+
+
+_TICK_S = 0.5
+
+
+def show_progress(name: str, steps: Iterable[None]) -> None:
+    """Take the steps of a warm-up; a line on standard error shows how long it has taken."""
+    from comotion_schemas.terminal import reporting
+
+    begun, over = time.monotonic(), threading.Event()
+
+    with reporting() as report:
+
+        def tick() -> None:
+            while not over.wait(_TICK_S):
+                report(lambda: f"{name}: {time.monotonic() - begun:.0f} s")
+
+        ticking = threading.Thread(target=tick, daemon=True)
+        ticking.start()
+        try:
+            for _ in steps:
+                pass
+        finally:
+            over.set()
+            ticking.join()
