@@ -1,7 +1,9 @@
 """``comotion record``: records a scene to MCAP files, repairs them and exports them."""
 
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from ..errors import UserError, require_suffix
 from ..network import Process
@@ -43,10 +45,18 @@ To play a recording: comotion source replay take.mcap
         """Record until stopped; or repair or export a file."""
         import mcap  # noqa: F401 - before anything is checked or connected
 
-        if self.repair is not None or self.export is not None:
+        if (source := self.repair or self.export) is not None:
             if self.file is not None or (self.repair is not None and self.export is not None):
                 raise UserError("--repair and --export take one file each and do not record")
-            self._repair_or_export()
+            convert: Callable[[Path, Path], Any]
+            if self.repair is not None:
+                from comotion_clients.recording.repair import repair as convert
+            else:
+                from comotion_clients.foxglove.scene import export as convert
+            ending = "foxglove" if self.repair is None else "repaired"
+            target = self.out or source.with_name(f"{source.stem}-{ending}.mcap")
+            converted = convert(source, target)
+            self.show(converted, *converted.lines(target))
             return
         if self.out is not None:
             raise UserError("--out needs --repair or --export")
@@ -66,17 +76,3 @@ To play a recording: comotion source replay take.mcap
         )
         result = record(series, self.name, self.duration, **self.where())
         self.show(result, *result.lines())
-
-    def _repair_or_export(self) -> None:
-        if self.repair is not None:
-            from comotion_clients.recording.repair import repair
-
-            target = self.out or self.repair.with_name(f"{self.repair.stem}-repaired.mcap")
-            saved = repair(self.repair, target)
-            self.show(saved, *saved.lines(target))
-        if self.export is not None:
-            from comotion_clients.foxglove.scene import export
-
-            target = self.out or self.export.with_name(f"{self.export.stem}-foxglove.mcap")
-            exported = export(self.export, target)
-            self.show(exported, *exported.lines(target))

@@ -3,6 +3,7 @@
 import os
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ..config_file import file_table, load_toml
@@ -162,7 +163,13 @@ SIGHUP restarts it in place, with the certificates that the folder then has.
 
         table = file_table(self.ctx, "zenoh")
         if self.secure is not None:
-            self._run_secure(self.secure, bool(table))
+            if table:
+                raise UserError("--secure makes the tables of [zenoh] itself")
+            from ..pki.access import secure_setup
+
+            trusted = partial(secure_setup, self.secure, self.tls, max_batch_bytes=self.max_message_bytes)
+            set_up = partial(trusted, connect=self.connect or (), listen=self.listen or ())
+            run_router(set_up, self.ready_file)
             return
         if self.tls is not None:
             raise UserError("--tls is for a router with --secure DIR")
@@ -170,21 +177,3 @@ SIGHUP restarts it in place, with the certificates that the folder then has.
         listen = self.listen or [DEFAULT_LISTEN]
         setup = RouterSetup(session_settings(self.connect, listen, insecure=self.insecure), overrides)
         run_router(lambda: setup, self.ready_file)
-
-    def _run_secure(self, folder: Path, has_table: bool) -> None:
-        from ..router import run_router
-
-        if has_table:
-            raise UserError("--secure makes the tables of [zenoh] itself")
-        from ..pki.access import secure_setup
-
-        run_router(
-            lambda: secure_setup(
-                folder,
-                self.tls,
-                connect=self.connect or (),
-                listen=self.listen or (),
-                max_batch_bytes=self.max_message_bytes,
-            ),
-            self.ready_file,
-        )
