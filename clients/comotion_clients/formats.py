@@ -155,8 +155,16 @@ def _number(value: float) -> str:
     return f"{value if math.isfinite(value) else 0.0:.9g}"
 
 
-def paths_of(updates: Iterable[HypothesisUpdate]) -> dict[str, list[str]]:
-    """Lines of each path: ``camera-<space>`` for a frame that moves, ``hypothesis-<id>`` for a body."""
+def save_paths(folder: Path, updates: Iterable[HypothesisUpdate]) -> list[Path]:
+    """Write a file for each path to a folder, which is made; returns the files.
+
+    ``camera-<space>`` is that of a frame that moves, ``hypothesis-<id>`` that of a body.
+
+    Raises
+    ------
+    OSError
+        If one cannot be written.
+    """
     paths: dict[str, list[str]] = {}
     last_ns: int | None = None
     for update in updates:
@@ -168,20 +176,9 @@ def paths_of(updates: Iterable[HypothesisUpdate]) -> dict[str, list[str]]:
         poses += [(f"hypothesis-{h.id}", h.pose) for h in bodies if h.pose is not None]
         for name, pose in poses:
             paths.setdefault(name, []).append(line(update.stamp_ns, pose))
-    return paths
-
-
-def save_paths(folder: Path, updates: Iterable[HypothesisUpdate]) -> list[Path]:
-    """Write a file for each path to a folder, which is made; returns the files.
-
-    Raises
-    ------
-    OSError
-        If one cannot be written.
-    """
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for name, lines in paths_of(updates).items():
+    for name, lines in paths.items():
         file = folder / f"{name}.tum"
         file.write_text("\n".join([*lines, ""]))
         files.append(file)

@@ -4,8 +4,8 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,24 +70,17 @@ def run_router(set_up: Callable[[], RouterSetup], ready_file: Path | None) -> No
     """
     stop = threading.Event()
     setup = set_up()
-    with stop_on_signals(stop), _hang_up() as hung_up, ExitStack() as opened:
+    hang_ups: list[int] = []
+    with stop_on_signals(stop), ExitStack() as restored, ExitStack() as opened:
+        previous = signal.signal(signal.SIGHUP, lambda number, _frame: hang_ups.append(number))
+        restored.callback(signal.signal, signal.SIGHUP, previous)
         opened.enter_context(_open(setup))
         with announce_ready(ready_file):
             while not stop.wait(_POLL_S):
                 beat(ready_file)
-                if hung_up():
+                if hang_ups:
+                    hang_ups.clear()
                     _restart(opened, set_up)
-
-
-@contextmanager
-def _hang_up() -> Iterator[Callable[[], bool]]:
-    """Yield a function that says whether SIGHUP has arrived since it was last called."""
-    arrived: list[int] = []
-    previous = signal.signal(signal.SIGHUP, lambda number, _frame: arrived.append(number))
-    try:
-        yield lambda: bool(arrived and arrived.pop())
-    finally:
-        signal.signal(signal.SIGHUP, previous)
 
 
 def _restart(opened: ExitStack, set_up: Callable[[], RouterSetup]) -> None:

@@ -14,7 +14,7 @@ from comotion import FusionConfig
 from comotion_clients.feed import play
 from comotion_clients.foxglove.scene import FoxgloveScene
 from comotion_clients.metrics import Score
-from comotion_clients.viewing.picture import Drawn, ScenePicture
+from comotion_clients.viewing.picture import ScenePicture
 from comotion_clients.viewing.sink import RerunSink
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
 from comotion_sources.simulator import batches, load_scene, simulate
@@ -39,7 +39,7 @@ def make(folder: Path) -> list[Path]:
     with foxglove.open_mcap(files[0], context=context):
         play(FoxgloveScene(context), messages)
     with RerunSink(file=files[1]) as sink:
-        play(Drawn(sink, ScenePicture(SCENE)), messages)
+        play(ScenePicture(SCENE, sink=sink), messages)
     return files
 
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .sink import RerunSink
 
 
-class ScenePicture:
-    """Converts the messages of one scene to shapes.
+class ScenePicture(Display):
+    """Converts the messages of one scene to shapes, and draws them to a window, page or file.
 
     Parameters
     ----------
@@ -36,11 +36,21 @@ class ScenePicture:
         Whether to draw the regions of hypotheses in images.
     names
         Names of hypotheses by id.
+    sink
+        Where they are drawn; None: nowhere.
     """
 
     def __init__(
-        self, scene: str, rate: float | None = None, *, dense: bool = False, names: Names | None = None
+        self,
+        scene: str,
+        rate: float | None = None,
+        *,
+        dense: bool = False,
+        names: Names | None = None,
+        sink: "RerunSink | None" = None,
     ) -> None:
+        self._sink = sink
+        self._moments: list[Moment] = []
         self.model = SceneModel(scene, names)
         self._gap = 0.0 if rate is None else 1 / rate
         self._drawn_at: dict[str, float] = {}
@@ -84,7 +94,29 @@ class ScenePicture:
                 if self._wanted("update", arrived):
                     shapes = self._features.draw(message, self._scoring.observed.spaces)
                     moments.append(Moment(message.stamp_ns, shapes))
+        if self._sink is not None:
+            self._moments += moments
         return moments
+
+    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
+        """Show who comes and goes."""
+        self.model.on_presence(role, token, alive=alive, now=now)
+
+    def on_age(self, age_s: float | None) -> None:
+        """The age is a curve."""
+        self.view_age = age_s
+
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed the window."""
+        return self._sink is not None and self._sink.closed
+
+    def refresh(self, now: float) -> None:
+        """Arrange the views and show what has come."""
+        moments, self._moments = self._moments + self.tick(now), []
+        if self._sink is not None:
+            self._sink.arrange(self.layout)
+            self._sink.show(moments)
 
     def tick(self, now: float) -> list[Moment]:
         """Draw what is due at `now`: images, scores, and twice a second the health of the scene."""
@@ -125,37 +157,6 @@ class ScenePicture:
             return False
         self._drawn_at[what] = arrived
         return True
-
-
-class Drawn(Display):
-    """Draws a picture to a window, page or file."""
-
-    def __init__(self, sink: "RerunSink", picture: ScenePicture) -> None:
-        self._sink, self._picture = sink, picture
-        self._moments: list[Moment] = []
-
-    @property
-    def closed(self) -> bool:
-        """Whether the user has closed the window."""
-        return self._sink.closed
-
-    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
-        """Show who comes and goes."""
-        self._picture.model.on_presence(role, token, alive=alive, now=now)
-
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
-        """Collect what a message draws."""
-        self._moments += self._picture.on_message(message, arrived, wall_ns)
-
-    def refresh(self, now: float) -> None:
-        """Arrange the views and show what has come."""
-        moments, self._moments = self._moments + self._picture.tick(now), []
-        self._sink.arrange(self._picture.layout)
-        self._sink.show(moments)
-
-    def on_age(self, age_s: float | None) -> None:
-        """The age is a curve."""
-        self._picture.view_age = age_s
 
 
 def _has_time(update: HypothesisUpdate) -> bool:

@@ -168,7 +168,7 @@ Examples:
         import rerun_cli  # noqa: F401
 
         destination = self._destination()
-        from comotion_clients.viewing.picture import Drawn, ScenePicture
+        from comotion_clients.viewing.picture import ScenePicture
         from comotion_schemas.component import stop_on_signals
 
         stop = threading.Event()
@@ -176,9 +176,10 @@ Examples:
             if sink.url is not None:
                 print(f"look at {sink.url}", file=sys.stderr, flush=True)
             scene = self.scene if log is None else log.scene
-            picture = ScenePicture(scene, self.rate, dense=self.regions, names=self.names())
+            names = self.names()
+            picture = ScenePicture(scene, self.rate, dense=self.regions, names=names, sink=sink)
             with nullcontext() if log is None else stop_on_signals(stop):
-                self._show(Drawn(sink, picture), log, where)
+                self._show(picture, log, where)
                 if log is not None and (sink.window or sink.web_port is not None):
                     sink.wait(stop, self.duration)
 

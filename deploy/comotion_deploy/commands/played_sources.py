@@ -164,7 +164,10 @@ Examples:
         from comotion_sources.schedule import Schedule, parse_start
 
         if self.list_:
-            _print_scenes()
+            for name in simulator.scene_names():
+                spec = simulator.load_scene(name)
+                rates = ", ".join(f"{rate:g}" for rate in spec.rates)
+                print(f"{name:<12} {spec.dim}-D {spec.duration:>6g} s  {rates:>11} Hz  {spec.title}")
             return
         if self.simulated is None:
             raise UserError("which scene? see 'comotion source simulator --list'")
@@ -185,12 +188,3 @@ Examples:
             message=f"simulates {simulations[0].spec.title}",
             **self.where(),
         )
-
-
-def _print_scenes() -> None:
-    from comotion_sources import simulator
-
-    for name in simulator.scene_names():
-        spec = simulator.load_scene(name)
-        rates = ", ".join(f"{rate:g}" for rate in spec.rates)
-        print(f"{name:<12} {spec.dim}-D {spec.duration:>6g} s  {rates:>11} Hz  {spec.title}")

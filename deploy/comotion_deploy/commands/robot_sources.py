@@ -152,10 +152,13 @@ Examples:
         from comotion_schemas.text import counted
         from comotion_sources.workcell import process
         from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum
-        from comotion_sources.workcell.scene import Scene
+        from comotion_sources.workcell.scene import Scene, scene_names
 
         if self.list_:
-            _print_scenes()
+            for name in scene_names():
+                scene = Scene(name)
+                moving = ", ".join(scene.objects[number] for number in sorted(scene.objects) if number)
+                print(f"{name:22} cameras {', '.join(scene.cameras)}; {scene.period:g} s; moving: {moving}")
             return
         if self.workcell_scene is None:
             raise UserError("which scene? 'comotion source workcell --list' names them")
@@ -166,12 +169,3 @@ Examples:
             print(f"{counted(count, 'frame')} in {self.write_tum}")
             return
         self.call(process.run, Scene(self.workcell_scene, self.seed), **self.where())
-
-
-def _print_scenes() -> None:
-    from comotion_sources.workcell.scene import Scene, scene_names
-
-    for name in scene_names():
-        scene = Scene(name)
-        moving = ", ".join(scene.objects[number] for number in sorted(scene.objects) if number)
-        print(f"{name:22} cameras {', '.join(scene.cameras)}; {scene.period:g} s; moving: {moving}")

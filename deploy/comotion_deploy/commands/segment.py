@@ -10,7 +10,6 @@ from .look import BodyNames
 
 if TYPE_CHECKING:
     from comotion_experiments.labelled import SegmentOptions
-    from comotion_experiments.segment import Segmented
     from comotion_sources.recordings import Recording
 
 _OWN_TRACKER = ("max_features", "respawn_every", "tracker", "calibration", "extrinsics")
@@ -84,6 +83,7 @@ Examples:
         from comotion_clients.formats import line
         from comotion_experiments.segment import segment
         from comotion_schemas.terminal import reporting
+        from comotion_schemas.text import counted
         from comotion_sources.klt.picture_file import NO_ENCODER
 
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
@@ -96,8 +96,18 @@ Examples:
                 *(line(stamp_ns, pose) for stamp_ns, pose in result.path),
             ]
             self.trajectory.write_text("\n".join(lines) + "\n")
-        codec = [f"the video is {NO_ENCODER}"] if result.codec == "mpeg4" else []
-        self.show(result.as_json(), *_summary(result), *(f"wrote {path}" for path in self._outputs()), *codec)
+        times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
+        at_end = len([h for h in result.last if not h.absent])
+        lines = [
+            f"{counted(result.frames, 'frame')} in {result.seconds:.1f} s: "
+            f"{result.frames / result.seconds:.0f} frames/s{times}",
+            f"{counted(len(result.hypotheses), 'hypothesis')}, {at_end} at the end",
+            *result.joints,
+            *(f"wrote {path}" for path in self._outputs()),
+        ]
+        self.show(
+            result.as_json(), *lines, *([f"the video is {NO_ENCODER}"] if result.codec == "mpeg4" else [])
+        )
 
     def _options(self) -> "SegmentOptions":
         if self.trajectory is not None and not self.moving:
@@ -155,19 +165,6 @@ Examples:
 def _stem(what: str) -> str:
     name = what.removeprefix("workcell:").partition("?")[0].replace("/", "-") if ":" in what else ""
     return name or Path(what).resolve().stem
-
-
-def _summary(result: "Segmented") -> list[str]:
-    from comotion_schemas.text import counted
-
-    speed = result.frames / result.seconds
-    at_end = len([h for h in result.last if not h.absent])
-    times = f", {result.duration / result.seconds:.1f} times real time" if result.duration else ""
-    return [
-        f"{counted(result.frames, 'frame')} in {result.seconds:.1f} s: {speed:.0f} frames/s{times}",
-        f"{counted(len(result.hypotheses), 'hypothesis')}, {at_end} at the end",
-        *result.joints,
-    ]
 
 
 def _line(name: str, done: int, total: int | None) -> str:
