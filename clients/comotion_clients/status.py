@@ -73,9 +73,7 @@ def missing(state: SceneStatus, expected: Sequence[str]) -> SceneStatus:
     """Add the components that are expected and not there to the problems."""
     present = {row.name for row in state.components}
     absent = [f"{name} is not there" for name in expected if name not in present]
-    if not absent:
-        return state
-    overall = "degraded" if state.overall == "ok" else state.overall
+    overall = "degraded" if absent and state.overall == "ok" else state.overall
     return replace(state, overall=overall, problems=[*state.problems, *absent])
 
 

@@ -65,9 +65,11 @@ Examples:
 
     def run(self) -> None:
         """Show it until stopped."""
-        from comotion_clients.watch import WatchOptions, watch
+        from comotion_clients.scene_model import SceneModel
+        from comotion_clients.watch import watch
 
-        watch(self.call(WatchOptions, json=self.json_, names=self.names()), **self.where())
+        model = SceneModel(self.scene, self.names(), all_events=self.all_events)
+        self.call(watch, model, json=self.json_, **self.where())
 
 
 _EXIT = {"ok": 0, "degraded": 1, "stalled": 3}
