@@ -34,7 +34,7 @@ class RepairResult:
 
     `messages`, `chunks`: recovered; `damaged`: records with a wrong checksum or content; `skipped`:
     bytes that are not records, usually at the end of the file; `orphans`: messages of a channel whose
-    definition is lost; `seconds` from the first to the last message.
+    definition is lost; `start_ns`, `end_ns`: log times of the first and the last message.
     """
 
     messages: int = 0
@@ -45,15 +45,10 @@ class RepairResult:
     start_ns: int = 0
     end_ns: int = 0
 
-    @property
-    def seconds(self) -> float:
-        """Seconds between the first and the last message."""
-        return (self.end_ns - self.start_ns) / 1e9
-
     def lines(self, target: Path) -> list[str]:
         """Format the result as text."""
         held = f"{counted(self.messages, 'message')} in {counted(self.chunks, 'chunk')}"
-        lines = [f"{target}: {held}, {self.seconds:.1f} s"]
+        lines = [f"{target}: {held}, {(self.end_ns - self.start_ns) / 1e9:.1f} s"]
         if self.damaged or self.skipped or self.orphans:
             lines.append(
                 f"not recovered: {counted(self.damaged, 'damaged record')}, "
@@ -140,22 +135,18 @@ def _groups(data: mmap.mmap, result: RepairResult) -> Iterator[list[McapRecord]]
             following = _next_chunk(data, position + 1)
             result.skipped += following - position
         elif isinstance(record, Chunk):
-            yield _break_up(record, result)
+            try:
+                if record.uncompressed_size > _MAX_CHUNK_BYTES:
+                    raise KnownError("the size of the chunk is not plausible")
+                records = breakup_chunk(record, validate_crc=True)
+            except Exception:  # decompression and parsing raise many types on damaged bytes
+                result.damaged += 1
+            else:
+                result.chunks += 1
+                yield records
         else:
             yield [record]
         position = following
-
-
-def _break_up(chunk: Chunk, result: RepairResult) -> list[McapRecord]:
-    try:
-        if chunk.uncompressed_size > _MAX_CHUNK_BYTES:
-            raise KnownError("the size of the chunk is not plausible")
-        records = breakup_chunk(chunk, validate_crc=True)
-    except Exception:  # decompression and parsing raise many types on damaged bytes
-        result.damaged += 1
-        return []
-    result.chunks += 1
-    return records
 
 
 def _record(data: mmap.mmap, position: int) -> tuple[McapRecord | None, int]:

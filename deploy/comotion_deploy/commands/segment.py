@@ -89,7 +89,11 @@ Examples:
         cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
         name = Path(str(self.what or self.tracks)).name
         with reporting() as report:
-            result = segment(self.what, options, lambda done, total: report(lambda: _line(name, done, total)))
+            result = segment(
+                self.what,
+                options,
+                lambda done, total: report(lambda: f"{name}: frame {done}{f' of {total}' if total else ''}"),
+            )
         if self.trajectory is not None:
             lines = [
                 "# stamp tx ty tz qx qy qz qw",
@@ -165,7 +169,3 @@ Examples:
 def _stem(what: str) -> str:
     name = what.removeprefix("workcell:").partition("?")[0].replace("/", "-") if ":" in what else ""
     return name or Path(what).resolve().stem
-
-
-def _line(name: str, done: int, total: int | None) -> str:
-    return f"{name}: frame {done}" + ("" if total is None else f" of {total}")

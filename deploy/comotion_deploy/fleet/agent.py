@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,11 +38,7 @@ class _Running:
     scene: Scene
     announced: bool = False
     leaving: bool = False
-    stopped_s: float = field(default=0.0)
-
-    @property
-    def ended(self) -> bool:
-        return not any(child.is_alive() for child in self.children)
+    stopped_s: float = 0.0
 
 
 def run_agent(
@@ -180,7 +176,7 @@ class Agent:
     def _report(self, lease: int) -> None:
         """Say what is ready, and give up the places whose processes have stopped."""
         for place, running in list(self._running.items()):
-            if running.leaving and running.ended:
+            if running.leaving and not any(child.is_alive() for child in running.children):
                 entries.release(self.etcd, place, lease)
                 del self._running[place]
             elif not (running.leaving or running.announced) and running.children[0].was_ready:

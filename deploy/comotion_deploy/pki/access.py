@@ -71,7 +71,17 @@ def router_settings(grants: Iterable[Grant], *, max_batch_bytes: int | None = No
     """
     ordered = sorted(grants, key=lambda grant: grant.common_name)
     limits = SIZE_LIMITS | ({} if max_batch_bytes is None else {"obs": max_batch_bytes})
-    settings = {"access_control": access_control(ordered), "low_pass_filter": _size_limits(limits)}
+    sizes = [
+        {
+            "id": f"size-{kind}",
+            "flows": ["ingress"],
+            "messages": ["put", "reply"],
+            "key_exprs": [f"{ROOT}/*/hypotheses" if kind == "hypotheses" else f"{ROOT}/*/{kind}/*"],
+            "size_limit": limit,
+        }
+        for kind, limit in limits.items()
+    ]
+    settings = {"access_control": access_control(ordered), "low_pass_filter": sizes}
     rates = _rate_limits(ordered)
     return settings | ({"downsampling": rates} if rates else {})
 
@@ -202,19 +212,6 @@ def _rate_limits(grants: Sequence[Grant]) -> list[dict[str, Any]]:
             "messages": ["put"],
             "rules": [{"key_expr": key, "freq": rate} for key, rate in sorted(rates.items())],
         }
-    ]
-
-
-def _size_limits(limits: dict[str, int]) -> list[dict[str, Any]]:
-    return [
-        {
-            "id": f"size-{kind}",
-            "flows": ["ingress"],
-            "messages": ["put", "reply"],
-            "key_exprs": [f"{ROOT}/*/hypotheses" if kind == "hypotheses" else f"{ROOT}/*/{kind}/*"],
-            "size_limit": limit,
-        }
-        for kind, limit in limits.items()
     ]
 
 
