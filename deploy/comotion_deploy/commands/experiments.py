@@ -7,14 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import UserError
 from ..options import Assignments, Json, Tool, option, setting
-
-if TYPE_CHECKING:
-    from comotion_experiments.figures import Study
-    from comotion_experiments.tables import Table
 
 
 def write_values(path: Path, values: object) -> None:
@@ -70,6 +65,7 @@ Examples:
         from comotion_experiments.figures import Options, Study, select
         from comotion_experiments.figures.page import left_out, page
         from comotion_experiments.inputs import parse_seeds
+        from comotion_experiments.tables import Table
 
         chosen = select(self.only)
         config = self.fusion_config()
@@ -92,7 +88,13 @@ Examples:
         write_values(data, study.as_json())
         html.write_text(page(study, self._command()), encoding="utf-8")
         missing = [left_out(study)] if left_out(study) else []
-        self.show(study.as_json(), _table(study), *missing, f"written: {html}, {data}", width=170)
+        titles = ("figure", "", "the thesis says", "thesis method here", "default method here")
+        table = Table(titles, words=len(titles))
+        for figure, drawn in study.made:
+            for k, row in enumerate(drawn.rows):
+                table.add(figure.name if k == 0 else "", row.quantity, row.printed, row.thesis, row.default)
+            table.end_section()
+        self.show(study.as_json(), table, *missing, f"written: {html}, {data}", width=170)
 
     def _command(self) -> str:
         """Return the command line that makes the same page."""
@@ -105,15 +107,3 @@ Examples:
         for assignment in self.set_ or ():
             words += ["--set", assignment]
         return shlex.join(words)
-
-
-def _table(study: "Study") -> "Table":
-    from comotion_experiments.tables import Table
-
-    titles = ("figure", "", "the thesis says", "thesis method here", "default method here")
-    table = Table(titles, words=len(titles))
-    for figure, drawn in study.made:
-        for k, row in enumerate(drawn.rows):
-            table.add(figure.name if k == 0 else "", row.quantity, row.printed, row.thesis, row.default)
-        table.end_section()
-    return table

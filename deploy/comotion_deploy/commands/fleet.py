@@ -1,6 +1,5 @@
 """``comotion fleet``: many scenes over many hosts, by entries in etcd and one agent a host."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +10,6 @@ from ..network import Ready, Session, host_name, urls
 from ..options import Command, Json, add, argument, as_function, flowing, option, setting
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from comotion.runtime.standby import Etcd
 
     from ..fleet.plan import Fleet
@@ -138,10 +135,19 @@ class Listing(Json, Cluster):
 
     def run(self) -> None:
         """Show them."""
+        from rich.table import Table
+
         from ..fleet import entries
 
         content = _as_json(entries.read_fleet(self.cluster()))
-        self.show(content, *_as_tables(content))
+        scenes = Table("scene", "replicas", "options")
+        for name, scene in content["scenes"].items():
+            scenes.add_row(name, ", ".join(map(_replica, scene["replicas"])), " ".join(scene["serve"]))
+        agents = Table("agent", "replicas", "capacity", "")
+        for name, agent in content["agents"].items():
+            note = "draining" if agent["draining"] else ""
+            agents.add_row(name, str(agent["replicas"]), str(agent["capacity"]), note)
+        self.show(content, scenes, agents)
 
 
 app = typer.Typer(epilog=flowing(EPILOG), help="Serve many scenes on many hosts.")
@@ -173,20 +179,6 @@ def _as_json(fleet: "Fleet") -> dict[str, Any]:
             for name, agent in sorted(fleet.agents.items())
         },
     }
-
-
-def _as_tables(content: dict[str, Any]) -> "Iterator[Table]":
-    from rich.table import Table
-
-    scenes = Table("scene", "replicas", "options")
-    for name, scene in content["scenes"].items():
-        scenes.add_row(name, ", ".join(map(_replica, scene["replicas"])), " ".join(scene["serve"]))
-    yield scenes
-    agents = Table("agent", "replicas", "capacity", "")
-    for name, agent in content["agents"].items():
-        note = "draining" if agent["draining"] else ""
-        agents.add_row(name, str(agent["replicas"]), str(agent["capacity"]), note)
-    yield agents
 
 
 def _replica(replica: dict[str, Any] | None) -> str:

@@ -10,7 +10,6 @@ from ..options import argument, option, setting
 from .played_sources import Timed
 
 if TYPE_CHECKING:
-    from comotion_sources.calibration.model import Extrinsics
     from comotion_sources.proprioception.joints import Reader
 
 _WORKCELL = "workcell:"
@@ -59,12 +58,20 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of a log."""
+        from comotion_sources.calibration.model import Extrinsics
         from comotion_sources.proprioception import process
         from comotion_sources.proprioception.kinematics import Encoders, Kinematics
 
+        try:
+            base = [float(part) for part in self.base.split(",")]
+        except ValueError:
+            base = []
+        if len(base) not in (3, 7):
+            raise UserError(f"--base {self.base}: expected X,Y,Z or X,Y,Z,QX,QY,QZ,QW")
+        place = Extrinsics.from_quaternion(base[3:] or (0, 0, 0, 1), base[:3])
         loaded, links, truth, default_joints = _load(self.model, self.link)
         encoders = Encoders(angular=self.encoder, linear=self.linear_encoder)
-        kinematics = Kinematics(loaded, links, _base(self.base), encoders)
+        kinematics = Kinematics(loaded, links, place, encoders)
         reader = self._joint_reader(default_joints)
         self.call(process.run, kinematics, reader, span=self.batch, truth=truth, **self.where())
 
@@ -107,18 +114,6 @@ def _load(
     numbers = {name: cell.object_of(name) for name in chosen}
     truth = {name: (number, cell.objects.get(number, "")) for name, number in numbers.items()}
     return cell.model, chosen, truth, "workcell"
-
-
-def _base(text: str) -> "Extrinsics":
-    from comotion_sources.calibration.model import Extrinsics
-
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in (3, 7):
-        raise UserError(f"--base {text}: expected X,Y,Z or X,Y,Z,QX,QY,QZ,QW")
-    return Extrinsics.from_quaternion(values[3:] or (0, 0, 0, 1), values[:3])
 
 
 class Workcell(Timed, Process):
