@@ -74,7 +74,7 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
     bodies = [places[index == k] for k in range(int(index.max()) + 1)]
     # In how many cells of a grid over the image they lie.
     cells = [np.unique((body * _GRID // max(shape)).astype(int), axis=0) for body in bodies]
-    background = int(np.argmax([len(taken) for taken in cells]))
+    background = int(np.argmax([len(occupied) for occupied in cells]))
     seeds, open_ = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
     for k, body in enumerate(bodies):
         if k != background:

@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 def generate_launch_description() -> LaunchDescription:
     """Start both; they end together with the launch."""
     scene = LaunchConfiguration("scene")
-    # A scene as a part of a topic: see comotion_clients/ros2/names.py.
+    # A scene as a part of a topic: see comotion_clients/ros2/types.py.
     chunk = PythonExpression(["'", scene, "'.replace('-', '_')"])
     rviz = Path(__file__).with_name("comotion.rviz")
     return LaunchDescription(

@@ -115,8 +115,8 @@ def grant_from_uris(uris: Iterable[str], common_name: str) -> Grant:
 # Clocks of hosts may differ a little when a certificate is new.
 _SKEW = timedelta(minutes=5)
 # Keys sign certificates or only messages.
-_OTHERS = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
-_NEVER = dict.fromkeys((*_OTHERS, "encipher_only", "decipher_only"), False)
+_OTHER_USES = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
+_NO_OTHER_USE = dict.fromkeys((*_OTHER_USES, "encipher_only", "decipher_only"), False)
 
 
 def grant_of(certificate: x509.Certificate) -> Grant:
@@ -158,7 +158,7 @@ def make_certificate(
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
     issuer_name, issuer_key = issuer or (name, key)
     usage = x509.KeyUsage(
-        digital_signature=True, key_cert_sign=issuer is None, crl_sign=issuer is None, **_NEVER
+        digital_signature=True, key_cert_sign=issuer is None, crl_sign=issuer is None, **_NO_OTHER_USE
     )
     builder = (
         x509.CertificateBuilder()
