@@ -3,14 +3,15 @@
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from comotion_schemas.errors import InputError
 
-from ..calibration.model import Extrinsics, Intrinsics, planar_poses, reprojection, rms
+from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.files import ImageFiles
 from ..cameras.types import Camera, Frame
 from .targets import Target
@@ -19,12 +20,11 @@ Floats = NDArray[np.float64]
 
 _MIN_COMMON_POINTS = 4  # a pose of a flat target needs four
 _VIEW_INTERVAL_NS = 300_000_000  # a target moved by hand looks different after 0.3 s
-_ROBUST_PX = 1.0  # soft L1: larger reprojection errors count linearly
-_MAX_CANDIDATES = 60  # start values that are scored: 15 views with two poses in each image
+# A view whose error exceeds both, and so many times that of the median view, has a point in a wrong place.
+_WRONG_PX, _WRONG_FACTOR = 1.0, 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class PairedView:
+class PairedView(NamedTuple):
     """One view of a target by both cameras: points float64 [M, 3] in m, pixels [M, 2] in A and in B."""
 
     points: Floats
@@ -100,9 +100,8 @@ def _paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> Iterator[Pa
 def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[PairedView]) -> PairFit:
     """Estimate the pose of camera B in the frame of camera A.
 
-    Each view alone gives candidates for the pose: a flat target fits two poses in each image. The candidate
-    with the least median error over all views is refined, together with the pose of the target in each view,
-    by least squares over the reprojection errors in both images (robust: soft L1 beyond 1 px).
+    Least squares over the reprojection errors in both images, by OpenCV's ``stereoCalibrate``; then once more
+    without the views that fit far worse than most.
 
     Parameters
     ----------
@@ -114,48 +113,26 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
     Raises
     ------
     InputError
-        If there is no view, or no view gives a pose.
+        If there is no view, or no pose fits.
     """
-
-    def errors(b_to_a: Extrinsics, target: Extrinsics, view: PairedView) -> Floats:
-        """Reprojection errors [2, M, 2] in A and B of a target, by its pose in A."""
-        in_b = reprojection(camera_b, b_to_a.inverse().after(target), view.points, view.pixels_b)
-        return np.stack([reprojection(camera_a, target, view.points, view.pixels_a), in_b])
-
-    def fits(b_to_a: Extrinsics) -> list[tuple[float, Extrinsics]]:
-        """Of each view the pose of the target in A that fits both images best, with its error."""
-        scored = [[(rms(errors(b_to_a, pose, view)), pose) for _, pose in poses] for view, poses, _ in used]
-        return [min(poses, key=lambda fit: fit[0]) for poses in scored]
-
     if not views:
         raise InputError("the target was never seen by both cameras")
-    posed = [
-        (
-            view,
-            planar_poses(camera_a, view.points, view.pixels_a),
-            planar_poses(camera_b, view.points, view.pixels_b),
-        )
-        for view in views
-    ]
-    used = [view for view in posed if view[1]]
-    candidates = [a.after(b.inverse()) for _, in_a, in_b in used for _, a in in_a for _, b in in_b]
-    if not candidates:
-        raise InputError("no pose fits the images of the target; is its size right?")
-    chosen = candidates[:: max(1, len(candidates) // _MAX_CANDIDATES)]
-    start = min(chosen, key=lambda candidate: np.median([error for error, _ in fits(candidate)]))
-
-    def residuals(values: Floats) -> list[Floats]:
-        b_to_a, *targets = (Extrinsics.from_vector(vector) for vector in values.reshape(-1, 6))
-        return [errors(b_to_a, target, view) for target, (view, _, _) in zip(targets, used, strict=True)]
-
-    solution = least_squares(
-        lambda values: np.concatenate([part.ravel() for part in residuals(values)]),
-        np.concatenate([start.vector, *(target.vector for _, target in fits(start))]),
-        loss="soft_l1",
-        f_scale=_ROBUST_PX,
-    )
-    error_a, error_b = map(rms, np.concatenate(residuals(solution.x), axis=1))
-    return PairFit(Extrinsics.from_vector(solution.x[:6]), error_a, error_b, len(views))
+    fit: Any = cv2.stereoCalibrateExtended
+    lenses = [part for camera in (camera_a, camera_b) for part in (camera.matrix, camera.distortion)]
+    size, start, fitting = (camera_a.width, camera_a.height), (np.eye(3), np.zeros(3)), list(views)
+    for _ in range(2):
+        images = (list(map(np.float32, parts)) for parts in zip(*fitting, strict=True))
+        try:
+            *_, turn, shift, _, _, _, _, errors = fit(
+                *images, *lenses, size, *start, flags=cv2.CALIB_FIX_INTRINSIC
+            )
+        except cv2.error:
+            raise InputError("no pose fits the images of the target; is its size right?") from None
+        worst = errors.max(axis=1)
+        limit = max(_WRONG_PX, _WRONG_FACTOR * float(np.median(worst)))
+        fitting = [view for view, error in zip(fitting, worst, strict=True) if error <= limit]
+    error_a, error_b = np.sqrt((errors**2).mean(axis=0)).tolist()
+    return PairFit(Extrinsics(turn, shift.ravel()).inverse(), error_a, error_b, len(views))
 
 
 def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[tuple[Frame, Frame]]:
