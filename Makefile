@@ -57,8 +57,7 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 
 pictures: setup  ## make the pictures, the samples and the notebook's outputs again
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel
-	$(BIN)/python -m comotion_experiments.pictures docs/images
-	$(BIN)/python -m comotion_experiments.samples docs/samples
+	$(BIN)/python -m comotion_experiments.pictures docs
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb
 	rm -f docs/examples/bodies.png
 

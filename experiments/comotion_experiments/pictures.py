@@ -1,13 +1,14 @@
-"""The pictures of README, gallery and guides: ``python -m comotion_experiments.pictures FOLDER``.
+"""Pictures and samples of README, gallery and guides: ``python -m comotion_experiments.pictures docs``.
 
 The workcell is rendered and segmented as ``comotion segment`` does it; scenes are plotted as ``comotion
 evaluate --plot`` does it. Pictures of the viewer, of a terminal and of the page of figures are taken by hand.
-No picture is reduced to a palette: hypotheses must not share a colour.
+No picture is reduced to a palette: hypotheses must not share a colour. The samples are what a recording of a
+simulated scene would hold, for Foxglove and for Rerun (extras `foxglove` and `view`).
 """
 
 import argparse
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -16,13 +17,16 @@ import cv2
 import numpy as np
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import ObservationBatch
+from comotion_clients.feed import play
+from comotion_clients.metrics import Score
+from comotion_schemas import HypothesisUpdate, Message, ObservationBatch
 from comotion_schemas.text import counted
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.simulator import batches, load_scene, simulate
 
 from .evaluate import evaluate_inputs
-from .inputs import find_inputs
+from .inputs import Incoming, find_inputs
+from .offline import run_offline
 from .plot import new_figure
 from .segment import SegmentOptions, segment
 
@@ -36,6 +40,9 @@ _FIRST = 10  # frame; nothing has moved before
 _EVERY = 2  # frames
 _MS = 200  # per image of the animation
 _LIMIT = 1_000_000  # bytes
+SAMPLE, _SAMPLE_S = "3d_5", 6.0
+NOON_NS = 1_767_268_800_000_000_000
+"""Noon of a day: a viewer writes the date instead of the time where a scene begins at midnight."""
 
 
 def _scenes(path: Path) -> None:
@@ -100,31 +107,71 @@ def _sheet(path: Path, video: str) -> None:
     segment(video, SegmentOptions(sheet=path, use_depth=False))
 
 
+def _played() -> list[tuple[int, Message]]:
+    """What a recorder would have received of the sample: (time in ns, message) in order."""
+    messages: list[tuple[int, Message]] = []
+
+    def noted() -> Iterator[Incoming]:
+        newest_ns = NOON_NS
+        for message in batches(simulate(load_scene(SAMPLE)), epoch_ns=NOON_NS):
+            newest_ns = message.stamp_ns if isinstance(message, ObservationBatch) else newest_ns
+            messages.append((newest_ns, message))
+            yield message
+
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
+        messages.append((update.published_ns, update))
+
+    run_offline(noted(), FusionConfig(), duration=_SAMPLE_S, on_update=on_update)
+    return messages
+
+
+def _foxglove(path: Path) -> None:
+    import foxglove
+
+    from comotion_clients.foxglove.scene import FoxgloveScene
+
+    context = foxglove.Context()
+    with foxglove.open_mcap(path, context=context):
+        play(FoxgloveScene(context), _played())
+
+
+def _rerun(path: Path) -> None:
+    from comotion_clients.viewing.picture import ScenePicture
+    from comotion_clients.viewing.sink import RerunSink
+
+    with RerunSink(file=path) as sink:
+        play(ScenePicture(SAMPLE, sink=sink), _played())
+
+
 _CAMERAS = {"truck": "a", "truck-tower": "b", "shelf": "a", "arm": "b"}
 PICTURES: dict[str, Callable[[Path], object]] = {
-    "hero.webp": _workcell,
-    "3d_5.png": partial(_plot, scene="sim:3d_5"),
-    "fig4_4.png": partial(_plot, scene="sim:fig4_4"),
+    "images/hero.webp": _workcell,
+    "images/3d_5.png": partial(_plot, scene="sim:3d_5"),
+    "images/fig4_4.png": partial(_plot, scene="sim:fig4_4"),
     **{
-        f"sheet-{scene}.jpg": partial(_sheet, video=f"workcell:{scene}/{camera}?rate=15&size=640x480")
+        f"images/sheet-{scene}.jpg": partial(_sheet, video=f"workcell:{scene}/{camera}?rate=15&size=640x480")
         for scene, camera in _CAMERAS.items()
     },
-    "workcell.jpg": _scenes,
-    "affinity.png": _affinity,
+    "images/workcell.jpg": _scenes,
+    "images/affinity.png": _affinity,
+    f"samples/{SAMPLE}.mcap": _foxglove,
+    f"samples/{SAMPLE}.rrd": _rerun,
 }
-"""What draws each picture to a path; those of the workcell need MuJoCo (extra ``sim3d``)."""
+"""What draws each picture or sample to a path; those of the workcell need MuJoCo (extra ``sim3d``)."""
 
 
 def main() -> None:
-    """Make the pictures in a folder."""
+    """Make pictures and samples in a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", choices=PICTURES, help="name of one picture")
     arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)
     for name in [arguments.only] if arguments.only else PICTURES:
-        PICTURES[name](arguments.folder / name)
+        path = arguments.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
+        PICTURES[name](path)
 
 
 if __name__ == "__main__":
