@@ -1,7 +1,6 @@
 """Follows the link that carries a camera, by what another source publishes of it."""
 
 import time
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -34,24 +33,28 @@ def parse_carrier(text: str) -> tuple[str, int]:
     return source, int(feature or 0)
 
 
-class Carrier:
-    """Fills a pose buffer from the poses of a feature that another source of the scene publishes."""
+class Carrier(PoseBuffer):
+    """The poses of a camera by those of a feature that another source of the scene publishes.
 
-    def __init__(self, component: Component, source: str, feature: int, poses: PoseBuffer) -> None:
-        self._feature, self._poses = feature, poses
+    `mount` leads from the camera to the feature.
+    """
+
+    def __init__(self, component: Component, source: str, feature: int, mount: Extrinsics | None) -> None:
+        super().__init__(mount)
+        self._feature, self._stop = feature, component.stop
         self._batches = Inbox(component.session, component.keys.stream("obs", source), "obs")
         self.close = self._batches.close
 
-    def wait_for(self, stamp_ns: int, wait: Callable[[float], object]) -> None:
-        """Take in poses until one is as new as a stamp, at most for :data:`MAX_LAG_S`."""
+    def at(self, stamp_ns: int) -> Extrinsics | None:
+        """Pose at a stamp; waits until one as new has come, at most for :data:`MAX_LAG_S`."""
         end = time.monotonic() + MAX_LAG_S
         while True:
             for batch in self._batches.messages():
-                add_poses(self._poses, cast("ObservationBatch", batch), self._feature)
-            newest = self._poses.newest_ns
+                add_poses(self, cast("ObservationBatch", batch), self._feature)
+            newest = self.newest_ns
             if (newest is not None and newest >= stamp_ns) or time.monotonic() >= end:
-                return
-            wait(_POLL_S)
+                return super().at(stamp_ns)
+            self._stop.wait(_POLL_S)
 
 
 def add_poses(poses: PoseBuffer, batch: ObservationBatch, feature: int) -> None:

@@ -1,15 +1,19 @@
 """Writes images to a video file, H.264 where there is an encoder, or as PNG files to a folder."""
 
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_schemas.errors import InputError
 
+from ..cameras.types import Image
+
+_Writer: TypeAlias = tuple[Callable[[Image], object], Callable[[], object]]
+"""Appends an image; completes the file."""
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov"})
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 _QUALITY = "23"  # constant rate factor of x264: lower is better and larger
@@ -46,7 +50,7 @@ class PictureFile:
 
     def __init__(self, path: Path, rate: float) -> None:
         self._path, self._rate, self._count = path, rate, 0
-        self._writer: _Av | _OpenCV | None = None
+        self._writer: _Writer | None = None
         self._is_video = path.suffix.lower() in VIDEO_SUFFIXES
         self.codec = _codec(path) if self._is_video else "png"
         try:
@@ -54,13 +58,13 @@ class PictureFile:
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}") from None
 
-    def write(self, image: NDArray[np.uint8]) -> None:
+    def write(self, image: Image) -> None:
         """Append an image, uint8 [H, W, 3] (BGR)."""
         if self._is_video:
             if self._writer is None:
-                kind = _Av if self.codec == "h264" else _OpenCV
-                self._writer = kind(self._path, self._rate, image.shape[:2])
-            self._writer.write(image)
+                opened = _av if self.codec == "h264" else _opencv
+                self._writer = opened(self._path, self._rate, image.shape[:2])
+            self._writer[0](image)
         elif not cv2.imwrite(str(self._path / f"{self._count:06d}.png"), image, _FAST_PNG):
             raise InputError(f"{self._path}: the picture cannot be written")
         self._count += 1
@@ -68,7 +72,7 @@ class PictureFile:
     def close(self) -> None:
         """Complete the video."""
         if self._writer is not None:
-            self._writer.close()
+            self._writer[1]()
             self._writer = None
 
 
@@ -82,47 +86,37 @@ def _codec(path: Path) -> str:
     return "h264" if "libx264" in av.codecs_available else "mpeg4"
 
 
-class _Av:
+def _av(path: Path, rate: float, shape: tuple[int, ...]) -> _Writer:
     """H.264 by PyAV."""
+    import av
 
-    def __init__(self, path: Path, rate: float, shape: tuple[int, ...]) -> None:
-        import av
+    try:
+        container = av.open(str(path), "w")
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or 'cannot be written'}") from None
+    exact = Fraction(rate).limit_denominator(1001)  # 30000/1001 of television too
+    stream: Any = container.add_stream("libx264", rate=exact)
+    # Chroma has half the resolution, so both sides are even.
+    stream.height, stream.width = (size + size % 2 for size in shape)
+    stream.pix_fmt = "yuv420p"
+    stream.options = {"crf": _QUALITY, "preset": "veryfast"}
 
-        self._av, self._path = av, path
-        try:
-            self._container = av.open(str(path), "w")
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror or 'cannot be written'}") from None
-        exact = Fraction(rate).limit_denominator(1001)  # 30000/1001 of television too
-        self._stream: Any = self._container.add_stream("libx264", rate=exact)
-        # Chroma has half the resolution, so both sides are even.
-        self._stream.height, self._stream.width = (size + size % 2 for size in shape)
-        self._stream.pix_fmt = "yuv420p"
-        self._stream.options = {"crf": _QUALITY, "preset": "veryfast"}
+    def write(image: Image) -> None:
+        below, right = stream.height - image.shape[0], stream.width - image.shape[1]
+        padded = np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(padded, format="bgr24")))
 
-    def write(self, image: NDArray[np.uint8]) -> None:
-        below, right = self._stream.height - image.shape[0], self._stream.width - image.shape[1]
-        if below or right:
-            image = np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
-        frame = self._av.VideoFrame.from_ndarray(image, format="bgr24")
-        self._container.mux(self._stream.encode(frame))
+    def close() -> None:
+        container.mux(stream.encode())
+        container.close()
 
-    def close(self) -> None:
-        self._container.mux(self._stream.encode())
-        self._container.close()
+    return write, close
 
 
-class _OpenCV:
+def _opencv(path: Path, rate: float, shape: tuple[int, ...]) -> _Writer:
     """MPEG-4 or Motion JPEG by OpenCV."""
-
-    def __init__(self, path: Path, rate: float, shape: tuple[int, ...]) -> None:
-        code = cv2.VideoWriter.fourcc(*("MJPG" if path.suffix.lower() == ".avi" else "mp4v"))
-        self._video = cv2.VideoWriter(str(path), code, rate, (shape[1], shape[0]))
-        if not self._video.isOpened():
-            raise InputError(f"{path}: the video cannot be written")
-
-    def write(self, image: NDArray[np.uint8]) -> None:
-        self._video.write(image)
-
-    def close(self) -> None:
-        self._video.release()
+    code = cv2.VideoWriter.fourcc(*("MJPG" if path.suffix.lower() == ".avi" else "mp4v"))
+    video = cv2.VideoWriter(str(path), code, rate, (shape[1], shape[0]))
+    if not video.isOpened():
+        raise InputError(f"{path}: the video cannot be written")
+    return video.write, video.release

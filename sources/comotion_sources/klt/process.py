@@ -15,12 +15,11 @@ from comotion_schemas.errors import InputError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, Frame
-from ..markers.detector import MarkerOptions
 from ..poses import PoseBuffer, read_trajectory
 from ..runtime import SourcePublisher
 from .carrier import Carrier
 from .drawing import Annotator
-from .marker_output import MarkerOutput
+from .marker_output import publish_markers
 from .observer import CameraSpace, Observer, choose_space
 from .options import CameraOptions, Pacer
 from .picture_file import NO_ENCODER, PictureFile
@@ -69,9 +68,6 @@ class CameraProcess:
         self._poses: PoseBuffer | None = None
         if options.poses is not None:
             self._poses = read_trajectory(options.poses, self._extrinsics)
-        elif options.carrier is not None:
-            self._poses = PoseBuffer(self._extrinsics)
-        self._carrier: Carrier | None = None
         self._pacer = Pacer(options.pacing, camera.live, self._wait)
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
         self._size: tuple[int, ...] | None = None
@@ -113,7 +109,12 @@ class CameraProcess:
     def _connect(self, stack: ExitStack) -> None:
         options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
-            self._connect_markers(stack, options.markers, rate)
+            name, frame = options.name, self._extrinsics or Extrinsics(frame=f"{options.name}/optical")
+            where: Where = {**self._where, "ready_file": None}
+            publish = publish_markers(
+                stack, f"{name}-markers", options.markers, self._intrinsics, frame, rate=rate, **where
+            )
+            self._outputs.append(publish)
         # Signals reach the component that was entered last.
         self._publisher = stack.enter_context(
             SourcePublisher(
@@ -127,11 +128,11 @@ class CameraProcess:
                 **self._where,
             )
         )
+        if options.carrier is not None:
+            self._poses = carrier = Carrier(self._publisher.component, *options.carrier, self._extrinsics)
+            stack.callback(carrier.close)
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
         self._publisher.more_counters = self._counters
-        if options.carrier is not None and self._poses is not None:
-            self._carrier = Carrier(self._publisher.component, *options.carrier, self._poses)
-            stack.callback(self._carrier.close)
         if options.share_preview > 0:
             stream = PreviewStream(self._publisher, options.share_preview)
             stack.callback(stream.close)
@@ -146,19 +147,6 @@ class CameraProcess:
         self._attach()
         # Closing the camera ends its wait for a frame.
         threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
-
-    def _connect_markers(self, stack: ExitStack, options: MarkerOptions, rate: float) -> None:
-        name, frame = self._options.name, self._extrinsics
-        output = MarkerOutput(
-            f"{name}-markers",
-            options,
-            self._intrinsics,
-            frame or Extrinsics(frame=f"{name}/optical"),
-            rate=rate,
-            **(self._where | {"ready_file": None}),
-        )
-        stack.enter_context(output.source)
-        self._outputs.append(output.publish)
 
     def _attach(self) -> None:
         self._camera.attach(self._publisher.component)
@@ -211,8 +199,6 @@ class CameraProcess:
         depth = frame.depth if self._space.dim == 3 else None
         seen = Frame(stamp, frame.image, depth, frame.objects)
         tracks = self._tracker.step(seen)
-        if self._carrier is not None:
-            self._carrier.wait_for(stamp, self._wait)
         for message in self._observer.messages(tracks, seen):
             self._publisher.put(message)
         for output in self._outputs:
