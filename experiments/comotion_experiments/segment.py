@@ -26,8 +26,7 @@ from comotion_sources.klt.observer import CameraSpace
 from comotion_sources.klt.picture_file import PictureFile
 
 from .contact_sheet import ContactSheet
-from .given_tracks import BlankFrames
-from .labelled import Labelled, LabelledFrames, SegmentOptions
+from .labelled import BlankFrames, Labelled, LabelledFrames, SegmentOptions
 from .masks import MaskFolder
 
 __all__ = ["COLUMNS", "Labelled", "Progress", "SegmentOptions", "Segmented", "segment"]

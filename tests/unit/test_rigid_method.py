@@ -11,7 +11,7 @@ from comotion.rigid.noise import NoiseEstimates, noise_covariances
 from comotion.rigid.tracks import read_tracks
 from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
-from comotion_experiments.accuracy.cases import displaced_cases
+from comotion_experiments.accuracy import displaced_cases
 from comotion_experiments.offline import run_offline
 from comotion_experiments.stress import run_family
 from comotion_experiments.trace import objects_of

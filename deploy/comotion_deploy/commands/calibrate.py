@@ -44,8 +44,12 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
 
         from comotion_sources.calibration.files import Calibration, format_calibration, read_calibration
         from comotion_sources.cameras.opening import open_frames
-        from comotion_sources.pair_calibration.calibrate import calibrate_pair, frame_pairs, known_intrinsics
-        from comotion_sources.pair_calibration.targets import parse_target
+        from comotion_sources.pair_calibration import (
+            calibrate_pair,
+            frame_pairs,
+            known_intrinsics,
+            parse_target,
+        )
 
         wanted = parse_target(self.target)
         given_a, given_b = (

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas.errors import InputError
 
 from ..calibration.model import Extrinsics
-from ..workcell.extra import couplings, require_mujoco
+from ..workcell.scene import couplings, require_mujoco
 from .joints import JointSample, Vector
 
 _MAX_BYTES = 16_000_000

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from comotion_schemas.errors import InputError
 
 from .drawing import Image
-from .extra import require_mujoco
-from .scene import Vector
+from .scene import Vector, require_mujoco
 from .textures import TEXTURES
 
 Points = NDArray[np.float32]

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ..calibration.model import Extrinsics, Intrinsics
 from .atlas import LEVELS, Atlas, Points, build_atlas, surface
-from .extra import require_mujoco
-from .scene import MOVING, STILL, Scene, Vector
+from .scene import MOVING, STILL, Scene, Vector, require_mujoco
 
 Rows = NDArray[np.intp]
 _Layer = dict[str, NDArray[Any]]

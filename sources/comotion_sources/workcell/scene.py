@@ -18,16 +18,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from comotion_schemas.errors import InputError
 
 from ..frames import AMBIGUOUS
-from .extra import couplings, require_mujoco
 
 BACKGROUND = 0
 """Object number of everything that cannot move."""
@@ -48,6 +49,31 @@ _FOLDER = Path(str(resources.files(__package__) / "scenes"))
 def scene_names() -> list[str]:
     """List the names of the scenes in the package, sorted."""
     return sorted(p.stem for p in _FOLDER.glob("*.xml") if p.stem not in _FRAGMENTS)
+
+
+def require_mujoco() -> ModuleType:
+    """Import MuJoCo.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError("mujoco is not installed: pip install 'comotion[sim3d]'") from None
+    return mujoco  # type: ignore[no-any-return]
+
+
+def couplings(model: Any) -> list[tuple[int, int, Polynomial]]:
+    """List the joint equalities: (dependent joint, driving joint, position of the first by the second)."""
+    kind = int(require_mujoco().mjtEq.mjEQ_JOINT)
+    return [
+        (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), Polynomial(model.eq_data[i, :5]))
+        for i in range(model.neq)
+        if int(model.eq_type[i]) == kind and model.eq_obj2id[i] >= 0
+    ]
 
 
 @dataclass(frozen=True)

@@ -56,18 +56,17 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.accuracy import cases
-        from comotion_experiments.accuracy.report import PARTS, markdown, run_experiment
+        from comotion_experiments import accuracy
         from comotion_experiments.inputs import parse_seeds
 
-        parts = _chosen(self.part, PARTS, "part")
-        chosen = cases.scene_cases() + ([] if self.quick else cases.displaced_cases())
-        chosen = [case for case in chosen if not self.quick or case.group == cases.THESIS_SCENES]
-        chosen += cases.recorded_cases(self.data) if self.data is not None else []
+        parts = _chosen(self.part, accuracy.PARTS, "part")
+        chosen = accuracy.scene_cases() + ([] if self.quick else accuracy.displaced_cases())
+        chosen = [case for case in chosen if not self.quick or case.group == accuracy.THESIS_SCENES]
+        chosen += accuracy.recorded_cases(self.data) if self.data is not None else []
         seeds = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
         with progress() as note:
-            results = run_experiment(chosen, seeds, parts, jobs=self.jobs, progress=note)
-        self.report("accuracy", markdown(results), results)
+            results = accuracy.run_experiment(chosen, seeds, parts, jobs=self.jobs, progress=note)
+        self.report("accuracy", accuracy.markdown(results), results)
 
 
 class OnFamilies(Study):

@@ -1,1 +1,0 @@
-"""The extrinsics of two cameras that observe one target."""
