@@ -30,8 +30,8 @@ from comotion_schemas.transport import (
 )
 from comotion_schemas.types import Unit
 
-from .frames import MessageBuilder
 from .received import Arrival, Inbox
+from .streams import MessageBuilder
 
 _MOST_LOGGED = 20  # different texts of rejected input in the log
 _MOST_NAMES, _NAME_LENGTH = 256, 80

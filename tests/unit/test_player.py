@@ -11,10 +11,9 @@ import pytest
 from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.message_log import Logged
-from comotion_sources.frames import Frame
 from comotion_sources.player import Clock, Player
 from comotion_sources.schedule import Restamp, Schedule
-from comotion_sources.streams import Stream, StreamLog
+from comotion_sources.streams import Frame, Stream, StreamLog
 
 from .. import builders
 from ..builders import SESSION, S

@@ -18,9 +18,8 @@ from comotion.thesis.alternatives import (
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .numbers import count, count_at, parameters, row_of
 from .runs import SceneRuns, ViewRequest
-from .study import Drawn, Row, Simulated, Study, alone
+from .study import Drawn, Row, Simulated, Study, alone, count, count_at, parameters, row_of
 
 START_TIMES = (1.0, 2.0, 3.0, 4.0, 7.0, 9.0)
 EXPECTED = (2, 3, 4, 5, 5, 5)

@@ -9,8 +9,7 @@ from html import escape
 from importlib import metadata, resources
 from pathlib import Path
 
-from .numbers import summary
-from .study import Drawn, Figure, Study
+from .study import Drawn, Figure, Study, summary
 
 _PACKAGES = ("comotion", "numpy", "scipy", "scikit-learn", "numba", "opencv-python-headless")
 _OF_EXTRAS = ("mujoco", "matplotlib")

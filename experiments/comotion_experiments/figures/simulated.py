@@ -8,9 +8,21 @@ import numpy as np
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .numbers import format_times, parameters, perfect_from, right_rows, row_of, rows_of_each
 from .runs import SceneRuns, ViewRequest
-from .study import DEFAULT, Drawn, Row, Simulated, Study, alone
+from .study import (
+    DEFAULT,
+    Drawn,
+    Row,
+    Simulated,
+    Study,
+    alone,
+    format_times,
+    parameters,
+    perfect_from,
+    right_rows,
+    row_of,
+    rows_of_each,
+)
 
 # The thesis names 0.02 alone; the others are chosen so that the rows show what it says of them.
 _SAID = {

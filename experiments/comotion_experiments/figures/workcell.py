@@ -28,9 +28,19 @@ from ..inputs import Message
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .numbers import best, right_rows, row_of, rows_of_each, run_parameters
 from .runs import SceneRuns, View, ViewRequest
-from .study import DEFAULT, Drawn, Row, Simulated, Study
+from .study import (
+    DEFAULT,
+    Drawn,
+    Row,
+    Simulated,
+    Study,
+    best,
+    right_rows,
+    row_of,
+    rows_of_each,
+    run_parameters,
+)
 
 CAMERA = "a"
 _SOURCE = "klt-a"

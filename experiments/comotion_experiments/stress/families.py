@@ -7,7 +7,6 @@ import numpy as np
 
 from comotion_sources.simulator.spec import KeyStates, Sines
 
-from .motion import at_speed, chained, looped, simulated, stopping
 from .scene import (
     OUTLIER_FACTOR,
     SIGMA_M,
@@ -17,15 +16,20 @@ from .scene import (
     Scene,
     Slip,
     Source,
+    at_speed,
     background,
+    chained,
     cut,
     displaced,
     lasting,
+    looped,
     made,
     renewed,
     respawning,
     rng_of,
+    simulated,
     slot_bodies,
+    stopping,
     swinging_bodies,
     swinging_scene,
 )

@@ -18,9 +18,8 @@ from comotion_sources.simulator.actors import Poses
 
 from ..inputs import Arrived
 from ..tables import mean
-from .motion import Array
 from .observe import EPOCH_NS
-from .scene import Happening, Scene
+from .scene import Array, Happening, Scene
 
 SIGMAS = 5.0
 _GRID_S = 0.05

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from comotion_schemas import ObservationBatch, TruthBatch
 
 from ..inputs import Arrived
-from .motion import Array
-from .scene import OUTLIER_FACTOR, Scene, rng_of
+from .scene import OUTLIER_FACTOR, Array, Scene, rng_of
 
 EPOCH_NS = 1_000_000_000_000
 """Acquisition time of a scene's second 0; stamps stay positive where a clock is behind."""

@@ -12,8 +12,8 @@ from comotion_schemas.types import Unit
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
-from ..frames import AMBIGUOUS, MessageBuilder
 from ..poses import PoseBuffer
+from ..streams import AMBIGUOUS, MessageBuilder
 from .tracker import Tracks
 
 

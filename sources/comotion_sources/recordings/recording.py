@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from comotion_schemas.errors import RecordingError
 from comotion_schemas.types import Unit
 
-from ..frames import AMBIGUOUS, Frame
-from ..streams import Part, Stream, numbered, rate_of
+from ..streams import AMBIGUOUS, Frame, Part, Stream, numbered, rate_of
 
 DEFAULT_NAME = "replay"
 

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_schemas.errors import InputError
 
-from ..frames import Frame
-from ..streams import Part, Stream, numbered, rate_of
+from ..streams import Frame, Part, Stream, numbered, rate_of
 from .actors import NOISE, Actors, Array, Poses, draw_actors, seen_from
 from .spec import SceneSpec
 

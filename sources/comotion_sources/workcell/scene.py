@@ -28,7 +28,7 @@ from scipy.interpolate import PchipInterpolator
 
 from comotion_schemas.errors import InputError
 
-from ..frames import AMBIGUOUS
+from ..streams import AMBIGUOUS
 
 BACKGROUND = 0
 """Object number of everything that cannot move."""

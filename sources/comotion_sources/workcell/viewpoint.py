@@ -10,7 +10,7 @@ from comotion_schemas.errors import InputError
 
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
-from ..frames import AMBIGUOUS
+from ..streams import AMBIGUOUS
 from .atlas import Atlas
 from .render import Renderer, Rendering
 from .scene import Scene, Vector
