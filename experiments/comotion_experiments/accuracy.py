@@ -284,8 +284,8 @@ def _reliability(rows: Sequence[Row]) -> Table:
     """Mean confidence, share of right assignments and count of each bin that is not empty, of scenes."""
     table = Table(("confidence", "right", "assignments"), 0)
     scenes = [row for row in rows if row["group"] in (THESIS_SCENES, SPATIAL)]
-    known = [row for row in scenes if row["case"] not in _UNKNOWABLE]
-    for confidence, right, n in sum(values(known, "bins", setting=DEFAULT), np.zeros((1, 3))).tolist():
+    separable = [row for row in scenes if row["case"] not in _UNKNOWABLE]
+    for confidence, right, n in sum(values(separable, "bins", setting=DEFAULT), np.zeros((1, 3))).tolist():
         if n:
             table.add(f"{confidence / n:.3f}", f"{right / n:.3f}", f"{n:.0f}")
     return table

@@ -92,14 +92,14 @@ def _variation(motion: Floats, at: Floats) -> Floats:
 def _noise(x: Floats) -> float:
     """One-sigma noise of a coordinate: third differences of smooth motion are noise alone."""
     third = np.diff(x, n=3, axis=0)
-    known = third[np.isfinite(third)]
+    finite = third[np.isfinite(third)]
     # The variance of third differences is 20 times that of the noise.
-    return float(np.median(np.abs(known)) / 0.6745 / np.sqrt(20)) if len(known) else _LEAST_NOISE
+    return float(np.median(np.abs(finite)) / 0.6745 / np.sqrt(20)) if len(finite) else _LEAST_NOISE
 
 
 def _extent(positions: Floats) -> float:
-    known = positions[np.isfinite(positions).all(axis=2)]
-    return float((known.max(0) - known.min(0)).max()) if len(known) else 1.0
+    finite = positions[np.isfinite(positions).all(axis=2)]
+    return float((finite.max(0) - finite.min(0)).max()) if len(finite) else 1.0
 
 
 def spectral(matrix: NDArray[Any], count: int) -> Labels:

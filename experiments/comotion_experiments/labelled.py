@@ -182,12 +182,12 @@ class LabelledFrames:
         rows = zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True)
         labels = dict(zip(update.track_id.tolist(), rows, strict=True))
         # A feature that was lost since the last update keeps what was known of it.
-        known = self._labels | labels
+        latest = self._labels | labels
         self._labels = labels
         while self._held:
             number, frame, tracks = self._held.popleft()
-            mine = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
-            table = np.array(mine, np.float64).reshape(-1, 2)
+            labelled = [latest.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
+            table = np.array(labelled, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
             hypotheses[hypotheses == UNDETERMINED] = -1
             yield Labelled(number, frame, tracks, hypotheses, table[:, 1], update.hypotheses)

@@ -72,7 +72,7 @@ def filled(template: Path, parts: Mapping[str, str | Table]) -> str:
     texts = {name: part.markdown() if isinstance(part, Table) else part for name, part in parts.items()}
     sections = re.split(r"^(?=## )", template.read_text(encoding="utf-8"), flags=re.MULTILINE)
     page = "".join(section for section in sections if set(_NAMES.findall(section)) <= texts.keys())
-    page = _NAMES.sub(lambda found: texts[found[1]], page)
+    page = _NAMES.sub(lambda match: texts[match[1]], page)
     return re.sub(r"\n{3,}", "\n\n", page).strip() + "\n"
 
 

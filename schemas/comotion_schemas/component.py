@@ -81,10 +81,10 @@ class Rates:
 
     def of(self, counts: Mapping[str, int]) -> dict[str, float]:
         """Increments per second since the last call; a new name begins at 0."""
-        now, counts_before = time.monotonic(), self._counts
+        now, earlier = time.monotonic(), self._counts
         seconds = max(now - self._at, 1e-3)
         self._at, self._counts = now, dict(counts)
-        return {name: (count - counts_before.get(name, 0)) / seconds for name, count in counts.items()}
+        return {name: (count - earlier.get(name, 0)) / seconds for name, count in counts.items()}
 
 
 class Where(TypedDict, total=False):

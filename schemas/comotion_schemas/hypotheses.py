@@ -5,6 +5,7 @@ from dataclasses import field
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
@@ -12,19 +13,16 @@ from .types import (
     MESSAGE_CONFIG,
     UNDETERMINED,
     UNIT_NORM_TOLERANCE,
+    Column,
     Count,
     Finite,
     IdColumn,
     Int64,
     Name,
-    PointColumn,
     Record,
     Rowwise,
     SessionId,
-    ShareColumn,
     SpaceName,
-    U2Column,
-    U4Column,
     UInt32,
     reject,
 )
@@ -237,11 +235,11 @@ class HypothesisUpdate(Rowwise):
     live: bool = True
     epoch: Count = 0
     sources: list[SourceRef]
-    track_source: U2Column
+    track_source: Annotated[NDArray[np.uint16], Column("<u2")]
     track_id: IdColumn
-    track_hypothesis: U4Column
-    track_confidence: ShareColumn
-    track_position: PointColumn
+    track_hypothesis: Annotated[NDArray[np.uint32], Column("<u4")]
+    track_confidence: Annotated[NDArray[np.float32], Column("<f4", least=0, most=1)]
+    track_position: Annotated[NDArray[np.float32], Column("<f4", 3, finite=False)]
     hypotheses: list[Hypothesis]
     events: list[Event]
     joints: list[Joint] = field(default_factory=list)

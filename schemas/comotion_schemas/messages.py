@@ -10,30 +10,24 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag
 from pydantic.dataclasses import dataclass
 
 from .types import (
     MESSAGE_CONFIG,
     UNIT_NORM_TOLERANCE,
+    Column,
     Count,
-    CovarianceColumn,
     DistinctIds,
     F8Column,
     Finite,
     IdColumn,
     Int64,
     Name,
-    ObjectColumn,
-    PixelColumn,
-    PositionColumn,
-    QuaternionColumn,
     Rowwise,
     SessionId,
     ShortText,
-    Sigma,
     SpaceName,
-    StampColumn,
     Unit,
     has_duplicates,
     increasing,
@@ -51,6 +45,14 @@ def symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
     matrices = np.zeros((len(upper), dim, dim))
     matrices[:, rows, columns] = matrices[:, columns, rows] = upper
     return matrices
+
+
+_Sigma = Annotated[
+    Annotated[Finite, Field(gt=0), Tag("number")]
+    | Annotated[NDArray[np.float32], Column("<f4", above=0), Tag("column")],
+    Discriminator(lambda value: "number" if isinstance(value, int | float | np.number) else "column"),
+]
+"""One number for all rows, or one for each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, config=MESSAGE_CONFIG)
@@ -99,11 +101,11 @@ class ObservationBatch(Rowwise):
     dim: Annotated[int, Field(strict=True, ge=2, le=3)]
     stamp_ns: Int64
     ids: IdColumn
-    positions: PositionColumn
-    stamps_ns: StampColumn | None = None
-    sigma: Sigma | None = None
-    covariance: CovarianceColumn | None = None
-    quaternions: QuaternionColumn | None = None
+    positions: Annotated[NDArray[np.float32], Column("<f4", "dim")]
+    stamps_ns: Annotated[NDArray[np.int64], Column("<i8")] | None = None
+    sigma: _Sigma | None = None
+    covariance: Annotated[NDArray[np.float32], Column("<f4", "dim (dim + 1) / 2")] | None = None
+    quaternions: Annotated[NDArray[np.float32], Column("<f4", 4, finite=False)] | None = None
     ended: DistinctIds | None = None
     moving: Annotated[bool, Field(strict=True)] | None = None
 
@@ -170,7 +172,7 @@ class TruthBatch(Rowwise):
     source: Name
     session: SessionId
     ids: DistinctIds
-    objects: ObjectColumn
+    objects: Annotated[NDArray[np.int32], Column("<i4", least=-1)]
     names: dict[_ObjectNumber, ShortText]
 
 
@@ -207,7 +209,7 @@ class Preview(Rowwise):
     encoding: Literal["jpeg"]
     image: Annotated[bytes, Field(strict=True)]
     ids: DistinctIds
-    pixels: PixelColumn
+    pixels: Annotated[NDArray[np.float32], Column("<f4", 2)]
 
 
 StatusState = Literal["ok", "degraded", "stalled"]

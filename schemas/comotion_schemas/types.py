@@ -13,12 +13,10 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     StringConstraints,
-    Tag,
     ValidationInfo,
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -202,24 +200,8 @@ ShortText = Annotated[str, StringConstraints(strict=True, max_length=MOST), Afte
 Unit = Literal["m", "px"]
 
 IdColumn = Annotated[NDArray[np.uint64], Column("<u8")]
-StampColumn = Annotated[NDArray[np.int64], Column("<i8")]
 F8Column = Annotated[NDArray[np.float64], Column("<f8")]
 DistinctIds = Annotated[NDArray[np.uint64], Column("<u8", distinct=True)]
-ObjectColumn = Annotated[NDArray[np.int32], Column("<i4", least=-1)]
-ShareColumn = Annotated[NDArray[np.float32], Column("<f4", least=0, most=1)]
-U2Column = Annotated[NDArray[np.uint16], Column("<u2")]
-U4Column = Annotated[NDArray[np.uint32], Column("<u4")]
-PositionColumn = Annotated[NDArray[np.float32], Column("<f4", "dim")]
-CovarianceColumn = Annotated[NDArray[np.float32], Column("<f4", "dim (dim + 1) / 2")]
-PixelColumn = Annotated[NDArray[np.float32], Column("<f4", 2)]
-PointColumn = Annotated[NDArray[np.float32], Column("<f4", 3, finite=False)]
-QuaternionColumn = Annotated[NDArray[np.float32], Column("<f4", 4, finite=False)]
-Sigma = Annotated[
-    Annotated[Finite, Field(gt=0), Tag("number")]
-    | Annotated[NDArray[np.float32], Column("<f4", above=0), Tag("column")],
-    Discriminator(lambda value: "number" if isinstance(value, int | float | np.number) else "column"),
-]
-"""One number for all rows, or one for each."""
 
 
 def is_name(value: str) -> bool:

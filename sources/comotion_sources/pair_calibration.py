@@ -285,7 +285,7 @@ def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[
         yield frame_a, frame_b
 
 
-def known_intrinsics(name: str, given: Intrinsics | None, camera: Camera) -> Intrinsics:
+def intrinsics_of(name: str, given: Intrinsics | None, camera: Camera) -> Intrinsics:
     """Return the intrinsics from the user, or else those of the camera.
 
     Raises

@@ -5,7 +5,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.errors import KnownError
@@ -31,22 +31,6 @@ Log: TypeAlias = "MessageLog | StreamLog"
 Entry: TypeAlias = "Logged | StreamMessage"
 
 
-class Clock:
-    """The clocks of the machine; tests replace them."""
-
-    def wall(self) -> float:
-        """Unix time in seconds."""
-        return time.time()
-
-    def monotonic(self) -> float:
-        """Seconds of a clock that is never set."""
-        return time.monotonic()
-
-    def wait(self, stop: threading.Event, seconds: float) -> bool:
-        """Wait for an event or a number of seconds; True if the event is set."""
-        return stop.wait(seconds)
-
-
 class Player:
     """Plays a log pass after pass.
 
@@ -63,7 +47,7 @@ class Player:
     progress
         Called at every entry.
     clock
-        Clocks of the machine, or of a test.
+        Has ``time()`` and ``monotonic()`` as the module :mod:`time`; a test has one of its own.
 
     Raises
     ------
@@ -80,7 +64,7 @@ class Player:
         *,
         read_key: Callable[[], str] = lambda: "",
         progress: Progress | None = None,
-        clock: Clock | None = None,
+        clock: Any = time,
     ) -> None:
         self._log, self._outputs, self._schedule, self._stop = log, outputs, schedule, stop
         self._start_ns = log.start_ns + round(schedule.start * 1e9)
@@ -93,10 +77,10 @@ class Player:
         self._restamp: Restamp | None = None
         self._read_key = read_key
         self._progress = progress or (lambda number, t: None)  # noqa: ARG005 - no progress
-        self._clock = clock or Clock()
+        self._clock = clock
         self._period = self._length / schedule.speed
         self._paused_s = 0.0
-        self._ahead = self._clock.monotonic() - self._clock.wall()
+        self._ahead = self._clock.monotonic() - self._clock.time()
         limit = math.inf if schedule.duration is None else schedule.duration
         self._end = self._clock.monotonic() + limit
 
@@ -110,7 +94,7 @@ class Player:
 
     def _first_pass(self) -> tuple[float, int]:
         """Wall clock time of pass 0, and number of the current pass."""
-        now, start = self._clock.wall(), self._schedule.start_at
+        now, start = self._clock.time(), self._schedule.start_at
         if start == "now":
             return now, 0
         if start == "aligned":
@@ -124,7 +108,7 @@ class Player:
         joined = self._clock.monotonic()
         if self._schedule.start_at != "now":
             # Compare the clocks once per pass, so that a step of the wall clock does not change the pacing.
-            self._ahead = joined - self._clock.wall()
+            self._ahead = joined - self._clock.time()
         begin = start + self._ahead - self._paused_s
         live = self._schedule.stamps == "now"
         self._restamp = self._restamp_of(number, first, start)
@@ -204,7 +188,7 @@ class Player:
             if now >= self._end:
                 self._stop.set()
             left = min(due + self._paused_s, self._end) - now
-            if self._clock.wait(self._stop, min(max(0.0, left), _TICK_S)):
+            if self._stop.wait(min(max(0.0, left), _TICK_S)):
                 return True
             if left <= 0:
                 return self._stop.is_set()
@@ -214,7 +198,7 @@ class Player:
         if self._read_key() != " ":
             return
         began = self._clock.monotonic()
-        while not self._clock.wait(self._stop, _TICK_S) and self._read_key() != " ":
+        while not self._stop.wait(_TICK_S) and self._read_key() != " ":
             pass
         seconds = self._clock.monotonic() - began
         self._paused_s += seconds

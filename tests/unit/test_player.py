@@ -11,7 +11,7 @@ import pytest
 from comotion_experiments.inputs import in_order_of_acquisition
 from comotion_schemas import JointStates, Keys, ObservationBatch, TruthBatch, encode
 from comotion_schemas.message_log import Logged
-from comotion_sources.player import Clock, Player
+from comotion_sources.player import Player
 from comotion_sources.schedule import Restamp, Schedule
 from comotion_sources.streams import Frame, Stream, StreamLog
 
@@ -23,21 +23,22 @@ BEGIN = 1_700_000_000 * S
 LATENCY_NS = 20_000_000
 
 
-class SimulatedClock(Clock):
-    """Waiting takes no time; the wall clock may be stepped."""
+class SimulatedClock(threading.Event):
+    """A clock and what ends playback: waiting for it takes no time; the wall clock may be stepped."""
 
     def __init__(self, wall=NOW):
+        super().__init__()
         self.passed, self.offset = 0.0, wall
 
-    def wall(self):
+    def time(self):
         return self.offset + self.passed
 
     def monotonic(self):
         return 5.0 + self.passed
 
-    def wait(self, stop, seconds):
-        self.passed += 0.0 if stop.is_set() else seconds
-        return stop.is_set()
+    def wait(self, seconds):
+        self.passed += 0.0 if self.is_set() else seconds
+        return self.is_set()
 
 
 class Outputs:
@@ -146,14 +147,14 @@ class Log:
 def play(*streams, log=None, clock=None, hold_up=None, stop_at=None, read_key=lambda: "", **schedule):
     """Play streams, one by default, or a log."""
     clock = clock or SimulatedClock()
-    outputs, stop, when = Outputs(clock, hold_up), threading.Event(), Schedule(**schedule)
+    outputs, when = Outputs(clock, hold_up), Schedule(**schedule)
 
     def progress(number, t):
         if (number, round(t, 6)) == stop_at:
-            stop.set()
+            clock.set()
 
     given = log or StreamLog(list(streams) or [stream()], SESSION)
-    Player(given, outputs, when, stop, read_key=read_key, progress=progress, clock=clock).run()
+    Player(given, outputs, when, clock, read_key=read_key, progress=progress, clock=clock).run()
     return outputs
 
 
@@ -218,10 +219,10 @@ def test_a_source_that_was_held_up_goes_on_with_fresh_instants():
 
 def test_a_step_of_the_wall_clock_does_not_stop_the_pacing():
     class Stepped(SimulatedClock):
-        def wait(self, stop, seconds):
+        def wait(self, seconds):
             if self.passed > 0.45:
                 self.offset = NOW - 3600
-            return super().wait(stop, seconds)
+            return super().wait(seconds)
 
     clock = Stepped()
     assert play(clock=clock).seconds() == tenths(0, 10)

@@ -47,7 +47,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
         from comotion_sources.pair_calibration import (
             calibrate_pair,
             frame_pairs,
-            known_intrinsics,
+            intrinsics_of,
             parse_target,
         )
 
@@ -57,11 +57,11 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
             for file in (self.calibration_a, self.calibration_b)
         )
         with closing(open_frames(self.camera_a)) as a, closing(open_frames(self.camera_b)) as b:
-            inner_b = known_intrinsics("B", given_b.intrinsics, b)
+            inner_b = intrinsics_of("B", given_b.intrinsics, b)
             result = calibrate_pair(
                 frame_pairs(a, b, self.timeout),
                 wanted,
-                known_intrinsics("A", given_a.intrinsics, a),
+                intrinsics_of("A", given_a.intrinsics, a),
                 inner_b,
                 given_a.extrinsics or a.extrinsics,
                 self.views,

@@ -69,10 +69,10 @@ def read_calibration(path: Path) -> Calibration:
     except ValidationError as error:
         raise InputError(f"{path}: {describe(error)}") from None
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: {_one_line(error)}") from None
+        raise InputError(f"{path}: {_reason(error)}") from None
 
 
-def _one_line(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"not valid YAML: {error.problem} in line {error.problem_mark.line + 1}"
     return " ".join(str(error).split())[:300] or type(error).__name__

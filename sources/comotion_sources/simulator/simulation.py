@@ -84,11 +84,11 @@ class Simulation(Stream):
         return math.floor(self.length * self.rate - self._phase + 1e-9) + 1
 
     def __iter__(self) -> Iterator[Frame]:
-        alive_before = np.zeros(len(self._rows), bool)
+        last_alive = np.zeros(len(self._rows), bool)
         for number in range(len(self)):
             alive = self._actors.alive(self._rows, self._time(number) * self.time_scale)
-            yield self._frame(number, alive, alive_before & ~alive)
-            alive_before = alive
+            yield self._frame(number, alive, last_alive & ~alive)
+            last_alive = alive
 
     def poses(self, body: int, times: Array) -> Poses:
         """True poses of a body in the observing frame.
