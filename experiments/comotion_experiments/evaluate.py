@@ -13,7 +13,6 @@ from comotion import FusionConfig
 from comotion_clients.bodies import joint_values
 from comotion_clients.formats import save_paths
 from comotion_clients.metrics import Score
-from comotion_clients.scoring import Summary
 from comotion_schemas import HypothesisUpdate, encode
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain
@@ -40,16 +39,11 @@ class Evaluated:
     digest: str
     compared: dict[str, float]
 
-    @property
-    def summary(self) -> Summary:
-        """Of the scores of the run."""
-        return self.run.summary
-
     def values(self) -> dict[str, Any]:
         """Convert to plain numbers."""
         ms = self.run.update_ms
         costs = {"ms_per_update": float(ms.mean()), "ms_p99": float(np.percentile(ms, 99))}
-        return asdict(self.summary) | costs
+        return asdict(self.run.summary) | costs
 
 
 def evaluate_inputs(
@@ -133,7 +127,7 @@ def by_file(results: Sequence[Evaluated]) -> dict[str, dict[str, float]]:
     rows = {}
     for name in dict.fromkeys(result.name for result in results):
         members = [result for result in results if result.name == name]
-        nmi = [member.summary.mean_nmi for member in members]
+        nmi = [member.run.summary.mean_nmi for member in members]
         spread = float(np.std(nmi)) if len(nmi) > 1 else math.nan
         rows[name] = means([member.values() | member.compared for member in members]) | {_SPREAD: spread}
     return rows

@@ -60,17 +60,17 @@ def test_recordings_and_scenes_are_evaluated(recording):
     results = evaluate_inputs(inputs, CONFIG, period=0.25)
     scene = f"sim:{TWO_BODIES}"
     assert [(r.name, r.seed) for r in results] == [(scene, 0), (scene, 1), (str(recording), None)]
-    assert all(r.summary.final_nmi == 1.0 for r in results)
+    assert all(r.run.summary.final_nmi == 1.0 for r in results)
     # The two markers without a label are grouped but never scored.
-    assert results[2].summary.mean_objects == 2
+    assert results[2].run.summary.mean_objects == 2
     scenes = by_file(results)[scene]["mean_nmi"]
-    assert scenes == pytest.approx((results[0].summary.mean_nmi + results[1].summary.mean_nmi) / 2)
+    assert scenes == pytest.approx((results[0].run.summary.mean_nmi + results[1].run.summary.mean_nmi) / 2)
 
     found = json.loads(json.dumps(as_json(results, CONFIG, 0.25), allow_nan=False))
     assert found["period"] == 0.25
     assert found["config"]["thesis"]["sigma_switch"] == 0.02
     assert [run["seed"] for run in found["runs"]] == [0, 1, None]
-    assert found["overall"]["mean_nmi"] == pytest.approx((scenes + results[2].summary.mean_nmi) / 2)
+    assert found["overall"]["mean_nmi"] == pytest.approx((scenes + results[2].run.summary.mean_nmi) / 2)
     text = io.StringIO()
     Console(file=text, width=80).print(table(results))
     assert "overall" in text.getvalue()
@@ -85,6 +85,6 @@ def test_a_recording_without_truth_has_hypotheses_but_no_score(recording):
     with np.load(recording) as content:
         np.savez(recording, positions=content["positions"], times=content["times"])
     (result,) = evaluate_inputs(find_inputs([str(recording)]), CONFIG)
-    assert math.isnan(result.summary.mean_nmi)
-    assert result.summary.mean_hypotheses > 1
+    assert math.isnan(result.run.summary.mean_nmi)
+    assert result.run.summary.mean_hypotheses > 1
     assert as_json([result], CONFIG, None)["runs"][0]["mean_nmi"] is None

@@ -11,18 +11,17 @@ mujoco = pytest.importorskip("mujoco", reason="needs the extra sim3d (mujoco)")
 
 from comotion_sources.klt.config import TrackerConfig  # noqa: E402
 from comotion_sources.poses import read_trajectory  # noqa: E402
-from comotion_sources.workcell import Scene, Viewpoint  # noqa: E402
-from comotion_sources.workcell.atlas import build_atlas  # noqa: E402
+from comotion_sources.workcell import Scene  # noqa: E402
 from comotion_sources.workcell.camera import WorkcellCamera, parse, write_tum  # noqa: E402
 from comotion_sources.workcell.render import MOVING, Renderer  # noqa: E402
+from comotion_sources.workcell.viewpoint import calibration  # noqa: E402
 
 
 def test_depth_and_geoms_agree_with_single_rays_of_mujoco():
     """What cannot move is cast once and moving bodies on top: nothing may get lost between the two."""
     truck = Scene("truck")
-    atlas = build_atlas(truck.model, 0)
-    view = Viewpoint(truck, "a", (320, 240), atlas=atlas)
-    renderer = Renderer(truck, view.intrinsics, view.extrinsics, atlas)
+    intrinsics, extrinsics = calibration(truck, "a", (320, 240))
+    renderer = Renderer(truck, intrinsics, extrinsics)
     for t in (5.0, 10.0):
         ideal = renderer.render(truck.configuration(t))
         data = truck.new_data()
@@ -33,11 +32,9 @@ def test_depth_and_geoms_agree_with_single_rays_of_mujoco():
             [rng.integers(0, (240, 320), (150, 2)), moving[rng.integers(0, len(moving), 150)]]
         )
         for v, u in pixels:
-            ray = view.extrinsics.rotation @ view.intrinsics.rays([[u, v]])[0]
+            ray = extrinsics.rotation @ intrinsics.rays([[u, v]])[0]
             geom = np.zeros(1, np.int32)
-            distance = mujoco.mj_ray(
-                truck.model, data, view.extrinsics.translation, ray, None, 1, -1, geom, None
-            )
+            distance = mujoco.mj_ray(truck.model, data, extrinsics.translation, ray, None, 1, -1, geom, None)
             assert ideal.geoms[v, u] == geom[0]
             assert ideal.depth[v, u] == pytest.approx(distance, abs=1e-5)
 

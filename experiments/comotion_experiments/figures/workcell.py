@@ -21,7 +21,6 @@ from comotion_sources.klt.observer import Observer, choose_space
 from comotion_sources.klt.tracker import Tracker
 from comotion_sources.streams import OFFLINE_SESSION
 from comotion_sources.workcell import Scene, Viewpoint
-from comotion_sources.workcell.atlas import build_atlas
 from comotion_sources.workcell.camera import CameraSpec, WorkcellCamera
 
 from ..inputs import Message
@@ -112,9 +111,8 @@ class Stills:
 
     def __init__(self, scene: str, seed: int) -> None:
         self._scene = Scene(scene, seed)
-        atlas = build_atlas(self._scene.model, seed)
         # Without image noise, which would take 90 % of the size of a PNG.
-        self._view = Viewpoint(self._scene, CAMERA, PICTURE, atlas, grain=0.0)
+        self._view = Viewpoint(self._scene, CAMERA, PICTURE, grain=0.0)
         self._into_camera = self._view.extrinsics.inverse()
 
     @property

@@ -68,7 +68,6 @@ class CameraProcess:
         self._poses: PoseBuffer | None = None
         if options.poses is not None:
             self._poses = read_trajectory(options.poses, self._extrinsics)
-        self._pacer = Pacer(options.pacing, camera.live, self._wait)
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
         self._size: tuple[int, ...] | None = None
         self._stamp_ns: int | None = None
@@ -132,6 +131,7 @@ class CameraProcess:
             self._poses = carrier = Carrier(self._publisher.component, *options.carrier, self._extrinsics)
             stack.callback(carrier.close)
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
+        self._pacer = Pacer(options.pacing, self._camera.live, self._publisher.stop.wait)
         self._publisher.more_counters = self._counters
         if options.share_preview > 0:
             stream = PreviewStream(self._publisher, options.share_preview)
@@ -158,9 +158,6 @@ class CameraProcess:
     def _close_on_stop(self) -> None:
         self._publisher.stop.wait()
         self._close_camera()
-
-    def _wait(self, seconds: float) -> None:
-        self._publisher.stop.wait(seconds)
 
     def _counters(self) -> dict[str, int]:
         camera = dict(self._camera.counters)

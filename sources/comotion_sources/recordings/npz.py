@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from comotion_schemas.errors import RecordingError
 
-from .recording import Recording, clean_labels
+from ..streams import AMBIGUOUS
+from .recording import Recording
 from .tracks import NAMES, tracks_recording
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -122,7 +123,8 @@ def _labels(archive: Any, markers: int) -> NDArray[np.int64] | None:
         raise RecordingError(f"its labels are not {markers} integers")
     if labels.size and int(labels.max()) > _MAX_LABEL:
         raise RecordingError("a label exceeds 2147483647")
-    return clean_labels(labels.astype(np.int64))
+    # Outliers and joints have labels below 1.
+    return np.where(labels >= 1, labels.astype(np.int64), AMBIGUOUS)
 
 
 def _label_names(archive: Any) -> dict[int, str]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from comotion_schemas.errors import RecordingError
 from comotion_schemas.types import Unit
 
-from ..streams import AMBIGUOUS, Frame, Part, Stream, numbered, rate_of
+from ..streams import Frame, Part, Stream, numbered, rate_of
 
 DEFAULT_NAME = "replay"
 
@@ -162,11 +162,6 @@ def clean(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore"):
         finite: NDArray[np.bool_] = np.all(np.abs(positions) <= limit, axis=2)
     return np.where(finite[..., None], positions, np.nan)
-
-
-def clean_labels(labels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Replace labels below 1 (outliers, joints) by ambiguous; objects are numbered from 1."""
-    return np.where(labels >= 1, labels, AMBIGUOUS)
 
 
 def recording_streams(

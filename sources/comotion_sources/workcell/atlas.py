@@ -1,4 +1,4 @@
-"""Draws the textures of all faces of a model, with mipmaps, and finds the places of points on them."""
+"""Draws the textures of the faces of a model, with mipmaps, and finds the places of points on them."""
 
 from typing import Any, NamedTuple
 
@@ -92,10 +92,6 @@ class Face(NamedTuple):
         return np.asarray(texels, np.uint8).reshape(-1, 3)[: len(u)]
 
 
-Atlas = list[list[Face]]
-"""The faces of each geom (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one)."""
-
-
 def _face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float]]:
     """Width and height in m of each face of a geom of MuJoCo, by its type and size [3]."""
     geom = require_mujoco().mjtGeom
@@ -109,18 +105,14 @@ def _face_sizes(kind: int, size: NDArray[np.float64]) -> list[tuple[float, float
     raise InputError(f"the renderer supports boxes, cylinders and spheres, not geoms of type {kind}")
 
 
-def build_atlas(model: Any, seed: int) -> Atlas:
-    """Draw the textures of all faces of a model.
+def draw_faces(model: Any, geom: int, seed: int) -> list[Face]:
+    """Draw the faces of a geom (box: -x, +x, -y, +y, -z, +z; cylinder: side, bottom, top; sphere: one).
 
     Raises
     ------
     InputError
-        If a geom or material has no texture.
+        If the geom or its material has no texture.
     """
-    return [_faces(model, geom, seed) for geom in range(model.ngeom)]
-
-
-def _faces(model: Any, geom: int, seed: int) -> list[Face]:
     material, colour = _material_of(model, geom)
     faces = []
     for index, (width, height) in enumerate(_face_sizes(int(model.geom_type[geom]), model.geom_size[geom])):

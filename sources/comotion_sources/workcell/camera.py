@@ -140,7 +140,7 @@ class WorkcellCamera(Camera):
         self.objects = self.scene.objects
         self.counters["skipped"] = 0
         self._closed = threading.Event()
-        self._states = Timed[Vector](_between, _KEPT_NS, _GAP_NS)
+        self._states = Timed[Vector](lambda a, b, share: a + share * (b - a), _KEPT_NS, _GAP_NS)
         self._session = ""
         # A joint that the last message lacked.
         self._missing: str | None = None
@@ -221,10 +221,6 @@ class WorkcellCamera(Camera):
         if self._missing is not None:
             return f"joint states {self.spec.follow!r} have no {self._missing!r}: another scene?"
         return f"waiting for joint states {self.spec.follow!r} (comotion source workcell {self.spec.scene})"
-
-
-def _between(early: Vector, late: Vector, share: float) -> Vector:
-    return early + share * (late - early)
 
 
 def write_tum(camera: WorkcellCamera, folder: Path) -> int:

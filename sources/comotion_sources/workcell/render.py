@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.model import Extrinsics, Intrinsics
-from .atlas import LEVELS, Atlas, Points, build_atlas, surface
+from .atlas import LEVELS, Points, draw_faces, surface
 from .scene import MOVING, STILL, Scene, Vector, require_mujoco
 
 Rows = NDArray[np.intp]
@@ -59,15 +59,11 @@ class Renderer:
         The scene.
     intrinsics, extrinsics
         The camera, without distortion.
-    atlas
-        Textures, which cameras of a scene may share; None: draw them.
     """
 
-    def __init__(
-        self, scene: Scene, intrinsics: Intrinsics, extrinsics: Extrinsics, atlas: Atlas | None = None
-    ) -> None:
+    def __init__(self, scene: Scene, intrinsics: Intrinsics, extrinsics: Extrinsics) -> None:
         self.scene, self.intrinsics, self.extrinsics = scene, intrinsics, extrinsics
-        self._atlas = atlas or build_atlas(scene.model, scene.seed)
+        self._atlas = [draw_faces(scene.model, geom, scene.seed) for geom in range(scene.model.ngeom)]
         self._data = scene.new_data()
         self._shape = intrinsics.height, intrinsics.width
         v, u = np.mgrid[0 : self._shape[0], 0 : self._shape[1]]
@@ -196,14 +192,14 @@ class Renderer:
 
     def _shadow_gain(self, points: Points, t: float) -> Points | np.float32:
         """Brightness factor of the moving shadow of the clutter variants."""
-        shadow = self.scene.shadow
-        if shadow is None:
+        if not self.scene.shadow:
             return np.float32(1.0)
-        phase = 2 * np.pi * t / shadow.period
-        x = points[:, 0] - np.float32(shadow.amplitude * np.sin(phase))
-        y = points[:, 1] - np.float32(shadow.amplitude * 0.5 * np.cos(phase))
-        r2 = (x * x + y * y) / np.float32(2 * shadow.radius**2)
-        return (1.0 - np.float32(shadow.depth) * np.exp(-r2)).astype(np.float32).reshape(self._shape)
+        amplitude, radius, depth, period = self.scene.shadow
+        phase = 2 * np.pi * t / period
+        x = points[:, 0] - np.float32(amplitude * np.sin(phase))
+        y = points[:, 1] - np.float32(amplitude * 0.5 * np.cos(phase))
+        r2 = (x * x + y * y) / np.float32(2 * radius**2)
+        return (1.0 - np.float32(depth) * np.exp(-r2)).astype(np.float32).reshape(self._shape)
 
 
 def _cast(

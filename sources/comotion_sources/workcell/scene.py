@@ -15,7 +15,6 @@ machine therefore computes the same configuration bit for bit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from types import ModuleType
@@ -76,16 +75,6 @@ def couplings(model: Any) -> list[tuple[int, int, Polynomial]]:
     ]
 
 
-@dataclass(frozen=True)
-class Shadow:
-    """A moving soft shadow: amplitude and radius in m, share of the light it takes, period in s."""
-
-    amplitude: float
-    radius: float
-    depth: float
-    period: float
-
-
 class Scene:
     """A scene with its motion and true objects.
 
@@ -114,7 +103,8 @@ class Scene:
     cameras
         Names of the cameras.
     shadow
-        The moving shadow of the clutter variants; None: without.
+        The moving soft shadow of the clutter variants: amplitude and radius in m, share of the light that it
+        takes, period in s; empty: none.
 
     Raises
     ------
@@ -131,7 +121,7 @@ class Scene:
         self.cameras = tuple(self.model.camera(i).name for i in range(self.model.ncam))
         self.robot = tuple(self._text("robot").split())
         self.period, *_ = self._numeric("period") or [0.0]
-        self.shadow = Shadow(*shadow) if (shadow := self._numeric("shadow")) else None
+        self.shadow = self._numeric("shadow")
         self._curves = self._read_motion()
         self._couplings = couplings(self.model)
         self._warp = self._draw_warp()

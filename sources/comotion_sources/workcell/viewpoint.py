@@ -1,7 +1,5 @@
 """Cameras of a scene: their true calibration, and frames with the noise of an RGB-D sensor, and truth."""
 
-from collections.abc import Mapping
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +9,6 @@ from comotion_schemas.errors import InputError
 from ..calibration.model import Extrinsics, Intrinsics
 from ..cameras.types import Frame
 from ..streams import AMBIGUOUS
-from .atlas import Atlas
 from .render import Renderer, Rendering
 from .scene import Scene, Vector
 
@@ -124,8 +121,6 @@ class Viewpoint:
     ----------
     scene, camera, size
         As in :func:`calibration`.
-    atlas
-        Textures, which the cameras of a scene may share; None: draw them.
     grain
         One-sigma noise of the image, grey levels.
 
@@ -135,22 +130,14 @@ class Viewpoint:
         The true calibration; the extrinsics of a carried camera are those of time 0.
     carried
         Whether the camera is on a body that can move.
-    objects
-        Names of the true objects by number.
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        camera: str,
-        size: tuple[int, int] = (640, 480),
-        atlas: Atlas | None = None,
-        grain: float = 1.5,
+        self, scene: Scene, camera: str, size: tuple[int, int] = (640, 480), grain: float = 1.5
     ) -> None:
         self.scene = scene
         self.intrinsics, self.extrinsics = calibration(scene, camera, size)
-        self.objects: Mapping[int, str] = scene.objects
-        self._renderer = Renderer(scene, self.intrinsics, self.extrinsics, atlas)
+        self._renderer = Renderer(scene, self.intrinsics, self.extrinsics)
         self._camera = scene.cameras.index(camera)
         self.carried = scene.is_carried(self._camera)
         self._sensor = Sensor(size[::-1], 16 * scene.seed + self._camera, grain)
