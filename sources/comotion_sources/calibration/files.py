@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from comotion_schemas.errors import InputError, KnownError, describe
 
@@ -78,19 +78,7 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
-class _IntrinsicsTable(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: list[float] = []
-
-    def camera(self) -> Intrinsics:
-        return Intrinsics(**(vars(self) | {"distortion": np.array(self.distortion)}))
+_INTRINSICS = TypeAdapter(Intrinsics)
 
 
 class _ExtrinsicsTable(BaseModel):
@@ -104,7 +92,7 @@ class _ExtrinsicsTable(BaseModel):
 class _File(BaseModel):
     """A comotion TOML file; other tables belong to somebody else."""
 
-    intrinsics: _IntrinsicsTable | None = None
+    intrinsics: Intrinsics | None = None
     extrinsics: _ExtrinsicsTable | None = None
 
 
@@ -114,7 +102,7 @@ def _from_toml(text: str) -> Calibration:
     if file.intrinsics is None and outer is None:
         raise KnownError("neither [intrinsics] nor [extrinsics]")
     return Calibration(
-        None if file.intrinsics is None else file.intrinsics.camera(),
+        file.intrinsics,
         None
         if outer is None
         else Extrinsics.from_quaternion(outer.quaternion, outer.translation, outer.frame),
@@ -141,7 +129,7 @@ def _from_yaml(text: str) -> Calibration:
         "distortion": next((_numbers(content[name]) for name in _DISTORTION if name in content), []),
     }
     pinhole = dict(zip(("fx", "cx", "fy", "cy"), (matrix[k] for k in (0, 2, 4, 5)), strict=True))
-    return Calibration(_IntrinsicsTable.model_validate(table | pinhole).camera())
+    return Calibration(_INTRINSICS.validate_python(table | pinhole))
 
 
 def _first(content: Mapping[str, Any], names: tuple[str, ...], what: str) -> Any:

@@ -10,9 +10,11 @@ from typing import Self
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas.errors import KnownError
+from comotion_schemas.types import F8Column
 
 Vectors = NDArray[np.float64]
 
@@ -46,7 +48,10 @@ class Intrinsics:
     fy: float
     cx: float
     cy: float
-    distortion: Vectors = field(default_factory=lambda: np.zeros(0))
+    distortion: F8Column = field(default_factory=lambda: np.zeros(0))
+
+    # In a file, a name that is none of these is an error.
+    __pydantic_config__ = ConfigDict(extra="forbid")
 
     def __post_init__(self) -> None:
         distortion = np.asarray(self.distortion, np.float64).ravel()
