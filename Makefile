@@ -58,6 +58,9 @@ docs: setup  ## the site in out/site, with the API; broken links and warnings ar
 pictures: setup  ## make the pictures, the samples and the notebook's outputs again
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.txt -e '.[foxglove,sim3d,view]' nbconvert ipykernel
 	$(BIN)/python -m comotion_experiments.pictures docs
+	for scene in 3d_5 fig4_4; do $(BIN)/comotion evaluate sim:$$scene --plot docs/images/$$scene.png || exit; done
+	for camera in truck/a truck-tower/b shelf/a arm/b; do $(BIN)/comotion segment \
+	  "workcell:$$camera?rate=15&size=640x480" --no-depth --sheet docs/images/sheet-$${camera%/*}.jpg || exit; done
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace docs/examples/library.ipynb
 	rm -f docs/examples/bodies.png
 

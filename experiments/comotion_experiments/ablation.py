@@ -14,7 +14,7 @@ from comotion.rigid.kernels.resampling import resample
 from comotion_schemas.errors import KnownError
 
 from .accuracy import RECORDINGS, Case, recorded_cases, run_case
-from .stress import Family, run_family
+from .stress.study import Family, run_family
 from .study import Progress, Row, quiet, run_study, values
 from .tables import Table, document, mean, number
 

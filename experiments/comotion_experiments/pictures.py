@@ -1,16 +1,15 @@
 """Pictures and samples of README, gallery and guides: ``python -m comotion_experiments.pictures docs``.
 
-The workcell is rendered and segmented as ``comotion segment`` does it; scenes are plotted as ``comotion
-evaluate --plot`` does it. Pictures of the viewer, of a terminal and of the page of figures are taken by hand.
-No picture is reduced to a palette: hypotheses must not share a colour. The samples are what a recording of a
-simulated scene would hold, for Foxglove and for Rerun (extras `foxglove` and `view`).
+Those that ``comotion segment`` and ``comotion evaluate`` make are made by them (see the Makefile). Pictures of
+the viewer, of a terminal and of the page of figures are taken by hand. No picture is reduced to a palette:
+hypotheses must not share a colour. The samples are what a recording of a simulated scene would hold, for
+Foxglove and for Rerun (extras `foxglove` and `view`).
 """
 
 import argparse
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -24,8 +23,7 @@ from comotion_schemas.text import counted
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.simulator import batches, load_scene, simulate
 
-from .evaluate import evaluate_inputs
-from .inputs import Incoming, find_inputs
+from .inputs import Incoming
 from .offline import run_offline
 from .plot import new_figure
 from .segment import SegmentOptions, segment
@@ -99,14 +97,6 @@ def _workcell(moving: Path) -> None:
             break
 
 
-def _plot(path: Path, scene: str) -> None:
-    evaluate_inputs(find_inputs([scene]), FusionConfig(), plot=path)
-
-
-def _sheet(path: Path, video: str) -> None:
-    segment(video, SegmentOptions(sheet=path, use_depth=False))
-
-
 def _played() -> list[tuple[int, Message]]:
     """What a recorder would have received of the sample: (time in ns, message) in order."""
     messages: list[tuple[int, Message]] = []
@@ -143,15 +133,8 @@ def _rerun(path: Path) -> None:
         play(ScenePicture(SAMPLE, sink=sink), _played())
 
 
-_CAMERAS = {"truck": "a", "truck-tower": "b", "shelf": "a", "arm": "b"}
 PICTURES: dict[str, Callable[[Path], object]] = {
     "images/hero.webp": _workcell,
-    "images/3d_5.png": partial(_plot, scene="sim:3d_5"),
-    "images/fig4_4.png": partial(_plot, scene="sim:fig4_4"),
-    **{
-        f"images/sheet-{scene}.jpg": partial(_sheet, video=f"workcell:{scene}/{camera}?rate=15&size=640x480")
-        for scene, camera in _CAMERAS.items()
-    },
     "images/workcell.jpg": _scenes,
     "images/affinity.png": _affinity,
     f"samples/{SAMPLE}.mcap": _foxglove,

@@ -13,7 +13,7 @@ from comotion_schemas.errors import InputError, KnownError
 from .calibration.model import Extrinsics, Intrinsics
 from .cameras.files import ImageFiles
 from .cameras.types import Camera, Frame, Image
-from .markers.detector import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector, outlines
+from .markers import DEFAULT_DICTIONARY, corners_of, find_dictionary, make_detector, outlines
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from comotion_sources.calibration.files import format_calibration, read_calibrat
 from comotion_sources.calibration.model import Extrinsics, Intrinsics
 from comotion_sources.cameras.tum import write_folder
 from comotion_sources.cameras.types import Frame
-from comotion_sources.markers.detector import find_dictionary
+from comotion_sources.markers import find_dictionary
 
 from ..pictures import moving_board, write_video
 

@@ -18,7 +18,7 @@ from comotion_sources.cameras.types import Frame
 from comotion_sources.klt.carrier import add_poses, parse_carrier
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
-from comotion_sources.markers.detector import find_dictionary
+from comotion_sources.markers import find_dictionary
 from comotion_sources.pair_calibration import PairedView, calibrate_pair, parse_target, relative_pose
 from comotion_sources.poses import PoseBuffer
 from comotion_sources.streams import MessageBuilder

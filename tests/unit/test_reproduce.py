@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib", reason="needs the extra plot (matplotlib)")
 
 from comotion_deploy.cli import run
 from comotion_deploy.commands import experiments
-from comotion_experiments.stress import FAMILIES
+from comotion_experiments.stress.study import FAMILIES
 
 
 def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone(

@@ -13,7 +13,7 @@ from comotion.trajectories.window import Window
 from comotion_clients.metrics import Truth
 from comotion_experiments.accuracy import displaced_cases
 from comotion_experiments.offline import run_offline
-from comotion_experiments.stress import run_family
+from comotion_experiments.stress.study import run_family
 from comotion_experiments.trace import objects_of
 from comotion_schemas import TruthBatch
 from comotion_sources import simulator

@@ -234,7 +234,7 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        from comotion_sources.markers.detector import MarkerOptions
+        from comotion_sources.markers import MarkerOptions
 
         markers = None if self.marker_size is None else MarkerOptions(self.marker_size, self.dictionary)
         self.publish(moving=False, fixed=True, markers=markers)

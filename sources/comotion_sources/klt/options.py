@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..calibration.files import Calibration
-from ..markers.detector import MarkerOptions
+from ..markers import MarkerOptions
 from ..schedule import Stamps
 from .config import TrackerConfig
 

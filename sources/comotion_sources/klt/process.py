@@ -15,11 +15,11 @@ from comotion_schemas.errors import InputError
 from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, Frame
+from ..markers import publish_markers
 from ..poses import PoseBuffer, read_trajectory
 from ..runtime import SourcePublisher
 from .carrier import Carrier
 from .drawing import Annotator
-from .marker_output import publish_markers
 from .observer import CameraSpace, Observer, choose_space
 from .options import CameraOptions, Pacer
 from .picture_file import NO_ENCODER, PictureFile

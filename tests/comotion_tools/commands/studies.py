@@ -100,7 +100,7 @@ Examples:
         """Run it and write the report."""
         from comotion_experiments.ablation import RULES, markdown, rule_of, run_experiment
         from comotion_experiments.inputs import parse_seeds
-        from comotion_experiments.stress import find_families
+        from comotion_experiments.stress.study import find_families
 
         rules = self.rule or list(RULES)
         for rule in rules:
@@ -133,8 +133,8 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments import stress
         from comotion_experiments.inputs import parse_seeds
+        from comotion_experiments.stress import study as stress
         from comotion_experiments.study import run_study
 
         seeds = parse_seeds(self.seeds) if self.seeds else stress.REPORTED_SEEDS[: 1 if self.quick else None]

@@ -1,1 +1,0 @@
-"""Fiducial markers: ArUco and AprilTag markers as 6-DoF features."""
