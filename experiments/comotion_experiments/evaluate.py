@@ -94,7 +94,8 @@ def evaluate_inputs(
         if paths is not None:
             save_paths(plot_path(paths / "paths", given, several=True) if several else paths, trace.updates)
         if plot is not None:
-            save_plot(plot_path(plot, given, several=several), _title(given, config), trace, run)
+            title = Path(given.name).stem if given.seed is None else f"{given.name}, seed {given.seed}"
+            save_plot(plot_path(plot, given, several=several), f"{title}, method {config.method}", trace, run)
     return results
 
 
@@ -105,12 +106,6 @@ def _tee(trace: Trace, digest: "hashlib._Hash", report: Report, name: str) -> On
         digest.update(encode(update))
 
     return on_update
-
-
-def _title(given: Input, config: FusionConfig) -> str:
-    if given.seed is None:
-        return f"{Path(given.name).stem}, method {config.method}"
-    return f"{given.name}, seed {given.seed}, method {config.method}"
 
 
 def plot_path(path: Path, given: Input, *, several: bool) -> Path:

@@ -113,19 +113,15 @@ def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_receiv
     if Path(name).suffix.lower() == SUFFIX:
         if split != 1 or rates is not None:
             raise KnownError(f"{name}: sources and rates of a recorded scene cannot be changed")
-        return _recorded_scene(name, as_received=as_received)
+        from comotion_schemas.message_log import MessageLog
+
+        MessageLog(Path(name)).close()
+        return Input(name, None, lambda: _arrivals(name, as_received=as_received))
     # Read twice: once to check it before hours of work, and once for its run, so that only one
     # recording is in memory at a time.
     streams = partial(recording_streams, split=split, rates=rates)
     streams(read_recording(name))
     return Input(name, None, lambda: batches(streams(read_recording(name))))
-
-
-def _recorded_scene(name: str, *, as_received: bool) -> Input:
-    from comotion_schemas.message_log import MessageLog
-
-    MessageLog(Path(name)).close()
-    return Input(name, None, lambda: _arrivals(name, as_received=as_received))
 
 
 def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:

@@ -1,7 +1,7 @@
 """Pictures and samples of README, gallery and guides: ``python -m comotion_experiments.pictures docs``.
 
-Those that ``comotion segment`` and ``comotion evaluate`` make are made by them (see the Makefile). Pictures of
-the viewer, of a terminal and of the page of figures are taken by hand. No picture is reduced to a palette:
+Those that ``comotion segment`` and ``comotion evaluate`` make are made by them (see the Makefile). Pictures
+of the viewer, of a terminal and of the page of figures are taken by hand. No picture is reduced to a palette:
 hypotheses must not share a colour. The samples are what a recording of a simulated scene would hold, for
 Foxglove and for Rerun (extras `foxglove` and `view`).
 """

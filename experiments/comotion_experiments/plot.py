@@ -145,20 +145,20 @@ class _RunFigure:
         objects = object_colours(moment, shown) if truth else {}
         for label in np.unique(labels).tolist():
             members = np.flatnonzero(labels == label)
-            of_hypothesis = (label, len(members), shown)
-            style = self._object_style(label, objects) if truth else _hypothesis_style(*of_hypothesis)
-            rgb, shape, name = style
+            if not truth:
+                rgb, shape, name = unit(shown[label]), marker(label), f"{label}"
+                name = "undetermined" if label == UNDETERMINED else name
+                name += f"{' at rest' if shown[label] == BACKGROUND else ''} ({len(members)})"
+            elif label < 0:
+                rgb, shape, name = unit(GREY), "x", "not scored"
+            else:
+                rgb, shape, name = objects[label], "o", self._run.truth.names.get(label, f"object {label}")
             axes.plot(*broken(trails, members, self._space.dim), color=rgb, linewidth=0.8, alpha=0.55)
             points = moment.positions[members].T
             axes.plot(*points, linestyle="", marker=shape, markersize=4.5, color=rgb, label=name)
         axes.set_title(title, fontsize=11)
         self._frame(axes)
         self._legend(axes)
-
-    def _object_style(self, number: int, colours: Mapping[int, Rgb]) -> tuple[Rgb, str, str]:
-        if number < 0:
-            return unit(GREY), "x", "not scored"
-        return colours[number], "o", self._run.truth.names.get(number, f"object {number}")
 
     def _trails(self, index: int) -> list[NDArray[np.float32]]:
         """Positions of each track in the last second, float32 [steps, dim] each."""
@@ -207,13 +207,6 @@ class _RunFigure:
             axes.axvline(t, color="0.6", linewidth=0.8, dashes=(4, 3))
         axes.set_xlabel("t [s]")
         axes.grid(visible=True, alpha=0.3)
-
-
-def _hypothesis_style(label: int, count: int, colours: Mapping[int, RGB]) -> tuple[Rgb, str, str]:
-    name = "undetermined" if label == UNDETERMINED else f"{label}"
-    if colours[label] == BACKGROUND:
-        name += " at rest"
-    return unit(colours[label]), marker(label), f"{name} ({count})"
 
 
 def _limits(clouds: Sequence[NDArray[np.float32]]) -> list[tuple[float, float]]:

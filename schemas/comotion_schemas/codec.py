@@ -87,7 +87,9 @@ def decode(payload: bytes) -> Message:
     try:
         return adapter.validate_python(content, context=WIRE)
     except ValidationError as error:
-        raise _decode_error(error) from None
+        kind = error.errors(include_url=False, include_input=False)[0]["type"]
+        reason = kind if kind in _REASONS else _PYDANTIC_REASONS.get(kind, "schema")
+        raise DecodeError(cast("RejectionReason", reason), shown(describe(error), 500)) from None
 
 
 def decode_as(kind: type[M], payload: bytes) -> M:
@@ -169,12 +171,6 @@ class _Containers:
         self._total += items + 1
         if self._total > _MAX_TOTAL:
             raise DecodeError("limit", f"more than {_MAX_TOTAL} items")
-
-
-def _decode_error(error: ValidationError) -> DecodeError:
-    kind = error.errors(include_url=False, include_input=False)[0]["type"]
-    reason = kind if kind in _REASONS else _PYDANTIC_REASONS.get(kind, "schema")
-    return DecodeError(cast("RejectionReason", reason), shown(describe(error), 500))
 
 
 def _to_wire(value: Any) -> Any:

@@ -110,7 +110,9 @@ class _View:
     def _positions(self, seen: NDArray[np.intp], rotations: Array, translations: Array, t: float) -> Array:
         scene, rows = self._scene, self._rows[seen]
         body = scene.lives.body[rows]
-        local = scene.lives.local[rows] + self._slipped(rows, t) + self._drifted(seen)
+        if step := scene.noise.walk / np.sqrt(self._source.rate):
+            self._walked[seen] += step * self._rng.normal(size=(len(seen), 3))
+        local = scene.lives.local[rows] + self._slipped(rows, t) + self._walked[seen]
         exact: Array = np.einsum("nij,nj->ni", rotations[body], local) + translations[body]
         noisy: Array = exact + self._noise(seen) + self._noise_along_ray(exact, self._sigma[seen])
         if self._source.rotation is not None:
@@ -125,12 +127,6 @@ class _View:
         swing = np.sin(2 * np.pi * slip.frequency[slot] * t + slip.phase[slot])
         age = t - self._scene.lives.birth[rows]
         return np.asarray(slip.amplitude[slot] * swing[:, None] + slip.drift[slot] * age[:, None], np.float64)
-
-    def _drifted(self, seen: NDArray[np.intp]) -> Array:
-        step = self._scene.noise.walk / np.sqrt(self._source.rate)
-        if step:
-            self._walked[seen] += step * self._rng.normal(size=(len(seen), 3))
-        return self._walked[seen]
 
     def _noise(self, seen: NDArray[np.intp]) -> Array:
         noise, sigma = self._scene.noise, self._sigma[seen, None]

@@ -3,7 +3,7 @@
 import math
 import textwrap
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from ..tables import Column, Table, filled, mean, means
 from . import families, metrics
 from .metrics import Watcher, apart
 from .observe import messages_of
-from .scene import Happening, Scene
+from .scene import Scene
 
 
 @dataclass(frozen=True)
@@ -125,12 +125,14 @@ def run_scene(scene: Scene, config: FusionConfig) -> dict[str, float]:
     )
     moments = watcher.moments
     last = moments[-1].t
+    # Each with when the next one begins, or the run ends.
+    followed = zip(scene.happenings, [*(h.begin for h in scene.happenings[1:]), last], strict=False)
     spurious = sum(len(m.events) for m in moments) - metrics.true_events(since, last, scene.happenings)
     return {
         "nmi": metrics.mean_nmi(moments, apart=False),
         "nmi_apart": metrics.mean_nmi(moments),
         "delay": mean(metrics.delays(moments, since, last)),
-        "healing": mean(metrics.healing(moments, h, until) for h, until in _until(scene.happenings, last)),
+        "healing": mean(metrics.healing(moments, h, min(end, h.end + 10.0)) for h, end in followed),
         "kept": mean(metrics.kept(moments, h) for h in scene.happenings),
         "ids": metrics.ids_per_object(moments, since),
         "spurious": max(spurious, 0) / ((last - scene.start) / 60.0),
@@ -138,12 +140,6 @@ def run_scene(scene: Scene, config: FusionConfig) -> dict[str, float]:
         "hypotheses": mean(float(len(m.confirmed)) for m in moments),
         "ms": float(np.median(run.update_ms)),
     }
-
-
-def _until(happenings: Sequence[Happening], last: float) -> Iterator[tuple[Happening, float]]:
-    following = [*(happening.begin for happening in happenings[1:]), last]
-    for happening, end in zip(happenings, following, strict=False):
-        yield happening, min(end, happening.end + 10.0)
 
 
 _WIDTH = 110

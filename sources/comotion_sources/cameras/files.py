@@ -131,11 +131,6 @@ class ImageFiles(RecordedCamera):
             yield Frame(stamp if self._stamps is None else self._stamps[number], image)
 
 
-def image_files(folder: Path) -> list[Path]:
-    """List the images directly in a folder."""
-    return [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()]
-
-
 def read_image(path: Path) -> Image | None:
     """Read an image as uint8 [H, W, 3] (BGR); None if it cannot be read."""
     # Read by NumPy: cv2.imread prints to standard error and hides the reason.

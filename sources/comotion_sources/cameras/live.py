@@ -93,17 +93,14 @@ class LiveCamera(Camera):
                 for frame in self._device:
                     if self._closed:
                         break
-                    self._offer(frame)
+                    with self._changed:
+                        self.counters["skipped"] += self._newest is not None
+                        self._newest = frame
+                        self._changed.notify_all()
         except Exception as error:  # drivers raise many types; the iterating thread reports all of them
             lost = " ".join(str(error).split())[:300] or type(error).__name__
         with self._changed:
             self._lost = lost
-            self._changed.notify_all()
-
-    def _offer(self, frame: Frame) -> None:
-        with self._changed:
-            self.counters["skipped"] += self._newest is not None
-            self._newest = frame
             self._changed.notify_all()
 
 

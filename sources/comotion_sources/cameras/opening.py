@@ -9,7 +9,7 @@ import cv2
 
 from comotion_schemas.errors import InputError
 
-from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile, image_files
+from .files import IMAGE_SUFFIXES, ImageFiles, VideoFile
 from .live import open_stream, open_webcam
 from .tum import TumFolder
 from .types import Camera
@@ -66,7 +66,8 @@ def _open_path(what: str, rate: float | None) -> Camera:
     if path.is_dir():
         if (path / "rgb.txt").is_file():
             return TumFolder(path)
-        if not (images := image_files(path)):
+        images = [file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file()]
+        if not images:
             raise InputError(f"{path}: neither images nor rgb.txt in this folder")
         return ImageFiles(images, rate)
     if path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES:

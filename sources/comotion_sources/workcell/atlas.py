@@ -116,7 +116,9 @@ def draw_faces(model: Any, geom: int, seed: int) -> list[Face]:
     material, colour = _material_of(model, geom)
     faces = []
     for index, (width, height) in enumerate(_face_sizes(int(model.geom_type[geom]), model.geom_size[geom])):
-        scale = _resolution(width, height)
+        largest = max(width, height)
+        # Texels per metre: the resolution of a camera at 1 m for small faces, less for large ones.
+        scale = 1200.0 if largest < 0.6 else 900.0 if largest < 1.6 else 320.0
         shape = max(2, round(height * scale)), max(2, round(width * scale))
         levels = [material(np.random.default_rng([seed, geom, index]), *shape, colour, scale)]
         while len(levels) < LEVELS:
@@ -135,9 +137,3 @@ def _material_of(model: Any, geom: int) -> tuple[Any, NDArray[np.float64]]:
     if np.allclose(rgba, _DEFAULT_RGBA) and index >= 0:
         rgba = tuple(float(v) for v in model.mat_rgba[index])
     return TEXTURES[name], np.array(rgba[2::-1]) * 255.0
-
-
-def _resolution(width: float, height: float) -> float:
-    """Texels per metre: the resolution of a camera at 1 m for small faces, less for large ones."""
-    largest = max(width, height)
-    return 1200.0 if largest < 0.6 else 900.0 if largest < 1.6 else 320.0

@@ -124,7 +124,11 @@ class Scene:
         self.shadow = self._numeric("shadow")
         self._curves = self._read_motion()
         self._couplings = couplings(self.model)
-        self._warp = self._draw_warp()
+        # Amplitude, s, and phase of the shift of the motion in time.
+        self._warp = (0.0, 0.0)
+        if seed and self.period:
+            rng = np.random.default_rng([seed, 1])
+            self._warp = _WARP_S * rng.uniform(0.4, 1.0), rng.uniform(0, 2 * np.pi)
         self.objects, self.body_objects = self._number_objects()
         self.geom_objects = self.body_objects[self.model.geom_bodyid]
         self.model.geom_group[:] = np.where(self.model.body_weldid[self.model.geom_bodyid] > 0, MOVING, STILL)
@@ -212,12 +216,6 @@ class Scene:
         if times[0] != 0 or (self.period and (times[-1] != self.period or values[-1] != values[0])):
             raise InputError(f"{self.name}: {name}: must start at 0 and end at the period where it started")
         return PchipInterpolator(times, values)
-
-    def _draw_warp(self) -> tuple[float, float]:
-        if self.seed == 0 or not self.period:
-            return 0.0, 0.0
-        rng = np.random.default_rng([self.seed, 1])
-        return _WARP_S * rng.uniform(0.4, 1.0), rng.uniform(0, 2 * np.pi)
 
     def _warped(self, t: float) -> float:
         amplitude, phase = self._warp

@@ -55,12 +55,9 @@ class Sensor:
     def observe(self, ideal: Rendering, stamp_ns: int) -> tuple[NDArray[np.uint8], Depth]:
         """Return image uint8 [H, W, 3] and depth float32 [H, W], m (0: missing), with sensor noise."""
         rng = np.random.default_rng([self._seed, 3, stamp_ns % 2**63])
-        return self._image(ideal.image, rng), self._depth(ideal.depth, rng)
-
-    def _image(self, image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-        soft = cv2.GaussianBlur(image, (0, 0), _BLUR)
-        grain = self._cut(self._image_tile, rng)
-        return np.asarray(cv2.add(soft, cv2.merge([grain] * 3), dtype=cv2.CV_8U))
+        soft, grain = cv2.GaussianBlur(ideal.image, (0, 0), _BLUR), self._cut(self._image_tile, rng)
+        image = cv2.add(soft, cv2.merge([grain] * 3), dtype=cv2.CV_8U)
+        return np.asarray(image, np.uint8), self._depth(ideal.depth, rng)
 
     def _depth(self, depth: Depth, rng: np.random.Generator) -> Depth:
         noisy = depth + _DEPTH_NOISE * depth * depth * self._cut(self._depth_tile, rng)
