@@ -36,6 +36,8 @@ class Run(Scoring):
         Seconds between updates.
     last
         The last update.
+    count
+        Number of the next update.
     """
 
     last: HypothesisUpdate
@@ -46,7 +48,7 @@ class Run(Scoring):
         # Of each update: s that the ingest of its batches took, it and the update, and of processors.
         self._times: list[NDArray[np.float64]] = []
         self._busy = np.zeros(3)
-        self._count = 1
+        self.count = 1
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -71,11 +73,7 @@ class Run(Scoring):
     @property
     def due_ns(self) -> int:
         """When the next update is due: every period after the start."""
-        return self.start_ns + round(self._count * self.period * 1e9)
-
-    def skip_to(self, ns: int) -> None:
-        """Leave out what is due before a time."""
-        self._count = max(self._count, math.ceil((ns - self.start_ns) / (self.period * 1e9)))
+        return self.start_ns + round(self.count * self.period * 1e9)
 
     def ingest(self, fusion: Fusion, batch: ObservationBatch, *, spread: bool) -> None:
         """Let the core take in a batch, and fuse what has come if `spread`."""
@@ -94,7 +92,7 @@ class Run(Scoring):
         took, cpu = time.perf_counter() - begun, time.process_time() - cpu
         self._times.append(self._busy + np.array([0.0, took, cpu]))
         self._busy = np.zeros(3)
-        self._count += 1
+        self.count += 1
         return self.last, self.score(self.last)
 
 
@@ -154,7 +152,8 @@ def run_offline(
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
     run = Run(truth, start_ns, period)
     for arrived in chain([first], batches):
-        run.skip_to(arrived.now_ns - _LONGEST_GAP_NS)
+        passed = arrived.now_ns - _LONGEST_GAP_NS - start_ns
+        run.count = max(run.count, math.ceil(passed / (period * 1e9)))
         while run.due_ns < arrived.now_ns and run.due_ns <= end_ns:
             on_update(*run.update(core))
         if arrived.now_ns > end_ns:

@@ -124,18 +124,19 @@ def decode_on(key: str, payload: bytes) -> Message:
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:
-    containers = _Containers()
+    total = 0
+
+    def counted(items: list[Any]) -> list[Any]:
+        nonlocal total
+        total += len(items) + 1
+        if total > _MAX_TOTAL:
+            raise DecodeError("limit", f"more than {_MAX_TOTAL} items")
+        return items
+
+    limits = {"max_array_len": _MAX_ITEMS, "max_map_len": _MAX_ITEMS, "max_ext_len": 0}
+    hooks = {"object_pairs_hook": lambda pairs: _as_map(counted(pairs)), "list_hook": counted}
     try:
-        content = msgpack.unpackb(
-            payload,
-            raw=False,
-            strict_map_key=True,
-            object_pairs_hook=containers.map,
-            list_hook=containers.list,
-            max_array_len=_MAX_ITEMS,
-            max_map_len=_MAX_ITEMS,
-            max_ext_len=0,
-        )
+        content = msgpack.unpackb(payload, raw=False, strict_map_key=True, **hooks, **limits)
     except DecodeError:
         raise
     except Exception as error:  # msgpack raises many types on malformed bytes
@@ -145,32 +146,16 @@ def _unpack(payload: bytes) -> dict[str, Any]:
     return content
 
 
-class _Containers:
-    """Validates the maps and lists of one payload while they are unpacked."""
-
-    def __init__(self) -> None:
-        self._total = 0
-
-    def map(self, pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
-        self._count(len(pairs))
-        content = dict(pairs)
-        if len(content) != len(pairs):
-            raise DecodeError("malformed", "a map repeats a key")
-        for key, value in pairs:
-            if not isinstance(key, str):
-                raise DecodeError("malformed", "a map key is not a string")
-            if value is None:  # in the protocol an unset optional field is absent
-                raise DecodeError("schema", f"{shown(key, 200)}: nil")
-        return content
-
-    def list(self, items: list[Any]) -> list[Any]:
-        self._count(len(items))
-        return items
-
-    def _count(self, items: int) -> None:
-        self._total += items + 1
-        if self._total > _MAX_TOTAL:
-            raise DecodeError("limit", f"more than {_MAX_TOTAL} items")
+def _as_map(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) != len(pairs):
+        raise DecodeError("malformed", "a map repeats a key")
+    for key, value in pairs:
+        if not isinstance(key, str):
+            raise DecodeError("malformed", "a map key is not a string")
+        if value is None:  # in the protocol an unset optional field is absent
+            raise DecodeError("schema", f"{shown(key, 200)}: nil")
+    return content
 
 
 def _to_wire(value: Any) -> Any:

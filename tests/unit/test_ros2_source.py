@@ -59,15 +59,16 @@ def test_frames_of_tf_are_features_that_keep_their_ids():
     converter = Converter("cup*")
     (first,) = converter.convert(TF, tf(transform("cup1", 1.0), transform("robot", 9.0)), 0)
     (second,) = converter.convert(TF, tf(transform("cup2", 2.0), transform("cup1", 1.5)), 0)
-    assert (first.frame, first.columns["stamp_ns"], first.columns["ids"].tolist()) == (
+    assert (first[0], first[1]["stamp_ns"], first[1]["ids"].tolist()) == (
         "world",
         5_000_000_007,
         [0],
     )
-    assert dict(
-        zip(second.columns["ids"].tolist(), second.columns["positions"][:, 0].tolist(), strict=True)
-    ) == {1: 2.0, 0: 1.5}
-    assert second.columns["quaternions"].tolist() == [[0, 0, 0, 1]] * 2
+    assert dict(zip(second[1]["ids"].tolist(), second[1]["positions"][:, 0].tolist(), strict=True)) == {
+        1: 2.0,
+        0: 1.5,
+    }
+    assert second[1]["quaternions"].tolist() == [[0, 0, 0, 1]] * 2
 
 
 def test_bodies_of_motion_capture_have_names():
@@ -76,13 +77,13 @@ def test_bodies_of_motion_capture_have_names():
     one = make("motion_capture_tracking_interfaces/msg/NamedPose", name="drone", pose=pose)
     message = make(NAMED_POSES, header=header(), poses=[one])
     (found,) = Converter().convert(NAMED_POSES, raw(message, NAMED_POSES), 0)
-    assert found.columns["positions"].tolist() == [[1, 2, 3]]
+    assert found[1]["positions"].tolist() == [[1, 2, 3]]
 
 
 def test_a_cloud_has_ids_or_is_refused():
     (found,) = Converter().convert(CLOUD, cloud(), 0)
-    assert (found.frame, found.columns["ids"].tolist()) == ("map", [10, 11, 12])
-    assert found.columns["positions"][:, 0].tolist() == [0, 1, 2]
+    assert (found[0], found[1]["ids"].tolist()) == ("map", [10, 11, 12])
+    assert found[1]["positions"][:, 0].tolist() == [0, 1, 2]
     with pytest.raises(InputError, match="one of id, track_id"):
         Converter().convert(CLOUD, cloud(("x", "y", "z")), 0)
 

@@ -90,10 +90,9 @@ class SceneRuns:
         """float64 [seeds, U]."""
         return np.array([seed.nmi[: len(self.t)] for seed in self.seeds])
 
-    def hypotheses_at(self, t: float) -> NDArray[np.int64]:
-        """Distinct hypotheses among the scored tracks of every seed at the update nearest to t, [seeds]."""
-        at = np.abs(self.t - t).argmin()
-        return np.array([seed.run.scores[at].hypotheses for seed in self.seeds])
+    def nearest(self, t: float) -> int:
+        """Number of the update nearest to a time."""
+        return int(np.abs(self.t - t).argmin())
 
     def mean_nmi(self) -> Floats:
         """Mean over time of every seed, float64 [seeds]."""
@@ -109,10 +108,6 @@ class SceneRuns:
         mean, std = self.spread()
         columns = {"t": self.t, "mean": mean, "std": std}
         return {name: np.ma.filled(column, np.nan).round(4).tolist() for name, column in columns.items()}
-
-    def nmi_at(self, t: float) -> float:
-        """Mean over seeds at the update nearest to a time."""
-        return float(np.nanmean(self.nmi[:, np.abs(self.t - t).argmin()]))
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def _respawning_rows(takes: dict[str, SceneRuns]) -> list[Row]:
 
 
 def _nmi_at(take: SceneRuns, t: float) -> str:
-    return f"{take.nmi_at(t):.3f}"
+    return f"{np.nanmean(take.nmi[:, take.nearest(t)]):.3f}"
 
 
 def _recovery(take: SceneRuns) -> str:

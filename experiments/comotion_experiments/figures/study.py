@@ -187,8 +187,8 @@ def row_of(
 
 
 def count_at(take: SceneRuns, t: float) -> str:
-    """Number of hypotheses at the update nearest to a time."""
-    return count(take.hypotheses_at(t))
+    """Number of hypotheses among the scored tracks at the update nearest to a time."""
+    return count([seed.run.scores[take.nearest(t)].hypotheses for seed in take.seeds])
 
 
 def right_rows(takes: Mapping[str, SceneRuns], times: Sequence[float], printed: str) -> list[Row]:

@@ -54,7 +54,7 @@ class Intrinsics:
     __pydantic_config__ = ConfigDict(extra="forbid")
 
     def __post_init__(self) -> None:
-        distortion = np.asarray(self.distortion, np.float64).ravel()
+        distortion = np.array(self.distortion, np.float64).ravel()
         object.__setattr__(self, "distortion", distortion)
         if self.width < 1 or self.height < 1:
             raise KnownError(f"image size {self.width} x {self.height} is not above zero")

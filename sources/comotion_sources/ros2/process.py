@@ -1,9 +1,8 @@
 """Publishes what ROS 2 messages of trackers say of features; the types come from rosbags (extra ``ros``)."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any, Unpack
+from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +27,8 @@ _LARGEST_ID = 2.0**53  # beyond, a float is no longer one whole number
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
-@dataclass(frozen=True)
-class Observed:
-    """Features at one instant in one frame: its frame id, and what `SourcePublisher.observe` takes."""
-
-    frame: str
-    columns: dict[str, Any]
+Observed: TypeAlias = tuple[str, dict[str, Any]]
+"""Features at one instant in one frame: its frame id, and what `SourcePublisher.observe` takes."""
 
 
 def kind_of(key: str) -> str | None:
@@ -106,7 +101,7 @@ def _together(stamp_ns: int, frame: str, rows: list[tuple[int, list[float], list
         turns = np.where(lengths[:, None] > 0.5, turns / lengths[:, None], np.nan)
     places = np.array([place for place, _ in last.values()], np.float64)
     columns = {"ids": np.array(list(last), np.uint64), "positions": places, "quaternions": turns}
-    return Observed(frame, columns | {"stamp_ns": stamp_ns})
+    return frame, columns | {"stamp_ns": stamp_ns}
 
 
 def _cloud(message: Any, received_ns: int) -> Observed:
@@ -135,7 +130,7 @@ def _cloud(message: Any, received_ns: int) -> Observed:
     positions = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=1)
     stamp_ns = stamp_of(message.header, received_ns)
     columns = {"ids": _ids(points[name]), "positions": positions, "stamp_ns": stamp_ns}
-    return Observed(message.header.frame_id, columns)
+    return message.header.frame_id, columns
 
 
 def _ids(numbers: NDArray[Any]) -> NDArray[np.int64]:
@@ -203,12 +198,12 @@ def relay(
             source.reject("malformed", str(error))
             continue
         source.name_features({number: name for name, number in converter.ids.items()})
-        for observed in observations:
-            frame = frame or observed.frame
-            if observed.frame != frame:
-                source.reject("space-mismatch", f"frame {observed.frame!r} is not {frame!r}")
+        for frame_id, columns in observations:
+            frame = frame or frame_id
+            if frame_id != frame:
+                source.reject("space-mismatch", f"frame {frame_id!r} is not {frame!r}")
                 continue
             try:
-                source.observe(**observed.columns)
+                source.observe(**columns)
             except ValueError as error:
                 source.reject("malformed", str(error).partition("\n")[0])
