@@ -1,7 +1,8 @@
 """One way to run a study: every case under every setting and seed, each a row of figures, in processes."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from itertools import starmap
 from multiprocessing import get_context
 from typing import Any, Protocol, TypeAlias, TypeVar
@@ -66,23 +67,19 @@ def run_study(
         for seed in (seeds if case.seeded else (0,))
     ]
     rows = []
-    for number, (name, figures) in enumerate(_results(_run, work, jobs), start=1):
-        progress(f"{number} of {len(work)}: {name['case']}, {name['setting']}, seed {name['seed']}")
-        rows += [name | figures] if figures else []
+    with ExitStack() as stack:
+        results: Iterable[tuple[Row, Row]] = starmap(_run, work)
+        if jobs > 1:
+            results = stack.enter_context(_pool(jobs)).map(_run, *zip(*work, strict=True))
+        for number, (name, figures) in enumerate(results, start=1):
+            progress(f"{number} of {len(work)}: {name['case']}, {name['setting']}, seed {name['seed']}")
+            rows += [name | figures] if figures else []
     return rows
 
 
 def _run(run: Callable[[C, str, int], Row], case: C, setting: str, seed: int) -> tuple[Row, Row]:
     name = {"case": case.name, "group": case.group, "setting": setting, "seed": seed}
     return name, run(case, setting, seed)
-
-
-def _results(function: Callable[..., Result], work: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[Result]:
-    if jobs <= 1:
-        yield from starmap(function, work)
-        return
-    with _pool(jobs) as pool:
-        yield from pool.map(function, *zip(*work, strict=True))
 
 
 def alone(function: Callable[..., Result], *arguments: Any) -> Result:

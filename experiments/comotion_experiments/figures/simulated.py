@@ -16,7 +16,6 @@ from .study import (
     Simulated,
     Study,
     alone,
-    format_times,
     parameters,
     perfect_from,
     right_rows,
@@ -55,8 +54,16 @@ def draw_switches(study: Study) -> Drawn:
         row[0].text(-0.24, 0.5, label, transform=row[0].transAxes, rotation=90, **style)
     panels.affinity_bar(figure, image, list(axes[:, -1]))
     panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
-    rows = rows_of_each("NMI is 1 from", takes, _SAID.values(), lambda take: format_times(perfect_from(take)))
+    rows = rows_of_each("NMI is 1 from", takes, _SAID.values(), _from_when)
     return Drawn(figure, rows, _switch_parameters(study))
+
+
+def _from_when(take: SceneRuns) -> str:
+    seconds = perfect_from(take)
+    never = int(np.isnan(seconds).sum())
+    if never == len(seconds):
+        return "never"
+    return f"{spread(seconds, 1)} s" + (f" (never in {never} of {len(seconds)} seeds)" if never else "")
 
 
 def draw_switch_curves(study: Study) -> Drawn:
@@ -133,18 +140,14 @@ def draw_respawning_curves(study: Study) -> Drawn:
         axes.axvline(t, color="0.5", linewidth=1, linestyle=":")
     panels.nmi_axes(axes, duration=8)
     axes.set_title(f"{panels.spread_note(study.options.seeds)}; dotted: features are replaced", fontsize=10)
-    rows = _respawning_rows(takes)
-    return Drawn(figure, rows, parameters(_RESPAWNING, study, drawn=False), takes)
-
-
-def _respawning_rows(takes: dict[str, SceneRuns]) -> list[Row]:
     rows = []
     for t in _RESPAWNS:
         rows.append(row_of(f"NMI at t = {t:g} s", "drops", takes, partial(_nmi_at, t=t)))
         later = t + 4 / 3
         rows.append(row_of(f"NMI at t = {later:.2f} s", "slowly back to 1", takes, partial(_nmi_at, t=later)))
     rows.append(row_of("NMI .95 reached after a replacement in", "-", takes, _recovery))
-    return [*rows, row_of("mean NMI", "-", takes, lambda take: spread(take.mean_nmi()))]
+    rows.append(row_of("mean NMI", "-", takes, lambda take: spread(take.mean_nmi())))
+    return Drawn(figure, rows, parameters(_RESPAWNING, study, drawn=False), takes)
 
 
 def _nmi_at(take: SceneRuns, t: float) -> str:

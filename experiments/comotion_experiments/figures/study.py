@@ -220,14 +220,6 @@ def perfect_from(take: SceneRuns) -> Any:
     return np.array(times)
 
 
-def format_times(seconds: Any) -> str:
-    """Format the times from which on NMI is 1."""
-    never = int(np.isnan(seconds).sum())
-    if never == len(seconds):
-        return "never"
-    return f"{spread(seconds, 1)} s" + (f" (never in {never} of {len(seconds)} seeds)" if never else "")
-
-
 def best(takes: Mapping[str, SceneRuns]) -> str:
     """Label of the thesis parameters with the best mean NMI."""
     return max((label for label in takes if label != DEFAULT), key=lambda k: takes[k].mean_nmi().mean())

@@ -185,17 +185,6 @@ Cut: TypeAlias = tuple[float, float, NDArray[np.bool_]]
 """(lost, back, slots): features of these slots (bool [slots]) are lost; new ones come later or at once."""
 
 
-def draw_lives(bodies: list[Body], spans: Sequence[Sequence[Span]], rng: np.random.Generator) -> Features:
-    """Give every life time of every slot a place of its own, which `rng` draws, on the slot's body."""
-    rows = [(birth, slot, death) for slot, lives in enumerate(spans) for birth, death in lives]
-    birth, slots, death = np.array(sorted(row for row in rows if row[2] > row[0]), np.float64).T
-    slot = slots.astype(np.intp)
-    body = slot_bodies(bodies)[slot]
-    half = np.array([owner.size for owner in bodies])[body] / 2.0
-    local = rng.uniform(-1.0, 1.0, half.shape) * half
-    return Features(slot=slot, body=body, local=local, birth=birth, death=death)
-
-
 def lasting(bodies: list[Body]) -> Spans:
     """Every feature lives for ever."""
     return [[(0.0, np.inf)] for _ in slot_bodies(bodies)]
@@ -276,7 +265,14 @@ def made(
     """
     what.setdefault("sources", [Source("simulator", rate)])
     spans = respawning(bodies, duration, seed) if spans is None else spans
-    lives = draw_lives(bodies, spans, rng_of(seed, "places"))
+    # Every life time of every slot has a place of its own on the slot's body.
+    rows = [(birth, slot, death) for slot, lives in enumerate(spans) for birth, death in lives]
+    birth, slots, death = np.array(sorted(row for row in rows if row[2] > row[0]), np.float64).T
+    slot = slots.astype(np.intp)
+    body = slot_bodies(bodies)[slot]
+    half = np.array([owner.size for owner in bodies])[body] / 2.0
+    local = rng_of(seed, "places").uniform(-1.0, 1.0, half.shape) * half
+    lives = Features(slot=slot, body=body, local=local, birth=birth, death=death)
     return [Scene(bodies=bodies, lives=lives, seed=seed, duration=duration, **what)]
 
 

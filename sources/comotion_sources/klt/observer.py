@@ -116,7 +116,11 @@ class Observer:
         """Build the messages of a frame; its batch leaves out features without depth."""
         if frame.objects is not None and tracks.born.any():
             ids = tracks.ids[tracks.born]
-            objects = _objects_under(frame.objects, tracks.pixels[tracks.born])
+            height, width = frame.objects.shape
+            column, row = np.rint(tracks.pixels[tracks.born]).astype(np.int64).T
+            inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+            nearest = frame.objects[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+            objects = np.where(inside, nearest, AMBIGUOUS)
             yield self._builder.truth(ids=ids, objects=objects, names=self._objects)
         positions, sigma = self._states(tracks)
         shown = np.isfinite(positions).all(axis=1)
@@ -145,12 +149,3 @@ class Observer:
                 return np.full_like(tracks.points, np.nan), tracks.sigma
         points = tracks.points if extrinsics is None else extrinsics.apply(tracks.points)
         return points, tracks.sigma
-
-
-def _objects_under(objects: NDArray[np.int32], pixels: NDArray[np.float32]) -> NDArray[np.int32]:
-    """True objects int32 [N] under pixels [N, 2]; AMBIGUOUS outside the image `objects` [H, W]."""
-    height, width = objects.shape
-    column, row = np.rint(pixels).astype(np.int64).T
-    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    nearest = objects[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
-    return np.where(inside, nearest, AMBIGUOUS).astype(np.int32)

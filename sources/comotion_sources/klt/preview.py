@@ -14,7 +14,6 @@ from ..cameras.types import Frame, Image
 from ..received import Inbox
 from ..runtime import Source
 from .drawing import Annotator
-from .flow import Pixels
 from .picture_file import PictureFile
 from .tracker import Tracks
 
@@ -81,7 +80,7 @@ class DelayedPreview:
 
 
 class PreviewStream:
-    """Publishes images with their features while there is a subscriber; reduces large images.
+    """Publishes images with their features while there is a subscriber; reduces large ones to 960 px.
 
     Parameters
     ----------
@@ -104,7 +103,13 @@ class PreviewStream:
         if now < self._due or not self._publisher.matching_status.matching:
             return
         self._due = now + self._period
-        image, pixels = reduced(frame.image, tracks.pixels)
+        image, pixels = frame.image, tracks.pixels
+        whole = np.array(image.shape[1::-1])
+        if (scale := _PREVIEW_EDGE / whole.max()) < 1:
+            size = np.maximum(np.rint(whole * scale), 1).astype(int)
+            image = np.asarray(cv2.resize(image, size.tolist(), interpolation=cv2.INTER_AREA), np.uint8)
+            # Pixel centres have integer coordinates: the image starts at -0.5.
+            pixels = (pixels + 0.5) * (size / whole).astype(np.float32) - 0.5
         written, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         if not written:
             return
@@ -117,16 +122,3 @@ class PreviewStream:
             pixels=pixels.astype(np.float32),
         )
         self._publisher.put(encode(preview))
-
-
-def reduced(image: Image, pixels: Pixels) -> tuple[Image, Pixels]:
-    """Reduce an image, uint8 [H, W] or [H, W, 3], to at most 960 px, and scale features [N, 2] in it."""
-    height, width = image.shape[:2]
-    scale = _PREVIEW_EDGE / max(height, width)
-    if scale >= 1:
-        return image, pixels
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    # Pixel centres have integer coordinates: the image starts at -0.5.
-    shares = np.array([size[0] / width, size[1] / height], np.float32)
-    return small, (pixels + 0.5) * shares - 0.5

@@ -88,18 +88,6 @@ class Recording:
             raise RecordingError("it holds no observation")
 
 
-def _decimate(times: NDArray[np.float64], rate: float | None) -> NDArray[np.intp]:
-    """Instants [K] of times [F], s, that remain at a rate in Hz: of each period the first; None: all."""
-    if rate is None:
-        return np.arange(len(times))
-    native = 1.0 / float(np.median(np.diff(times)))
-    # Tolerate nominal rates: 50 Hz may be recorded as 49.99 Hz.
-    if rate > native * 1.01:
-        raise RecordingError(f"a rate of {rate:g} Hz exceeds the {native:.4g} Hz of the recording")
-    ticks = np.floor((times - times[0]) * rate + 1e-3)
-    return np.flatnonzero(np.diff(ticks, prepend=-1.0) > 0)
-
-
 class RecordedStream(Stream):
     """The frames of some markers of a recording at some of its instants; may be iterated repeatedly.
 
@@ -196,7 +184,15 @@ def recording_streams(
     for part in range(split):
         rate = recording.rate / (part + 1) if rates is None else rate_of(Part(part, split), rates)
         # The first source has every frame, however uneven the times are.
-        instants = _decimate(recording.times, None if rates is None and part == 0 else rate)
+        instants = np.arange(len(recording))
+        if rates is not None or part:
+            # Tolerate nominal rates: 50 Hz may be recorded as 49.99 Hz.
+            if rate > recording.rate * 1.01:
+                raise RecordingError(
+                    f"a rate of {rate:g} Hz exceeds the {recording.rate:.4g} Hz of the recording"
+                )
+            ticks = np.floor((recording.times - recording.times[0]) * rate + 1e-3)
+            instants = np.flatnonzero(np.diff(ticks, prepend=-1.0) > 0)
         markers = np.arange(part, recording.positions.shape[1], split)
         streams.append(RecordedStream(recording, numbered(source, part, split), rate, markers, instants))
     return streams

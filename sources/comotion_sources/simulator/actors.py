@@ -64,13 +64,20 @@ class Path:
         drawn = rng.uniform(-motion.within, motion.within, dim)
         self._place = drawn if motion.at is None else np.array(motion.at, np.float64)
         if isinstance(motion, Sines):
-            self._draw_sines(motion, rng)
+            shape = (_SINES, dim + self._turn)
+            reach = np.r_[np.full(dim, motion.amplitude), np.full(self._turn, motion.rotation)]
+            self._frequency = rng.uniform(motion.frequency.min, motion.frequency.max, shape)
+            self._phase = rng.uniform(0.0, 2.0 * np.pi, shape)
+            self._amplitude = rng.uniform(*_AMPLITUDE_FACTOR, shape) * reach / _SINES
 
     def at(self, times: Array) -> Poses:
         """Compute the poses at times float64 [T], seconds of the scene."""
         times = np.atleast_1d(np.asarray(times, np.float64))
-        state = self._state(times)
-        return Poses(_rotations(state[:, self._dim :]), state[:, : self._dim])
+        place, turn = np.split(self._state(times), [self._dim], axis=1)
+        if self._dim == 3:
+            return Poses(np.asarray(Rotation.from_rotvec(turn).as_matrix(), np.float64), place)
+        cos, sin = np.cos(turn[:, 0]), np.sin(turn[:, 0])
+        return Poses(np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2), place)
 
     def _state(self, times: Array) -> Array:
         """Position and rotation coordinates: [T, 2 + 1] or [T, 3 + 3]."""
@@ -85,33 +92,9 @@ class Path:
             shift = shift - self._swing(np.zeros(1))
         return rest + shift
 
-    def _draw_sines(self, motion: Sines, rng: np.random.Generator) -> None:
-        shape = (_SINES, self._dim + self._turn)
-        reach = np.r_[np.full(self._dim, motion.amplitude), np.full(self._turn, motion.rotation)]
-        self._frequency = rng.uniform(motion.frequency.min, motion.frequency.max, shape)
-        self._phase = rng.uniform(0.0, 2.0 * np.pi, shape)
-        self._amplitude = rng.uniform(*_AMPLITUDE_FACTOR, shape) * reach / _SINES
-
     def _swing(self, times: Array) -> Array:
         angle = 2.0 * np.pi * self._frequency * times[:, None, None] + self._phase
         return np.asarray((self._amplitude * np.sin(angle)).sum(axis=1), np.float64)
-
-
-def _rotations(turn: Array) -> Array:
-    """Convert angles [T, 1] or rotation vectors [T, 3] to rotation matrices."""
-    if turn.shape[1] == 3:
-        return np.asarray(Rotation.from_rotvec(turn).as_matrix(), np.float64)
-    cos, sin = np.cos(turn[:, 0]), np.sin(turn[:, 0])
-    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-
-
-def seen_from(body: Poses, camera: Poses) -> Poses:
-    """Transform poses of a body to the frame of a moving camera; both at the same T times."""
-    back = np.swapaxes(camera.rotations, 1, 2)
-    return Poses(
-        back @ body.rotations,
-        np.einsum("tij,tj->ti", back, body.translations - camera.translations),
-    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

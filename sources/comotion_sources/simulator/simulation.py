@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas.errors import InputError
 
 from ..streams import Frame, Part, Stream, numbered, rate_of
-from .actors import NOISE, Actors, Array, Poses, draw_actors, seen_from
+from .actors import NOISE, Actors, Array, Poses, draw_actors
 from .spec import SceneSpec
 
 Split = Literal["features", "objects"]
@@ -106,8 +106,12 @@ class Simulation(Stream):
         """
         scene_times = np.atleast_1d(np.asarray(times, np.float64)) * self.time_scale
         pose = self._actors.paths[body].at(scene_times)
-        camera = self._actors.camera
-        return pose if camera is None else seen_from(pose, camera.at(scene_times))
+        if self._actors.camera is None:
+            return pose
+        camera = self._actors.camera.at(scene_times)
+        back = np.swapaxes(camera.rotations, 1, 2)
+        shift = pose.translations - camera.translations
+        return Poses(back @ pose.rotations, np.einsum("tij,tj->ti", back, shift))
 
     def _check(self) -> None:
         if self.seed < 0:

@@ -79,7 +79,12 @@ class Renderer:
         """Move the camera; what is static is rendered anew."""
         self.extrinsics = extrinsics
         self._rays = self._optical @ extrinsics.rotation.T
-        self._still = self._render_still()
+        geoms, depth = _cast(self.scene.model, self._data, extrinsics.translation, self._rays, STILL)
+        kinds = {"geoms": np.int32, "depth": np.float32, "light": np.float32}
+        self._still: _Layer = {name: np.zeros(len(geoms), kind) for name, kind in kinds.items()}
+        self._still["points"] = np.zeros((len(geoms), 3), np.float32)
+        self._still["texels"] = np.zeros((len(geoms), 3), np.uint8)
+        self._shade(self._still, np.arange(len(geoms)), geoms, depth)
         self._still_lit = self._reached_by_light(self._still["points"][self._sparse], STILL)
 
     def render(self, configuration: Vector, t: float = 0.0) -> Rendering:
@@ -101,17 +106,6 @@ class Renderer:
         image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
         depth, geoms = (layer[name].reshape(self._shape) for name in ("depth", "geoms"))
         return Rendering(np.asarray(image, np.uint8), depth, geoms)
-
-    def _render_still(self) -> _Layer:
-        geoms, depth = _cast(self.scene.model, self._data, self.extrinsics.translation, self._rays, STILL)
-        kinds = {"geoms": np.int32, "depth": np.float32, "light": np.float32}
-        layer: _Layer = {name: np.zeros(len(geoms), kind) for name, kind in kinds.items()}
-        layer |= {
-            "points": np.zeros((len(geoms), 3), np.float32),
-            "texels": np.zeros((len(geoms), 3), np.uint8),
-        }
-        self._shade(layer, np.arange(len(geoms)), geoms, depth)
-        return layer
 
     def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
         """Pixels [n] that show a moving body, with geom and depth."""

@@ -143,7 +143,10 @@ class Scene:
 
     def configuration(self, t: float) -> Vector:
         """Compute the joint positions float64 [joints], rad or m, at time t in seconds."""
-        when = self._warped(t % self.period if self.period else t)
+        when, (amplitude, phase) = t % self.period if self.period else t, self._warp
+        if amplitude:
+            swing = np.sin(2 * np.pi * when / self.period + phase) - np.sin(phase)
+            when = float((when + amplitude * swing) % self.period)
         q = np.array([0.0 if curve is None else float(curve(when)) for curve in self._curves])
         for target, driver, polynomial in self._couplings:
             q[target] = polynomial(q[driver])
@@ -216,13 +219,6 @@ class Scene:
         if times[0] != 0 or (self.period and (times[-1] != self.period or values[-1] != values[0])):
             raise InputError(f"{self.name}: {name}: must start at 0 and end at the period where it started")
         return PchipInterpolator(times, values)
-
-    def _warped(self, t: float) -> float:
-        amplitude, phase = self._warp
-        if not amplitude:
-            return t
-        swing = np.sin(2 * np.pi * t / self.period + phase) - np.sin(phase)
-        return float((t + amplitude * swing) % self.period)
 
     def _number_objects(self) -> tuple[Mapping[int, str], NDArray[np.int32]]:
         """Bodies with joints of their own are objects; what is fixed to one belongs to it."""

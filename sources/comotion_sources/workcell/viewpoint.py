@@ -148,7 +148,13 @@ class Viewpoint:
             self._renderer.move(self.pose(configuration))
         ideal = self._renderer.render(configuration, stamp_ns * 1e-9)
         image, depth = self._sensor.observe(ideal, stamp_ns)
-        return Frame(stamp_ns, image, depth, _object_map(self.scene.geom_objects, ideal.geoms))
+        objects = np.where(ideal.geoms >= 0, self.scene.geom_objects[ideal.geoms], AMBIGUOUS).astype(
+            np.float32
+        )
+        # On outlines a feature may belong to either side.
+        kernel = np.ones((3, 3), np.uint8)
+        uniform = cv2.erode(objects, kernel) == cv2.dilate(objects, kernel)
+        return Frame(stamp_ns, image, depth, np.where(uniform, objects, AMBIGUOUS).astype(np.int32))
 
     def pose(self, configuration: Vector) -> Extrinsics:
         """True pose of the camera in a configuration float64 [joints]."""
@@ -163,11 +169,3 @@ class Viewpoint:
             np.zeros(shape, np.float32),
             np.full(shape, AMBIGUOUS, np.int32),
         )
-
-
-def _object_map(geom_objects: NDArray[np.int32], geoms: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Objects int32 [H, W] under geoms [H, W]; -1 on outlines, where a feature may belong to either side."""
-    objects = np.where(geoms >= 0, geom_objects[geoms], AMBIGUOUS).astype(np.float32)
-    kernel = np.ones((3, 3), np.uint8)
-    uniform = cv2.erode(objects, kernel) == cv2.dilate(objects, kernel)
-    return np.where(uniform, objects, AMBIGUOUS).astype(np.int32)
