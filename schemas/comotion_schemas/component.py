@@ -229,7 +229,15 @@ class Component:
                 # The callback keeps a reference: garbage collection would undeclare the token.
                 token = self.session.liveliness().declare_token(self._live_key)
                 stack.callback(token.undeclare)
-            self._start_status(stack)
+            publisher = declare_publisher(self.session, self.keys.stream("status", self.name), "status")
+            closing = threading.Event()
+            thread = threading.Thread(
+                target=self._publish_status, args=(publisher, closing), name="status", daemon=True
+            )
+            thread.start()
+            stack.callback(publisher.undeclare)
+            stack.callback(thread.join, 2 * STATUS_PERIOD_S)
+            stack.callback(closing.set)
             metrics.components.append(self)
             stack.callback(metrics.components.remove, self)
             self._exit = stack.pop_all()
@@ -274,17 +282,6 @@ class Component:
                 raise
             # A signal arrived.
             raise SystemExit(0) from None
-
-    def _start_status(self, stack: ExitStack) -> None:
-        publisher = declare_publisher(self.session, self.keys.stream("status", self.name), "status")
-        closing = threading.Event()
-        thread = threading.Thread(
-            target=self._publish_status, args=(publisher, closing), name="status", daemon=True
-        )
-        thread.start()
-        stack.callback(publisher.undeclare)
-        stack.callback(thread.join, 2 * STATUS_PERIOD_S)
-        stack.callback(closing.set)
 
     def _publish_status(self, publisher: Publisher, closing: threading.Event) -> None:
         due = time.monotonic()

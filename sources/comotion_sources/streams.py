@@ -241,23 +241,24 @@ class Stream:
                     ids=frame.ids[newborn], objects=frame.objects[newborn], names=self.objects
                 )
                 yield StreamMessage("truth", stamp_ns, truth)
+            sigma: float | NDArray[np.float64] | None = None
+            if (
+                self.publish_sigma
+                and frame.sigma is not None
+                and (frame.sigma > 0).all()
+                and frame.sigma.size
+            ):
+                same = bool((frame.sigma == frame.sigma[0]).all())
+                sigma = float(frame.sigma[0]) if same else frame.sigma
             batch = builder.observation(
                 stamp_ns=stamp_ns,
                 ids=frame.ids,
                 positions=frame.positions,
-                sigma=_sigma(frame) if self.publish_sigma else None,
+                sigma=sigma,
                 quaternions=frame.quaternions,
                 ended=frame.ended if frame.ended.size else None,
             )
             yield StreamMessage("obs", stamp_ns, batch)
-
-
-def _sigma(frame: Frame) -> float | NDArray[np.float64] | None:
-    """Noise of a frame: one number if all features have the same; None if unknown or zero."""
-    sigma = frame.sigma
-    if sigma is None or not sigma.size or not (sigma > 0).all():
-        return None
-    return float(sigma[0]) if bool((sigma == sigma[0]).all()) else sigma
 
 
 def batches(streams: Stream | Sequence[Stream], *, epoch_ns: int = 0) -> Iterator[Published]:

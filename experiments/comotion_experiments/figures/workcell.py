@@ -31,7 +31,6 @@ from .runs import SceneRuns, View, ViewRequest
 from .study import (
     DEFAULT,
     Drawn,
-    Row,
     Simulated,
     Study,
     best,
@@ -169,7 +168,13 @@ def pictures(shot: Shot) -> Callable[[Study], Drawn]:
             row[0].set_ylabel(label, fontsize=11, fontweight="bold")
         _truth(rows[2], stills, shown[DEFAULT])
         panels.object_legend(figure, stills.names)
-        return Drawn(figure, _moment_rows(shown, shot), _parameters(study, shot, drawn=True))
+        said = right_rows(shown, shot.times, "-")
+        name, other = shot.apart
+        what = f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on"
+        said.append(row_of(what, shot.said, shown, partial(_apart, name=name, other=other)))
+        if shot is SHELF:
+            said.append(row_of("the door's hypothesis, closing", "another than opening", shown, _door))
+        return Drawn(figure, said, _parameters(study, shot, drawn=True))
 
     return draw
 
@@ -215,16 +220,6 @@ def _truth(row: Any, stills: Stills, take: SceneRuns) -> None:
         trails = [trail for trail, shown in zip(view.trails, scored, strict=True) if shown]
         _picture(axes, stills, replace(view, moment=moment, trails=trails), styles)
     row[0].set_ylabel("truth", fontsize=11, fontweight="bold")
-
-
-def _moment_rows(takes: dict[str, SceneRuns], shot: Shot) -> list[Row]:
-    rows = right_rows(takes, shot.times, "-")
-    name, other = shot.apart
-    what = f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on"
-    rows.append(row_of(what, shot.said, takes, lambda take: _apart(take, name, other)))
-    if shot is SHELF:
-        rows.append(row_of("the door's hypothesis, closing", "another than opening", takes, _door))
-    return rows
 
 
 def _apart(take: SceneRuns, name: str, other: str) -> str:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion_schemas import UNDETERMINED, Box, Hypothesis
+from comotion_schemas import UNDETERMINED, Hypothesis
 from comotion_schemas.colours import BACKGROUND, Palette
 from comotion_schemas.naming import Names, named
 from comotion_schemas.rigid import matrix
@@ -117,7 +117,10 @@ class Annotator:
     def _draw_box(self, canvas: Image, body: Hypothesis) -> None:
         if self._space is None or body.box is None or body.space != self._space.name:
             return
-        corners = _corners(body.box)
+        box, dim = body.box, len(body.box.center)
+        # The bits of the index of a corner are its sides.
+        sides = np.array([[1 if k >> d & 1 else -1 for d in range(dim)] for k in range(2**dim)], np.float64)
+        corners = np.asarray(sides * box.half @ matrix(box.rotation).T + box.center)
         edges = [(0, 1), (1, 3), (3, 2), (2, 0)] if len(corners) == 4 else _EDGES
         places = _pixels(corners, self._space)
         if places is None:
@@ -156,13 +159,6 @@ def _write_above(canvas: Image, text: str, place: tuple[int, int], shade: BGR) -
     corner = left, max(place[1] - 2 * _RADIUS, up + 2)
     for colour, width in ((_RIM, 6), (shade, 2)):
         cv2.putText(canvas, text, corner, _FONT, _ID_SCALE, colour, width, cv2.LINE_AA)
-
-
-def _corners(box: Box) -> NDArray[np.float64]:
-    """Corners [4, 2] or [8, 3] of a box; the bits of an index are its sides."""
-    dim = len(box.center)
-    sides = np.array([[1 if k >> d & 1 else -1 for d in range(dim)] for k in range(2**dim)], np.float64)
-    return np.asarray(sides * box.half @ matrix(box.rotation).T + box.center)
 
 
 def _pixels(points: NDArray[np.float64], space: CameraSpace) -> NDArray[np.float64] | None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .spec import Body, Gaps, KeyStates, Motion, Range, Respawn, Rest, SceneSpec, Sines
+from .spec import Body, KeyStates, Motion, Range, Respawn, Rest, SceneSpec, Sines
 
 Array: TypeAlias = NDArray[np.float64]
 _SINES = 2  # per axis, as the class Sines documents
@@ -174,9 +174,13 @@ def draw_actors(spec: SceneSpec, seed: int) -> Actors:
     rows = rows[np.argsort(rows["birth"], kind="stable")]
     columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in _COLUMNS}
     camera = Path(spec.camera, spec.dim, np.random.default_rng([seed, _CAMERA])) if spec.camera else None
-    gap = _gaps(
-        spec.gaps, columns["birth"], columns["death"], spec.duration, np.random.default_rng([seed, _GAPS])
-    )
+    gap = np.zeros((len(rows), 2))
+    if spec.gaps is not None:
+        rng, last = np.random.default_rng([seed, _GAPS]), np.minimum(columns["death"], spec.duration)
+        begin = rng.uniform(columns["birth"], last)
+        length = rng.uniform(spec.gaps.shortest, spec.gaps.longest, len(rows))
+        hidden = (rng.uniform(size=len(rows)) < spec.gaps.share) & (last - columns["birth"] > 1.0)
+        gap[hidden] = np.stack([begin, begin + length], axis=1)[hidden]
     return Actors(paths=paths, camera=camera, gap=gap, names=names, **columns)
 
 
@@ -215,15 +219,3 @@ def _add_outliers(
         names[number] = f"outlier {k + 1}"
         local = np.zeros(spec.dim)
         drawn.append((len(paths) - 1, number, slots + k, local, 0.0, np.inf, spec.outliers.sigma, np.nan))
-
-
-def _gaps(gaps: Gaps | None, birth: Array, death: Array, duration: float, rng: np.random.Generator) -> Array:
-    windows = np.zeros((len(birth), 2))
-    if gaps is None:
-        return windows
-    last = np.minimum(death, duration)
-    begin = rng.uniform(birth, last)
-    length = rng.uniform(gaps.shortest, gaps.longest, len(birth))
-    hidden = (rng.uniform(size=len(birth)) < gaps.share) & (last - birth > 1.0)
-    windows[hidden] = np.stack([begin, begin + length], axis=1)[hidden]
-    return windows
