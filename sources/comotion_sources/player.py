@@ -17,7 +17,7 @@ from .streams import StreamLog, StreamMessage
 if TYPE_CHECKING:
     from comotion_schemas.message_log import Logged, MessageLog
 
-    from .runtime import Source
+    from .source import Source
 
 LATE_S = 0.2
 """A live entry that is later than this, s, is left out: it would arrive after the allowed lateness."""

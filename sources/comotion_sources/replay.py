@@ -16,8 +16,8 @@ from comotion_schemas.text import counted
 
 from .player import KINDS, Log, Player, Progress
 from .recordings import Recording
-from .runtime import Source
 from .schedule import Schedule
+from .source import Source
 from .streams import Stream, StreamLog
 
 if TYPE_CHECKING:

@@ -40,16 +40,6 @@ class SeedRun:
     views: list[View]  # those that were requested, in order
 
     @property
-    def t(self) -> Floats:
-        """Seconds since the first observation, float64 [U], increasing."""
-        return self.run.seconds
-
-    @property
-    def nmi(self) -> Floats:
-        """Over the observed tracks, float64 [U]; NaN where there is none with a truth."""
-        return self.run.nmi
-
-    @property
     def names(self) -> dict[int, str]:
         """Names of the objects by their numbers."""
         return self.run.truth.names
@@ -83,12 +73,12 @@ class SceneRuns:
     @property
     def t(self) -> Floats:
         """Times that all seeds have, float64 [U]."""
-        return min((seed.t for seed in self.seeds), key=len)
+        return min((seed.run.seconds for seed in self.seeds), key=len)
 
     @property
     def nmi(self) -> Floats:
         """float64 [seeds, U]."""
-        return np.array([seed.nmi[: len(self.t)] for seed in self.seeds])
+        return np.array([seed.run.nmi[: len(self.t)] for seed in self.seeds])
 
     def nearest(self, t: float) -> int:
         """Number of the update nearest to a time."""
@@ -96,7 +86,7 @@ class SceneRuns:
 
     def mean_nmi(self) -> Floats:
         """Mean over time of every seed, float64 [seeds]."""
-        return np.array([np.nanmean(seed.nmi) for seed in self.seeds])
+        return np.array([np.nanmean(seed.run.nmi) for seed in self.seeds])
 
     def spread(self) -> tuple[Any, Any]:
         """Mean and standard deviation of NMI over seeds [U], masked where no seed has a value."""

@@ -157,8 +157,9 @@ def _nmi_at(take: SceneRuns, t: float) -> str:
 def _recovery(take: SceneRuns) -> str:
     """Mean time after a replacement until NMI is .95; the 2 s between two where it never is."""
     times = np.full((len(take.seeds), len(_RESPAWNS)), 2.0)
-    for k, run in enumerate(take.seeds):
+    for k, seed in enumerate(take.seeds):
         for j, t in enumerate(_RESPAWNS):
-            good = run.t[(run.t >= t - 1e-6) & (run.t < t + 2 - 1e-6) & (run.nmi >= 0.95)]
+            seconds = seed.run.seconds
+            good = seconds[(seconds >= t - 1e-6) & (seconds < t + 2 - 1e-6) & (seed.run.nmi >= 0.95)]
             times[k, j] = good[0] - t if len(good) else 2.0
     return f"{spread(times.mean(axis=1), 2)} s"

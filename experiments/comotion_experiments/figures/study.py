@@ -214,9 +214,9 @@ def perfect_from(take: SceneRuns) -> Any:
     """Time from which on NMI is 1, seconds, per seed; NaN where it never is."""
     times = []
     for seed in take.seeds:
-        wrong = np.flatnonzero(~(seed.nmi > 1 - 1e-9))
+        wrong = np.flatnonzero(~(seed.run.nmi > 1 - 1e-9))
         first = wrong[-1] + 1 if len(wrong) else 0
-        times.append(seed.t[first] if first < len(seed.t) else np.nan)
+        times.append(seed.run.seconds[first] if first < len(seed.run.seconds) else np.nan)
     return np.array(times)
 
 

@@ -227,7 +227,7 @@ def _apart(take: SceneRuns, name: str, other: str) -> str:
     shares = []
     for seed in take.seeds:
         first, second = seed.main_of(name), seed.main_of(other)
-        both = (seed.t >= _START_S) & (first >= 0) & (second >= 0)
+        both = (seed.run.seconds >= _START_S) & (first >= 0) & (second >= 0)
         shares.append(100 * np.mean(first[both] != second[both]) if both.any() else np.nan)
     return f"{spread(shares, 0)} % of updates"
 
@@ -237,7 +237,8 @@ def _door(take: SceneRuns) -> str:
     same = 0
     for seed in take.seeds:
         ids = seed.main_of("door")
-        opening, closing = (_most(ids[(seed.t >= a) & (seed.t < b)]) for a, b in (_OPENING_S, _CLOSING_S))
+        t = seed.run.seconds
+        opening, closing = (_most(ids[(t >= a) & (t < b)]) for a, b in (_OPENING_S, _CLOSING_S))
         same += opening == closing
     return f"the same in {same} of {len(take.seeds)} seeds"
 

@@ -12,7 +12,7 @@ from comotion_schemas.transport import stream_publisher
 
 from ..cameras.types import Frame, Image
 from ..received import Inbox
-from ..runtime import Source
+from ..source import Source
 from .drawing import Annotator
 from .picture_file import PictureFile
 from .tracker import Tracks
