@@ -223,7 +223,13 @@ class Component:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(stop_on_signals(self.stop))
-            self._session = stack.enter_context(self._connect())
+            try:
+                session = connect(self._settings, timeout=self._connect_timeout, given_up=self.stop)
+            except TimeoutError:
+                if not self.stop.is_set():
+                    raise
+                raise SystemExit(0) from None  # a signal arrived
+            self._session = stack.enter_context(session)
             stack.callback(self.stop.set)
             if self._has_token:
                 # The callback keeps a reference: garbage collection would undeclare the token.
@@ -273,15 +279,6 @@ class Component:
             host=socket.gethostname(),
             **sent,
         )
-
-    def _connect(self) -> zenoh.Session:
-        try:
-            return connect(self._settings, timeout=self._connect_timeout, given_up=self.stop)
-        except TimeoutError:
-            if not self.stop.is_set():
-                raise
-            # A signal arrived.
-            raise SystemExit(0) from None
 
     def _publish_status(self, publisher: Publisher, closing: threading.Event) -> None:
         due = time.monotonic()

@@ -32,19 +32,11 @@ from .types import (
     has_duplicates,
     increasing,
     reject,
+    symmetric,
 )
 
 # Share of the largest eigenvalue of a matrix in single precision that may be missing from the least.
 _ROUNDING = 1e-5
-
-
-def symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Symmetric matrices [N, dim, dim] of their upper triangles [N, 6] (3-D) or [N, 3] (2-D), row by row."""
-    dim = 3 if upper.shape[1] == 6 else 2
-    rows, columns = np.triu_indices(dim)
-    matrices = np.zeros((len(upper), dim, dim))
-    matrices[:, rows, columns] = matrices[:, columns, rows] = upper
-    return matrices
 
 
 _Sigma = Annotated[

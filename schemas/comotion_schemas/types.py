@@ -158,6 +158,15 @@ def has_duplicates(ids: Array) -> bool:
     return bool((ordered[1:] == ordered[:-1]).any())
 
 
+def symmetric(upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Symmetric matrices [N, dim, dim] of their upper triangles [N, 6] (3-D) or [N, 3] (2-D), row by row."""
+    dim = 3 if upper.shape[1] == 6 else 2
+    rows, columns = np.triu_indices(dim)
+    matrices = np.zeros((len(upper), dim, dim))
+    matrices[:, rows, columns] = matrices[:, columns, rows] = upper
+    return matrices
+
+
 class Rowwise:
     """Base of messages with columns: each has a row for each element of one field."""
 

@@ -40,8 +40,8 @@ class SourcePublisher(Source):
 
     Parameters
     ----------
-    name, rate, message, feature_names
-        As in :class:`.source.Source`.
+    name
+        Name of the source, one chunk of ``[a-z0-9_-]{1,64}``.
     space, unit, dim
         The coordinate space of the positions.
     scene
@@ -58,6 +58,12 @@ class SourcePublisher(Source):
         count them in :attr:`dropped` and in Status. Otherwise such a row is an error.
     ready_file
         Written by :meth:`ready` instead of the line ``ready`` on standard output.
+    rate
+        Nominal rate in Hz, for detecting a stall; 0: unknown.
+    message
+        One line for Status that describes the source.
+    feature_names
+        Names of features by id, as of the links of a robot; what they move with is called by them.
     moving
         Whether the frame of the space is carried, as that of a camera in the hand.
 

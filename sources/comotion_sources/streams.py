@@ -241,20 +241,14 @@ class Stream:
                     ids=frame.ids[newborn], objects=frame.objects[newborn], names=self.objects
                 )
                 yield StreamMessage("truth", stamp_ns, truth)
-            sigma: float | NDArray[np.float64] | None = None
-            if (
-                self.publish_sigma
-                and frame.sigma is not None
-                and (frame.sigma > 0).all()
-                and frame.sigma.size
-            ):
-                same = bool((frame.sigma == frame.sigma[0]).all())
-                sigma = float(frame.sigma[0]) if same else frame.sigma
+            published = frame.sigma if self.publish_sigma and frame.sigma is not None else np.empty(0)
+            values = np.unique(published)
+            noise = float(values[0]) if len(values) == 1 else published
             batch = builder.observation(
                 stamp_ns=stamp_ns,
                 ids=frame.ids,
                 positions=frame.positions,
-                sigma=sigma,
+                sigma=noise if len(values) and (values > 0).all() else None,
                 quaternions=frame.quaternions,
                 ended=frame.ended if frame.ended.size else None,
             )

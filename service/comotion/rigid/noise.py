@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import digamma, polygamma
 
-from comotion_schemas.messages import symmetric
+from comotion_schemas.types import symmetric
 
 from ..arrays import Floats, Ints, Stamps
 from .kernels.differences import difference_covariances

@@ -78,7 +78,7 @@ class CameraProcess:
     def run(self) -> None:
         """Publish until the camera ends or the process is stopped."""
         with ExitStack() as stack:
-            stack.callback(self._close_camera)
+            stack.callback(lambda: self._camera.close())  # noqa: PLW0108 - a lost camera is replaced
             self._connect(stack)
             self._publisher.ready()
             self._play()
@@ -145,19 +145,16 @@ class CameraProcess:
             stack.callback(self._preview.close)
             self._outputs.append(self._preview.add)
         self._attach()
-        # Closing the camera ends its wait for a frame.
-        threading.Thread(target=self._close_on_stop, name="closer", daemon=True).start()
+
+        def close_on_stop() -> None:
+            self._publisher.stop.wait()
+            self._camera.close()  # ends its wait for a frame
+
+        threading.Thread(target=close_on_stop, name="closer", daemon=True).start()
 
     def _attach(self) -> None:
         self._camera.attach(self._publisher.component)
         self._pacer.live = self._camera.live
-
-    def _close_camera(self) -> None:
-        self._camera.close()  # read here: a lost camera was replaced
-
-    def _close_on_stop(self) -> None:
-        self._publisher.stop.wait()
-        self._close_camera()
 
     def _counters(self) -> dict[str, int]:
         camera = dict(self._camera.counters)
