@@ -70,9 +70,10 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     RecordingError
         If there are no positions or no times, or shapes do not fit.
     """
-    place = _points(_first(arrays, POSITIONS))
-    if place is None:
+    array = _first(arrays, POSITIONS)
+    if array is None:
         raise RecordingError(f"it has no array {', '.join(map(repr, POSITIONS[:-1]))} or {POSITIONS[-1]!r}")
+    place = _points(array)
     finite = place[np.isfinite(place)]
     if (
         place.shape[2] == 2
@@ -110,9 +111,7 @@ def _first(arrays: Arrays, names: Sequence[str]) -> NDArray[np.float64] | None:
     return np.asarray(array, np.float64)
 
 
-def _points(array: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-    if array is None:
-        return None
+def _points(array: NDArray[np.float64]) -> NDArray[np.float64]:
     if array.ndim == 4 and len(array) == 1:
         array = array[0]
     if array.ndim != 3 or array.shape[2] not in {2, 3}:
@@ -232,11 +231,16 @@ def read_csv(path: Path, fps: float | None = None) -> Recording:
     cells = row * len(ids) + column
     if len(np.unique(cells)) < len(cells):
         raise RecordingError("a frame has a track twice")
-    place = np.stack([columns[name] for name in "xyz" if name in columns], axis=1)
-    arrays = {"pred_tracks": _grid(cells, place, len(stamps), len(ids))}
-    for name in (*SEEN, *HIDDEN, *CONFIDENCE, *UNCERTAIN, *SIGMA):
-        if name in columns:
-            arrays[name] = _grid(cells, columns[name], len(stamps), len(ids))
+
+    def grid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of rows as an array [T, N, ...], NaN where there is no row."""
+        array = np.full((len(stamps) * len(ids), *values.shape[1:]), np.nan)
+        array[cells] = values
+        return array.reshape(len(stamps), len(ids), *values.shape[1:])
+
+    optional = [name for name in (*SEEN, *HIDDEN, *CONFIDENCE, *UNCERTAIN, *SIGMA) if name in columns]
+    arrays = {name: grid(columns[name]) for name in optional}
+    arrays["pred_tracks"] = grid(np.stack([columns[name] for name in "xyz" if name in columns], axis=1))
     times = next((columns[name] for name in _TIME if name in columns), None)
     if times is not None:
         arrays["times"] = np.zeros(len(stamps))
@@ -284,10 +288,3 @@ def _column(columns: Mapping[str, NDArray[np.float64]], names: Sequence[str], wh
     if column is None:
         raise RecordingError(f"it has no column {what!r}; its first line names the columns")
     return column
-
-
-def _grid(cells: NDArray[np.intp], values: NDArray[np.float64], frames: int, tracks: int) -> NDArray[Any]:
-    """Values of rows as an array [T, N, ...], NaN where there is no row."""
-    grid = np.full((frames * tracks, *values.shape[1:]), np.nan)
-    grid[cells] = values
-    return grid.reshape(frames, tracks, *values.shape[1:])
