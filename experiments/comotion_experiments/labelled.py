@@ -160,21 +160,18 @@ class LabelledFrames:
             if last_ns is None:
                 due_ns = frame.stamp_ns
             last_ns = frame.stamp_ns
-            self._take(number, frame)
+            depth = frame.depth if self.space.dim == 3 else None
+            seen = Frame(frame.stamp_ns, frame.image, depth, None)
+            tracks = self._tracker.step(seen) if self._given is None else self._given.at(number, seen)
+            for message in self._observer.messages(tracks, seen):
+                if isinstance(message, ObservationBatch):
+                    self._fusion.ingest(message)
+            self._held.append((number, frame, tracks))
             if frame.stamp_ns >= due_ns:
                 due_ns = frame.stamp_ns + self._period_ns
                 yield from self._release(self._fusion.update(frame.stamp_ns))
         if self._held and last_ns is not None:
             yield from self._release(self._fusion.update(last_ns))
-
-    def _take(self, number: int, frame: Frame) -> None:
-        depth = frame.depth if self.space.dim == 3 else None
-        seen = Frame(frame.stamp_ns, frame.image, depth, None)
-        tracks = self._tracker.step(seen) if self._given is None else self._given.at(number, seen)
-        for message in self._observer.messages(tracks, seen):
-            if isinstance(message, ObservationBatch):
-                self._fusion.ingest(message)
-        self._held.append((number, frame, tracks))
 
     def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
         self.joints = update.joints

@@ -148,7 +148,8 @@ def run_offline(
     if first is None:
         raise KnownError("there is no observation")
     compile_ahead(core.config.method, first.batch.unit, first.batch.dim)
-    start_ns = _start(first.batch)
+    stamps = first.batch.stamps_ns
+    start_ns = first.batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
     end_ns = math.inf if duration is None else start_ns + round(duration * 1e9)
     run = Run(truth, start_ns, period)
     for arrived in chain([first], batches):
@@ -165,11 +166,6 @@ def run_offline(
     if not run.scores:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
     return run
-
-
-def _start(batch: ObservationBatch) -> int:
-    stamps = batch.stamps_ns
-    return batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
 
 
 def _batches(messages: Iterable[Incoming], truth: Truth) -> Iterator[Arrived]:

@@ -119,7 +119,9 @@ class _RunFigure:
         self._figure = new_figure(12, 3.2 * (rows + 1), layout=layout)
         self._figure.suptitle(title, fontsize=14)
         grid = self._figure.add_gridspec(rows + 1, PANELS, height_ratios=[*[3] * rows, 2])
-        chosen = self._chosen()
+        # Moments with tracks, evenly spread over the run, including its end.
+        filled = [k for k, moment in enumerate(self._moments) if moment.tracks]
+        chosen = [filled[round(k)] for k in np.linspace(0, len(filled) - 1, PANELS + 1)[1:]]
         for column, index in enumerate(chosen):
             t = self._seconds(self._moments[index].stamp_ns)
             self._panel(grid[0, column], index, f"hypotheses, t = {t:.1f} s", truth=False)
@@ -128,19 +130,15 @@ class _RunFigure:
         self._curve(self._figure.add_subplot(grid[rows, :]), chosen)
         return self._figure
 
-    def _chosen(self) -> list[int]:
-        """Choose moments with tracks, evenly spread over the run, including its end."""
-        filled = [k for k, moment in enumerate(self._moments) if moment.tracks]
-        picks = np.linspace(0, len(filled) - 1, PANELS + 1)[1:]
-        return [filled[round(k)] for k in picks]
-
     def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self._start_ns) / 1e9
 
     def _panel(self, cell: Any, index: int, title: str, *, truth: bool) -> None:
         flat = self._space.dim == 2
         axes = self._figure.add_subplot(cell, **({} if flat else {"projection": "3d"}))
-        moment, shown, trails = self._moments[index], self._colours[index], self._trails(index)
+        moment, shown = self._moments[index], self._colours[index]
+        late = [m for m in self._moments[: index + 1] if m.stamp_ns >= moment.stamp_ns - TRAIL_S * 1e9]
+        trails = trails_of(moment, [(m.tracks, m.positions) for m in late])
         labels = moment.objects if truth else moment.hypotheses
         objects = object_colours(moment, shown) if truth else {}
         for label in np.unique(labels).tolist():
@@ -159,12 +157,6 @@ class _RunFigure:
         axes.set_title(title, fontsize=11)
         self._frame(axes)
         self._legend(axes)
-
-    def _trails(self, index: int) -> list[NDArray[np.float32]]:
-        """Positions of each track in the last second, float32 [steps, dim] each."""
-        now = self._moments[index]
-        late = [m for m in self._moments[: index + 1] if m.stamp_ns >= now.stamp_ns - TRAIL_S * 1e9]
-        return trails_of(now, [(moment.tracks, moment.positions) for moment in late])
 
     def _frame(self, axes: Any) -> None:
         names = "xyz"[: self._space.dim]

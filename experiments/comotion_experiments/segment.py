@@ -20,7 +20,6 @@ from comotion_schemas import UNDETERMINED, Hypothesis, Pose
 from comotion_schemas.errors import InputError
 from comotion_schemas.naming import joint_words
 from comotion_sources.cameras.opening import open_frames
-from comotion_sources.cameras.types import Camera
 from comotion_sources.klt.drawing import Annotator
 from comotion_sources.klt.observer import CameraSpace
 from comotion_sources.klt.picture_file import PictureFile
@@ -80,7 +79,12 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
         If it cannot be read, is a live camera, or an output cannot be written.
     """
     result, digest = Segmented(), hashlib.sha256()
-    camera = _camera(what, options)
+    if what is not None:
+        camera = open_frames(what, options.rate)
+    elif options.given is not None:
+        camera = BlankFrames(options.given)
+    else:
+        raise InputError("there is neither a video nor tracks")
     with ExitStack() as stack:
         stack.callback(camera.close)
         # The arrays of one update are too small to be worth waking other cores for.
@@ -111,14 +115,6 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
     result.joints = [joint_words(joint, options.names) for joint in run.joints if joint.point is not None]
     result.seconds = time.perf_counter() - begun
     return result
-
-
-def _camera(what: str | None, options: SegmentOptions) -> Camera:
-    if what is not None:
-        return open_frames(what, options.rate)
-    if options.given is None:
-        raise InputError("there is neither a video nor tracks")
-    return BlankFrames(options.given)
 
 
 class _Outputs:

@@ -131,7 +131,8 @@ def run_seed(messages: Sequence[Message], config: FusionConfig, period: float, c
         if due and t >= due[0] - period / 4:
             first_ns, now = update.stamp_ns - round(close.trail * 1e9), moments[-1]
             seen = [b for b in batches if first_ns <= b.stamp_ns <= update.stamp_ns]
-            trails = trails_of(now, [(_tracks(b), b.positions) for b in seen])
+            tracks = ([(b.source, b.session, identity) for identity in b.ids.tolist()] for b in seen)
+            trails = trails_of(now, zip(tracks, (b.positions for b in seen), strict=True))
             views.append(View(t, now, trails, *_affinity(fusion, truth, space.name, close)))
 
     run = run_offline(messages, fusion, truth=truth, period=period, on_update=on_update)
@@ -149,7 +150,3 @@ def _affinity(
     )
     order = np.argsort(objects, kind="stable")
     return affinity.matrix[np.ix_(order, order)], objects[order]
-
-
-def _tracks(batch: ObservationBatch) -> list[tuple[str, str, int]]:
-    return [(batch.source, batch.session, identity) for identity in batch.ids.tolist()]

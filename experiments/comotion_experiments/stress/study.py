@@ -1,6 +1,7 @@
 """Every family by name, as ``families.toml`` has them; their runs, and the page of them."""
 
 import math
+import re
 import textwrap
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -193,7 +194,8 @@ def _table(rows: Sequence[Row], families: Sequence[Family]) -> Table:
     for family, line in zip(families, lines, strict=True):
         shown = (line if column.key == "nmi_apart" else line[:1] for column in columns)
         cells = (
-            " / ".join(_short(column.of(figures)) for figures in methods)
+            # A number below 1 without the zero.
+            " / ".join(re.sub(r"^0\.", ".", column.of(figures)) for figures in methods)
             for column, methods in zip(columns, shown, strict=True)
         )
         table.add(f"`{family.name}`", family.title, *cells)
@@ -204,8 +206,3 @@ def _means(rows: Sequence[Row], family: Family, method: str) -> dict[str, float]
     """Means over seeds of a family under a method; empty if it was not run."""
     same = [row for row in rows if (row["case"], row["setting"]) == (family.name, method)]
     return means([{column.key: row[column.key] for column in _COLUMNS} for row in same]) if same else {}
-
-
-def _short(text: str) -> str:
-    """Write a number below 1 without the zero."""
-    return text[1:] if text.startswith("0.") else text

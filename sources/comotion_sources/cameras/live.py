@@ -214,14 +214,11 @@ def open_realsense(serial: str = "", rate: float | None = None) -> LiveCamera:
         profile = pipeline.start(config)
         scale = profile.get_device().first_depth_sensor().get_depth_scale()
         stream = profile.get_stream(library.stream.color).as_video_stream_profile()
-        camera = _intrinsics(stream.get_intrinsics())
+        sensor = stream.get_intrinsics()
+        size, focal, middle = (sensor.width, sensor.height), (sensor.fx, sensor.fy), (sensor.ppx, sensor.ppy)
+        # The colour stream has Brown-Conrady coefficients in the order of OpenCV.
+        camera = Intrinsics(*size, *focal, *middle, np.array(sensor.coeffs, np.float64))
     except RuntimeError as error:
         raise InputError(f"{what}: {' '.join(str(error).split())}") from None
     frames = _frames(library, pipeline, scale)
     return LiveCamera(what, frames, has_depth=True, rate=float(hertz), intrinsics=camera)
-
-
-def _intrinsics(sensor: Any) -> Intrinsics:
-    # The colour stream has Brown-Conrady coefficients in the order of OpenCV.
-    coefficients = np.array(sensor.coeffs, np.float64)
-    return Intrinsics(sensor.width, sensor.height, sensor.fx, sensor.fy, sensor.ppx, sensor.ppy, coefficients)

@@ -90,10 +90,13 @@ def _recording(name: str, archive: Any, fps: float | None) -> Recording:
     recording = tracks_recording(name, arrays, fps)
     if not has_positions:
         return recording
+    unit = str(_array(archive, "units")) if "units" in archive and recording.dim == 3 else "m"
+    if unit not in METRES:
+        raise RecordingError(f"its unit is {unit[:20]!r}, not one of {', '.join(METRES)}")
     labels = _labels(archive, recording.positions.shape[1])
     return replace(
         recording,
-        positions=recording.positions * (_scale(archive) if recording.dim == 3 else 1.0),
+        positions=recording.positions * METRES[unit],
         labels=labels,
         label_names={} if labels is None else _label_names(archive),
     )
@@ -134,10 +137,3 @@ def _label_names(archive: Any) -> dict[int, str]:
         if names.ndim == 1 and names.dtype.kind == "U":
             return {first + k: text[:64] for k, text in enumerate(names.tolist()) if text}
     return {}
-
-
-def _scale(archive: Any) -> float:
-    unit = str(_array(archive, "units")) if "units" in archive else "m"
-    if unit not in METRES:
-        raise RecordingError(f"its unit is {unit[:20]!r}, not one of {', '.join(METRES)}")
-    return METRES[unit]

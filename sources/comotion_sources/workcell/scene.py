@@ -116,7 +116,9 @@ class Scene:
         self._mujoco = require_mujoco()
         self.name, self.seed = name, seed
         self.model = self._load(name)
-        self._check_joints()
+        kinds = {int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE)}
+        if not set(self.model.jnt_type.tolist()) <= kinds:
+            raise InputError(f"{self.name}: only hinge and slide joints can be driven")
         self.joints: tuple[str, ...] = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         self.cameras = tuple(self.model.camera(i).name for i in range(self.model.ncam))
         self.robot = tuple(self._text("robot").split())
@@ -185,11 +187,6 @@ class Scene:
             return self._mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:
             raise InputError(f"{path}: {' '.join(str(error).split())}") from None
-
-    def _check_joints(self) -> None:
-        kinds = {int(self._mujoco.mjtJoint.mjJNT_HINGE), int(self._mujoco.mjtJoint.mjJNT_SLIDE)}
-        if not set(self.model.jnt_type.tolist()) <= kinds:
-            raise InputError(f"{self.name}: only hinge and slide joints can be driven")
 
     def _numeric(self, name: str) -> list[float]:
         names = [self.model.numeric(i).name for i in range(self.model.nnumeric)]
