@@ -228,14 +228,3 @@ def kept(moments: Sequence[Moment], event: Happening) -> float:
     ids = [(majority(earlier[-1], body), majority(later[-1], body)) for body in event.bodies]
     same = {old for old, new in ids if old is not None and old == new}
     return len(same) / len(ids) if ids else float("nan")
-
-
-def true_events(apart: Apart, end: float, happenings: Sequence[Happening]) -> int:
-    """Count the changes of the set of hypotheses that a right run shows.
-
-    Bodies born at the start, a split for each that moves apart, and two for each whose features were all
-    lost for a time.
-    """
-    births = int(apart.components(end).max()) + 1
-    returns = sum(2 * len(h.bodies) for h in happenings if h.lost and h.end > h.begin)
-    return births + returns

@@ -74,7 +74,8 @@ class TumFolder(RecordedCamera):
             stamp = self._listed[number][0]
             depth = self._depth(stamp, image.shape[:2])
             self.counters["depth_missing"] += depth is None
-            yield Frame(stamp, image, depth, self._truth(path, image.shape[:2]))
+            raw = _read_16_bit(self._folder / "objects" / f"{path.stem}.png", image.shape[:2])
+            yield Frame(stamp, image, depth, None if raw is None else raw.astype(np.int32) - 1)
 
     def _depth(self, stamp: int, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
         distances = np.abs(self._depth_stamps - stamp)
@@ -82,10 +83,6 @@ class TumFolder(RecordedCamera):
             return None
         raw = _read_16_bit(self._depths[int(np.argmin(distances))][1], shape)
         return None if raw is None else np.asarray(raw / np.float32(DEPTH_SCALE), np.float32)
-
-    def _truth(self, path: Path, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
-        raw = _read_16_bit(self._folder / "objects" / f"{path.stem}.png", shape)
-        return None if raw is None else raw.astype(np.int32) - 1
 
 
 def _listing(folder: Path, name: str) -> Listing:
