@@ -57,7 +57,9 @@ def affinity(positions: Floats, *, pixels: bool) -> Floats:
     `positions` are float64 [F, N, dim], NaN where unobserved; if not in `pixels`, lengths are scaled to a
     fixed width of the scene.
     """
-    scale = 1.0 if pixels else _EXTENT / max(_extent(positions), _LEAST_NOISE)
+    finite = positions[np.isfinite(positions).all(axis=2)]
+    extent = float((finite.max(0) - finite.min(0)).max()) if len(finite) else 1.0
+    scale = 1.0 if pixels else _EXTENT / max(extent, _LEAST_NOISE)
     x = positions * scale
     count = x.shape[1]
     motion = x[STEP:] - x[:-STEP]
@@ -69,7 +71,10 @@ def affinity(positions: Floats, *, pixels: bool) -> Floats:
         if len(rows) < 2:
             continue
         m, at = motion[t, rows], x[t, rows]
-        variation = np.maximum(_variation(m, at), floor)
+        # Variance of a coordinate of the motion among the nearest neighbours of each trajectory.
+        near = min(NEIGHBOURS + 1, len(at))
+        neighbours = cKDTree(at).query(at, k=near)[1].reshape(len(at), near)
+        variation = np.maximum(m[neighbours].var(axis=1).mean(axis=1), floor)
         smaller = np.minimum(variation[:, None], variation[None])
         difference = ((m[:, None] - m[None]) ** 2).sum(2) / (STEP * smaller)
         cell = np.ix_(rows, rows)
@@ -82,24 +87,12 @@ def affinity(positions: Floats, *, pixels: bool) -> Floats:
     return affinity
 
 
-def _variation(motion: Floats, at: Floats) -> Floats:
-    """Variance of a coordinate of the motion among the nearest neighbours of each trajectory, [n]."""
-    near = min(NEIGHBOURS + 1, len(at))
-    _, rows = cKDTree(at).query(at, k=near)
-    return np.asarray(motion[rows.reshape(len(at), near)].var(axis=1).mean(axis=1), np.float64)
-
-
 def _noise(x: Floats) -> float:
     """One-sigma noise of a coordinate: third differences of smooth motion are noise alone."""
     third = np.diff(x, n=3, axis=0)
     finite = third[np.isfinite(third)]
     # The variance of third differences is 20 times that of the noise.
     return float(np.median(np.abs(finite)) / 0.6745 / np.sqrt(20)) if len(finite) else _LEAST_NOISE
-
-
-def _extent(positions: Floats) -> float:
-    finite = positions[np.isfinite(positions).all(axis=2)]
-    return float((finite.max(0) - finite.min(0)).max()) if len(finite) else 1.0
 
 
 def spectral(matrix: NDArray[Any], count: int) -> Labels:

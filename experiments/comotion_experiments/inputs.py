@@ -11,6 +11,7 @@ from comotion_schemas import ObservationBatch, TruthBatch
 from comotion_schemas.errors import KnownError
 from comotion_schemas.recording import SUFFIX
 from comotion_sources.recordings import read_recording, recording_streams
+from comotion_sources.simulator import load_scene, simulate
 from comotion_sources.streams import batches
 
 SIMULATED = "sim:"
@@ -95,18 +96,12 @@ def find_inputs(
     inputs: list[Input] = []
     for name in names:
         if name.startswith(SIMULATED):
-            inputs += _simulated(name, seeds, rates)
+            spec = load_scene(name.removeprefix(SIMULATED))
+            runs = [(seed, simulate(spec, seed=seed, rates=rates)) for seed in seeds]
+            inputs += [Input(name, seed, partial(batches, run)) for seed, run in runs]
         else:
             inputs.append(_recorded(name, split, rates, as_received=as_received))
     return inputs
-
-
-def _simulated(name: str, seeds: Sequence[int], rates: Sequence[float] | None) -> list[Input]:
-    from comotion_sources import simulator
-
-    spec = simulator.load_scene(name.removeprefix(SIMULATED))
-    runs = [(seed, simulator.simulate(spec, seed=seed, rates=rates)) for seed in seeds]
-    return [Input(name, seed, lambda run=run: simulator.batches(run)) for seed, run in runs]  # type: ignore[misc]
 
 
 def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_received: bool) -> Input:

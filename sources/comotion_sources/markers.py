@@ -156,16 +156,13 @@ class MarkerDetector:
                 return None
             best = max(similar, key=lambda pose: float(np.trace(pose.rotation.T @ last)))
         self._last[number] = best.rotation
-        sigma = self._sigma(corners, best.translation[2], error)
-        return Extrinsics(best.rotation, best.translation, "camera"), sigma
-
-    def _sigma(self, corners: NDArray[np.float32], z: float, error: float) -> float:
-        """First-order noise, m: image position gives the axes across the ray, apparent size the one along."""
-        pixel = max(error, _CORNER_SIGMA_PX)
+        # First-order noise: image position gives the axes across the ray, apparent size the one along.
+        pixel, z = max(error, _CORNER_SIGMA_PX), best.translation[2]
         side = float(np.linalg.norm(np.diff(corners, axis=0), axis=1).mean())
         across = pixel * z * 2 / (self.intrinsics.fx + self.intrinsics.fy) / 2  # mean of four corners
         along = z * pixel / side
-        return float(np.sqrt((2 * across**2 + along**2) / 3))
+        sigma = float(np.sqrt((2 * across**2 + along**2) / 3))
+        return Extrinsics(best.rotation, best.translation, "camera"), sigma
 
 
 def publish_markers(

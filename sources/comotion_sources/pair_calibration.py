@@ -202,22 +202,17 @@ def calibrate_pair(
                     f"camera {name}: images of {width} x {height}, "
                     f"calibration for {camera.width} x {camera.height}"
                 )
-        views.extend(_paired_views(target, frame_a, frame_b))
+        in_a, in_b = target(frame_a.image), target(frame_b.image)
+        for name in sorted(in_a.keys() & in_b.keys()):
+            a, b = in_a[name], in_b[name]
+            common = sorted(a.keys() & b.keys())
+            if len(common) >= _MIN_COMMON_POINTS:
+                columns = zip(*((*a[i], b[i][1]) for i in common), strict=True)
+                views.append(PairedView(*(np.array(column) for column in columns)))
         if len(views) >= most_views:
             break
     fit = relative_pose(camera_a, camera_b, views)
     return fit._replace(pose=(extrinsics_a or Extrinsics()).after(fit.pose))
-
-
-def _paired_views(target: Target, frame_a: Frame, frame_b: Frame) -> Iterator[PairedView]:
-    """Find the target in both frames and yield the points that are in both."""
-    seen_a, seen_b = target(frame_a.image), target(frame_b.image)
-    for name in sorted(seen_a.keys() & seen_b.keys()):
-        a, b = seen_a[name], seen_b[name]
-        common = sorted(a.keys() & b.keys())
-        if len(common) >= _MIN_COMMON_POINTS:
-            columns = zip(*((*a[i], b[i][1]) for i in common), strict=True)
-            yield PairedView(*(np.array(column) for column in columns))
 
 
 def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[PairedView]) -> PairFit:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Unpack, cast
 from comotion_schemas.component import Where, new_session_id
 from comotion_schemas.errors import KnownError
 from comotion_schemas.keys import StreamKind
-from comotion_schemas.terminal import Report, keyboard, reporting
+from comotion_schemas.terminal import keyboard, reporting
 from comotion_schemas.text import counted
 
 from .player import KINDS, Log, Player, Progress
@@ -56,7 +56,13 @@ def play(log: Log, sources: Sequence[Source], schedule: Schedule, *, shown_as: s
         if shown_as:
             report = stack.enter_context(reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S))
             length = (log.end_ns - log.start_ns) / 1e9
-            progress = partial(_show, report, shown_as, length, schedule.start)
+
+            def progress(number: int, t: float) -> None:
+                at, count = schedule.start + t, f", pass {number + 1}" if number else ""
+                done = round(_BAR * min(at / length, 1.0)) if sys.stderr.isatty() else 0
+                line = f"{shown_as}{count}: {at:.1f} of {length:.1f} s {'━' * done}".rstrip()
+                report(lambda: line)
+
             if sys.stderr.isatty():
                 read_key = partial(stack.enter_context(keyboard()), 0.0)
         # Signals reach the component that was entered last.
@@ -65,14 +71,6 @@ def play(log: Log, sources: Sequence[Source], schedule: Schedule, *, shown_as: s
         player.run()
         if not sources[-1].stop.is_set():
             _log.info("played to the end")
-
-
-def _show(report: Report, what: str, length: float, start: float, number: int, t: float) -> None:
-    """Report the second `t` of a pass, which begins at `start` of a recording of `length`, s."""
-    done = round(_BAR * min((start + t) / length, 1.0)) if sys.stderr.isatty() else 0
-    count = f", pass {number + 1}" if number else ""
-    line = f"{what}{count}: {start + t:.1f} of {length:.1f} s {'━' * done}".rstrip()
-    report(lambda: line)
 
 
 def play_streams(

@@ -99,25 +99,20 @@ def draw_weights(study: Study) -> Drawn:
     for axes in (whole, close):
         axes.axvline(_START, color="0.5", linewidth=1, linestyle=":")
     described = f"σ = {_SWITCH:g}; equal weights, v = 0.001, v = 0.1"
-    return Drawn(figure, _weight_rows(takes), parameters(_WEIGHTS, study, described, drawn=False), takes)
-
-
-def _weight_rows(takes: dict[str, SceneRuns]) -> list[Row]:
-    said = (
-        "the baseline",
-        "not very different from equal weights",
-        "sooner, although the effect is quite small",
+    rows = rows_of_each(
+        "NMI is 1, after the start",
+        takes,
+        (
+            "the baseline",
+            "not very different from equal weights",
+            "sooner, although the effect is quite small",
+        ),
+        lambda take: f"{spread(perfect_from(take) - _START, 2)} s",
     )
     at_rest = (take.nmi[:, take.t < _START].max() for take in (takes["equal weights"], takes[DEFAULT]))
     resting = (f"{value:.3f}" for value in at_rest)
-    return [
-        *rows_of_each("NMI is 1, after the start", takes, said, _late),
-        Row("largest NMI before the start", "nothing has moved", *resting),
-    ]
-
-
-def _late(take: SceneRuns) -> str:
-    return f"{spread(np.asarray(perfect_from(take)) - _START, 2)} s"
+    rows.append(Row("largest NMI before the start", "nothing has moved", *resting))
+    return Drawn(figure, rows, parameters(_WEIGHTS, study, described, drawn=False), takes)
 
 
 def draw_respawning(study: Study) -> Drawn:

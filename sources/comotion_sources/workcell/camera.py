@@ -153,7 +153,14 @@ class WorkcellCamera(Camera):
         self._inbox = Inbox(component.session, key, "joints")
 
     def __iter__(self) -> Iterator[Frame]:
-        return self._follow() if self.live else self._run()
+        if self.live:
+            yield from self._follow()
+            return
+        for index in range(round((self.spec.duration or self.scene.period) * self.spec.rate)):
+            if self._closed.is_set():
+                return
+            t = index / self.spec.rate
+            yield self._frame(self.scene.configuration(t), round(t * 1e9))
 
     def close(self) -> None:
         """End the stream."""
@@ -161,14 +168,6 @@ class WorkcellCamera(Camera):
         inbox, self._inbox = self._inbox, None
         if inbox is not None:
             inbox.close()
-
-    def _run(self) -> Iterator[Frame]:
-        duration = self.spec.duration or self.scene.period
-        for index in range(round(duration * self.spec.rate)):
-            if self._closed.is_set():
-                return
-            t = index / self.spec.rate
-            yield self._frame(self.scene.configuration(t), round(t * 1e9))
 
     def _follow(self) -> Iterator[Frame]:
         """Yield frames at multiples of the period on the wall clock; skip those that are late."""
@@ -202,8 +201,11 @@ class WorkcellCamera(Camera):
                     _log.warning("joint states %r arrive", self.spec.follow)
                 return self._states.at(stamp_ns)
             if not warned and time.monotonic() > warn_at:
-                _log.warning("%s", self._waiting_message())
-                warned = True
+                warned, name = True, self.spec.follow
+                text = f"waiting for joint states {name!r} (comotion source workcell {self.spec.scene})"
+                if self._missing is not None:
+                    text = f"joint states {name!r} have no {self._missing!r}: another scene?"
+                _log.warning("%s", text)
             inbox.wait(_WAIT_S)
         return None
 
@@ -216,11 +218,6 @@ class WorkcellCamera(Camera):
         self._missing = next((joint for joint in self.scene.joints if joint not in positions), None)
         if self._missing is None:
             self._states.add(message.stamp_ns, np.array([positions[joint] for joint in self.scene.joints]))
-
-    def _waiting_message(self) -> str:
-        if self._missing is not None:
-            return f"joint states {self.spec.follow!r} have no {self._missing!r}: another scene?"
-        return f"waiting for joint states {self.spec.follow!r} (comotion source workcell {self.spec.scene})"
 
 
 def write_tum(camera: WorkcellCamera, folder: Path) -> int:
