@@ -79,7 +79,8 @@ class Palette:
                 self._given[h.id] = BACKGROUND
         for h in sorted(new, key=lambda h: h.id):
             if h.id not in self._given:
-                self._given[h.id] = self._free(h.id)
+                used, first = list(self._given.values()), h.id % len(COLOURS)
+                self._given[h.id] = min((*COLOURS[first:], *COLOURS[:first]), key=used.count)
 
     def colour(self, hypothesis: int) -> RGB:
         """Colour of a hypothesis id as (red, green, blue) in 0..255; grey for undetermined."""
@@ -94,11 +95,6 @@ class Palette:
         ids, inverse = np.unique(hypotheses, return_inverse=True)
         table = np.array([self.colour(i) for i in ids.tolist()], np.uint8).reshape(-1, 3)
         return table[inverse]
-
-    def _free(self, hypothesis: int) -> RGB:
-        used = list(self._given.values())
-        first = hypothesis % len(COLOURS)
-        return min((*COLOURS[first:], *COLOURS[:first]), key=used.count)
 
 
 def _is_behind(body: Hypothesis, listed: Sequence[Hypothesis]) -> bool:

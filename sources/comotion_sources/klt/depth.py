@@ -45,25 +45,19 @@ def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig) -> Floats:
     valid = np.isfinite(z) & (z > 0)
     enough = valid.sum(axis=1) >= _MIN_VALID_SHARE * _DY.size
     inverse = np.divide(1.0, z, out=np.zeros_like(z), where=valid)
+    # Fit 1/z = a + b·dx + c·dy to each patch.
+    weights = valid.astype(np.float64)
+    products = (_DESIGN[:, :, None] * _DESIGN[:, None, :]).reshape(-1, 9)
+    normal = (weights @ products).reshape(-1, 3, 3) + 1e-9 * np.eye(3)
+    plane = np.linalg.solve(normal, ((weights * inverse) @ _DESIGN)[:, :, None])[:, :, 0]
+    residual = inverse - plane @ _DESIGN.T
     # Evaluate the plane at the exact position, up to half a pixel from the centre of the patch.
-    sub = pixels.astype(np.float64) - near
-    fitted, residual = _plane(inverse, valid, sub)
+    fitted = plane[:, 0] + (plane[:, 1:] * (pixels.astype(np.float64) - near)).sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         at = np.where(enough & (fitted > 0), 1.0 / fitted, np.nan)
     departure = (np.abs(residual) * valid).max(axis=1, initial=0.0) * at**2  # dz = z² d(1/z)
     edge = departure > config.depth_edge + 4.0 * depth_sigma(at, config)
     return np.where(edge, np.nan, at)
-
-
-def _plane(inverse: Floats, valid: NDArray[np.bool_], sub: Floats) -> tuple[Floats, Floats]:
-    """Fit 1/z = a + b·dx + c·dy to each patch; return its value at `sub` and the residuals [N, P]."""
-    weights = valid.astype(np.float64)
-    products = (_DESIGN[:, :, None] * _DESIGN[:, None, :]).reshape(-1, 9)
-    normal = (weights @ products).reshape(-1, 3, 3) + 1e-9 * np.eye(3)
-    right = (weights * inverse) @ _DESIGN
-    plane = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-    value = plane[:, 0] + (plane[:, 1:] * sub).sum(axis=1)
-    return value, inverse - plane @ _DESIGN.T
 
 
 def depth_sigma(z: Floats, config: TrackerConfig) -> Floats:

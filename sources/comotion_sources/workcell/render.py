@@ -99,23 +99,18 @@ class Renderer:
         """
         self.scene.place(self._data, configuration)
         layer = {name: values.copy() for name, values in self._still.items()}
-        self._shade(layer, *self._cast_moving())
+        # The pixels that show a moving body.
+        near, model = np.flatnonzero(self._covered()), self.scene.model
+        geoms, depth = _cast(model, self._data, self.extrinsics.translation, self._rays[near], MOVING)
+        behind = layer["depth"][near]
+        visible = (geoms >= 0) & ((depth < behind) | (behind == 0))
+        self._shade(layer, near[visible], geoms[visible], depth[visible])
         light = _AMBIENT + layer["light"].reshape(self._shape) * self._illumination(layer)
         light = (light * self._shadow_gain(layer["points"], t)).astype(np.float32)
         texels = layer["texels"].reshape(*self._shape, 3)
         image = cv2.multiply(texels, cv2.merge([light] * 3), dtype=cv2.CV_8U)
         depth, geoms = (layer[name].reshape(self._shape) for name in ("depth", "geoms"))
         return Rendering(np.asarray(image, np.uint8), depth, geoms)
-
-    def _cast_moving(self) -> tuple[Rows, NDArray[np.int32], Points]:
-        """Pixels [n] that show a moving body, with geom and depth."""
-        near = np.flatnonzero(self._covered())
-        geoms, depth = _cast(
-            self.scene.model, self._data, self.extrinsics.translation, self._rays[near], MOVING
-        )
-        behind = self._still["depth"][near]
-        visible = (geoms >= 0) & ((depth < behind) | (behind == 0))
-        return near[visible], geoms[visible], depth[visible]
 
     def _covered(self) -> NDArray[np.bool_]:
         """Mark the pixels around the bounding box of each moving geom."""

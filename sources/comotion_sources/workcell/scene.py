@@ -124,7 +124,10 @@ class Scene:
         self.robot = tuple(self._text("robot").split())
         self.period, *_ = self._numeric("period") or [0.0]
         self.shadow = self._numeric("shadow")
-        self._curves = self._read_motion()
+        for text in (self.model.numeric(i).name for i in range(self.model.nnumeric)):
+            if text.startswith(_MOTION) and text.removeprefix(_MOTION) not in self.joints:
+                raise InputError(f"{self.name}: {text}: no such joint")
+        self._curves = [self._curve(_MOTION + joint) for joint in self.joints]
         self._couplings = couplings(self.model)
         # Amplitude, s, and phase of the shift of the motion in time.
         self._warp = (0.0, 0.0)
@@ -198,13 +201,6 @@ class Scene:
             return ""
         start, size = int(self.model.text_adr[index]), int(self.model.text_size[index])
         return bytes(self.model.text_data[start : start + size]).rstrip(b"\0").decode()
-
-    def _read_motion(self) -> list[PchipInterpolator | None]:
-        names = [self.model.numeric(i).name for i in range(self.model.nnumeric)]
-        for name in names:
-            if name.startswith(_MOTION) and name.removeprefix(_MOTION) not in self.joints:
-                raise InputError(f"{self.name}: {name}: no such joint")
-        return [self._curve(_MOTION + joint) for joint in self.joints]
 
     def _curve(self, name: str) -> PchipInterpolator | None:
         keys = np.array(self._numeric(name))
