@@ -4,21 +4,23 @@ Two bodies can be distinguished from when on they have moved against each other 
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from comotion_clients.metrics import Truth, labels_of, score_labels
+from comotion import FusionConfig
+from comotion_clients.metrics import Score, Truth, labels_of, score_labels
 from comotion_clients.scoring import Observed
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
 from comotion_sources.simulator.actors import Poses
 
 from ..inputs import Arrived
+from ..offline import Run, run_offline
 from ..tables import mean
-from .observe import EPOCH_NS
+from .observe import EPOCH_NS, messages_of
 from .scene import Array, Happening, Scene
 
 SIGMAS = 5.0
@@ -89,33 +91,27 @@ class Moment:
     nmi_apart: float  # with bodies as one that nothing has separated yet
 
 
-@dataclass
-class Watcher:
-    """Collects the moments of a run; feed it batches before the core sees them, and every update."""
+def watch(scene: Scene, config: FusionConfig, apart: Apart) -> tuple[Run, list[Moment]]:
+    """Run a scene through the core; the run, and every update of it."""
+    messages = messages_of(scene)
+    truth, observed, moments = Truth(messages.truth), Observed(), list[Moment]()
+    listed: set[tuple[int, str, int, tuple[int, ...]]] = set()
 
-    truth: Truth
-    apart: Apart
-    moments: list[Moment] = field(default_factory=list)
-    _listed: set[tuple[int, str, int, tuple[int, ...]]] = field(default_factory=set)
-    _observed: Observed = field(default_factory=Observed)
-
-    def passing(self, batches: Iterable[Arrived]) -> Iterator[Arrived]:
-        """Hand batches on, and note what they observe."""
-        for arrived in batches:
-            self._observed.add(arrived.batch)
+    def passing() -> Iterator[Arrived]:
+        for arrived in messages.batches:
+            observed.add(arrived.batch)
             yield arrived
 
-    def add(self, update: HypothesisUpdate) -> None:
-        """Take in an update."""
+    def on_update(update: HypothesisUpdate, _: Score) -> None:
         t = (update.stamp_ns - EPOCH_NS) / 1e9
-        labels, bodies = labels_of(update, self.truth, self._observed.at(update.stamp_ns))
-        together = self.apart.components(t)[bodies].astype(np.int32)
+        labels, bodies = labels_of(update, truth, observed.at(update.stamp_ns))
+        together = apart.components(t)[bodies].astype(np.int32)
         confirmed = {h.id for h in update.hypotheses if h.confirmed}
         # Each event is repeated for some seconds.
-        listed = {(e.stamp_ns, e.kind, e.hypothesis, tuple(e.others)) for e in update.events}
-        new = sorted(listed - self._listed)
-        self._listed |= listed
-        self.moments.append(
+        events = {(e.stamp_ns, e.kind, e.hypothesis, tuple(e.others)) for e in update.events}
+        new = sorted(events - listed)
+        listed.update(events)
+        moments.append(
             Moment(
                 t=t,
                 labels=labels,
@@ -126,6 +122,9 @@ class Watcher:
                 nmi_apart=score_labels(labels, together, 0).nmi,
             )
         )
+
+    run = run_offline(passing(), config, truth=truth, period=scene.period, on_update=on_update)
+    return run, moments
 
 
 GOOD = 0.95

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.metrics import Truth
 from comotion_schemas.errors import KnownError
 
-from ..offline import run_offline, thesis
+from ..offline import thesis
 from ..study import Row
 from ..tables import Column, Table, filled, mean, means
 from . import families, metrics
-from .metrics import Watcher, apart
-from .observe import messages_of
 from .scene import Scene
 
 
@@ -114,17 +111,8 @@ def run_scene(scene: Scene, config: FusionConfig) -> dict[str, float]:
     minute beyond the true ones, `switches` tracks per 100 with another hypothesis than an update before,
     `hypotheses` the mean number of confirmed ones, `ms` the median time of an update.
     """
-    messages, since = messages_of(scene), apart(scene)
-    truth = Truth(messages.truth)
-    watcher = Watcher(truth, since)
-    run = run_offline(
-        watcher.passing(messages.batches),
-        config,
-        truth=truth,
-        period=scene.period,
-        on_update=lambda update, _: watcher.add(update),
-    )
-    moments = watcher.moments
+    since = metrics.apart(scene)
+    run, moments = metrics.watch(scene, config, since)
     last = moments[-1].t
     # Each with when the next one begins, or the run ends.
     followed = zip(scene.happenings, [*(h.begin for h in scene.happenings[1:]), last], strict=False)
