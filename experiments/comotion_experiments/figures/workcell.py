@@ -168,13 +168,13 @@ def pictures(shot: Shot) -> Callable[[Study], Drawn]:
             row[0].set_ylabel(label, fontsize=11, fontweight="bold")
         _truth(rows[2], stills, shown[DEFAULT])
         panels.object_legend(figure, stills.names)
-        said = right_rows(shown, shot.times, "-")
+        numbers = right_rows(shown, shot.times, "-")
         name, other = shot.apart
         what = f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on"
-        said.append(row_of(what, shot.said, shown, partial(_apart, name=name, other=other)))
+        numbers.append(row_of(what, shot.said, shown, partial(_apart, name=name, other=other)))
         if shot is SHELF:
-            said.append(row_of("the door's hypothesis, closing", "another than opening", shown, _door))
-        return Drawn(figure, said, _parameters(study, shot, drawn=True))
+            numbers.append(row_of("the door's hypothesis, closing", "another than opening", shown, _door))
+        return Drawn(figure, numbers, _parameters(study, shot, drawn=True))
 
     return draw
 

@@ -124,9 +124,9 @@ class Scene:
         self.robot = tuple(self._text("robot").split())
         self.period, *_ = self._numeric("period") or [0.0]
         self.shadow = self._numeric("shadow")
-        for text in (self.model.numeric(i).name for i in range(self.model.nnumeric)):
-            if text.startswith(_MOTION) and text.removeprefix(_MOTION) not in self.joints:
-                raise InputError(f"{self.name}: {text}: no such joint")
+        for key in (self.model.numeric(i).name for i in range(self.model.nnumeric)):
+            if key.startswith(_MOTION) and key.removeprefix(_MOTION) not in self.joints:
+                raise InputError(f"{self.name}: {key}: no such joint")
         self._curves = [self._curve(_MOTION + joint) for joint in self.joints]
         self._couplings = couplings(self.model)
         # Amplitude, s, and phase of the shift of the motion in time.
