@@ -111,6 +111,12 @@ class Fusion:
         """Names of the spaces that have been observed, sorted, and how many rows :meth:`affinity` has."""
         return dict(sorted((space.spec.name, space.size) for space in self._spaces))
 
+    @property
+    def next_id(self) -> int:
+        """The least id that no hypothesis has had."""
+        published = self._published.ids
+        return max(self._ids.following, 0 if published is None else published.following)
+
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
         refusal: RejectionReason | None = "defect"
@@ -238,20 +244,17 @@ class Fusion:
         Callable
             Gives the snapshot as a list of buffers; it shares nothing with the fusion.
         """
-        following = self._ids.following + (0 if clean else ID_GAP)
         state = {
             "method": self.config.method,
             "scene": self.scene,
             "session": self.session,
-            "next_id": following,
+            "next_id": self._ids.following + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
             "assembly": plain(self._assembly),
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
-        if self._published.ids is not None:
-            following = max(following, self._published.ids.following + ID_GAP)
-        return partial(snapshot.pieces, state, following)
+        return partial(snapshot.pieces, state)
 
     @classmethod
     def restore(cls, config: FusionConfig, data: bytes, *, session: str | None = None) -> Self:

@@ -2,93 +2,36 @@
 
 Not pickle: a state file is data from outside, and reading it must not run code. The layout is
 
-    header      magic, format, sizes, digest of all that follows, next hypothesis id; its own checksum
+    header      magic, format, bytes of the values, digest of all that follows
     values      msgpack, with a reference in the place of each array
     arrays      their bytes, one after the other
-
-The header can be read where the rest is damaged, so that no hypothesis id is given out twice.
 """
 
 import hashlib
 import struct
-import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any, Self, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import msgpack
 import numpy as np
 
 from comotion_schemas.errors import KnownError
 
-FORMAT = 14
+FORMAT = 15
 """Version of the layout and of the state in it."""
 MAX_BYTES = 1 << 30
 _MAGIC = b"comotion"
-_HEADER = struct.Struct("<8sIQQQ16s")
-_CHECKSUM = struct.Struct("<I")
-HEADER_BYTES = _HEADER.size + _CHECKSUM.size
+_HEADER = struct.Struct("<8sIQ16s")
 _ARRAY = "__array__"
 _SAFE_KINDS = "biuf"
 _DIGEST_BYTES = 16
 Built = TypeVar("Built")
 
 
-@dataclass(frozen=True)
-class Header:
-    """Header of a snapshot: its sizes, its digest and the next hypothesis id.
-
-    Attributes
-    ----------
-    values, arrays
-        Bytes of the two parts that follow.
-    following
-        The next hypothesis id.
-    digest
-        BLAKE2b of all that follows, 16 bytes.
-    """
-
-    values: int
-    arrays: int
-    following: int
-    digest: bytes
-
-    @property
-    def total(self) -> int:
-        """Bytes of the whole snapshot."""
-        return HEADER_BYTES + self.values + self.arrays
-
-    def pack(self) -> bytes:
-        """As bytes, with a checksum of its own."""
-        fields = _HEADER.pack(_MAGIC, FORMAT, self.values, self.arrays, self.following, self.digest)
-        return fields + _CHECKSUM.pack(zlib.crc32(fields))
-
-    @classmethod
-    def read(cls, data: bytes) -> Self:
-        """Read it from the first bytes of a snapshot.
-
-        Raises
-        ------
-        ValueError
-            If they are no header of this format, or damaged.
-        """
-        if not data.startswith(_MAGIC):
-            raise KnownError("not a snapshot")
-        if len(data) < HEADER_BYTES:
-            raise KnownError("damaged snapshot: it ends within its header")
-        if _CHECKSUM.unpack_from(data, _HEADER.size)[0] != zlib.crc32(data[: _HEADER.size]):
-            raise KnownError("damaged snapshot: the checksum of its header is wrong")
-        _, version, values, arrays, following, digest = _HEADER.unpack_from(data)
-        if version != FORMAT:
-            raise KnownError(f"not a snapshot of this version: format {version}, expected {FORMAT}")
-        return cls(values, arrays, following, digest)
-
-
-def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
+def pieces(state: dict[str, Any]) -> list[Any]:
     """Serialise nested dicts and lists of plain values and numeric arrays, without a copy of the arrays.
 
-    `following` is the next hypothesis id, for the header. Returns buffers that make up the snapshot, in
-    order.
+    Returns buffers that make up the snapshot, in order.
 
     Raises
     ------
@@ -110,7 +53,7 @@ def pieces(state: dict[str, Any], following: int = 0) -> list[Any]:
         raise TypeError(f"cannot store a {type(value).__name__}")
 
     values = cast("bytes", msgpack.packb(state, default=refer))
-    return [Header(len(values), size, following, _digest([values, *parts])).pack(), values, *parts]
+    return [_HEADER.pack(_MAGIC, FORMAT, len(values), _digest([values, *parts])), values, *parts]
 
 
 def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
@@ -121,19 +64,22 @@ def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
     ValueError
         If `data` is no snapshot of this version, or damaged, or `build` fails.
     """
-    header = Header.read(data)
-    if len(data) != header.total:
-        raise KnownError(f"damaged snapshot: {len(data)} bytes, its header says {header.total}")
-    body = memoryview(data)[HEADER_BYTES:]
-    if _digest([body]) != header.digest:
+    if not data.startswith(_MAGIC):
+        raise KnownError("not a snapshot")
+    if len(data) < _HEADER.size:
+        raise KnownError("damaged snapshot: it ends within its header")
+    _, version, size, digest = _HEADER.unpack_from(data)
+    if version != FORMAT:
+        raise KnownError(f"not a snapshot of this version: format {version}, expected {FORMAT}")
+    body = memoryview(data)[_HEADER.size :]
+    if _digest([body]) != digest:
         raise KnownError("damaged snapshot: its checksum is wrong")
-    arrays = body[header.values :]
     try:
         state = msgpack.unpackb(
-            body[: header.values],
+            body[:size],
             raw=False,
             strict_map_key=False,
-            object_hook=lambda value: _resolve(value, arrays),
+            object_hook=lambda value: _resolve(value, body[size:]),
         )
         return build(state)
     # Whatever goes wrong in a state that is checked but does not fit, the state is to blame.

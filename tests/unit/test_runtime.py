@@ -22,9 +22,8 @@ from comotion.runtime.state_file import (
     default_path,
     load_fusion,
     write_atomically,
-    write_state,
+    write_ids,
 )
-from comotion.snapshot import Header
 from comotion_schemas import ObservationBatch
 from comotion_sources import simulator
 
@@ -142,12 +141,9 @@ class TestHealth:
 
 def kept(path, fusion, *, clean=False):
     """Write a state as the service does; returns the bytes."""
-    write_state(path, fusion.capture(clean=clean)())
+    write_ids(path, fusion.next_id)
+    write_atomically(path, fusion.capture(clean=clean)())
     return path.read_bytes()
-
-
-def next_id(fusion):
-    return Header.read(fusion.snapshot(clean=True)).following
 
 
 def running(stamp_ns=SECOND, scene="default", first_id=1):
@@ -169,7 +165,7 @@ class TestStateFile:
         after = again.update(SECOND)
         assert (again.session, after.hypotheses) == (SESSION, before.hypotheses)
         assert after.track_id.tolist() == [1, 2]
-        assert next_id(again) == next_id(fusion)
+        assert again.next_id == fusion.next_id
         assert {p.name for p in tmp_path.iterdir()} == {"state", "state.ids"}
         assert {stat.S_IMODE(p.stat().st_mode) for p in tmp_path.iterdir()} == {0o600}
 
@@ -186,25 +182,25 @@ class TestStateFile:
     def test_a_bad_file_is_kept_aside_and_no_id_is_given_out_twice(self, tmp_path, damage, caplog):
         data = damage(kept(tmp_path / "state", running(first_id=5000)))
         (tmp_path / "state").write_bytes(data)
-        assert next_id(self.load(tmp_path / "state")) > 5000
+        assert self.load(tmp_path / "state").next_id > 5000
         assert (tmp_path / "state.rejected").read_bytes() == data
         assert "starting afresh" in caplog.text
         # The file has been put aside; the next start has the ids alone.
-        assert next_id(self.load(tmp_path / "state")) > 5000
+        assert self.load(tmp_path / "state").next_id > 5000
 
-    @pytest.mark.parametrize("damage", [b"", b"comotion-ids 5001 00000000\n", b"\xff" * 100])
+    @pytest.mark.parametrize("damage", [b"", b"comotion-ids 0\n", b"\xff" * 100])
     def test_damaged_ids_are_said_and_not_believed(self, tmp_path, damage, caplog):
         kept(tmp_path / "state", running(first_id=5000))
         (tmp_path / "state").unlink()
-        assert next_id(self.load(tmp_path / "state")) > 5000
+        assert self.load(tmp_path / "state").next_id > 5000
         (tmp_path / "state.ids").write_bytes(damage)
-        assert next_id(self.load(tmp_path / "state")) < 5000
+        assert self.load(tmp_path / "state").next_id < 5000
         assert "state.ids is damaged" in caplog.text
 
     def test_a_state_from_which_no_update_follows_is_refused(self, tmp_path, monkeypatch, caplog):
         kept(tmp_path / "state", running())
         monkeypatch.setattr(Fusion, "update", lambda fusion, now_ns: fusion.no_such_thing)
-        assert next_id(self.load(tmp_path / "state")) > 1000
+        assert self.load(tmp_path / "state").next_id > 1000
         assert "no update follows from it: AttributeError" in caplog.text
 
     def test_what_killed_processes_have_left_is_removed(self, tmp_path):
@@ -222,7 +218,7 @@ class TestStateFile:
         kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
         again = self.load(tmp_path / "state", now_ns=90 * SECOND)
         assert again.timeline.watermark_ns is None
-        assert next_id(again) > 5000
+        assert again.next_id > 5000
         assert "10.0 s in the future" in caplog.text
 
     def test_a_new_scene_keeps_the_one_before_and_says_how_old_it_is(self, tmp_path, caplog):
@@ -231,7 +227,7 @@ class TestStateFile:
         os.utime(tmp_path / "state", (0, time.time() - 600))
         begin_afresh(tmp_path / "state")
         assert "a new scene; the one of 10 min ago is kept" in caplog.text
-        assert next_id(self.load(tmp_path / "state.before", now_ns=200 * SECOND)) > 5000
+        assert self.load(tmp_path / "state.before", now_ns=200 * SECOND).next_id > 5000
         assert "continuing the scene of 10 min ago" in caplog.text
         assert not (tmp_path / "state").exists()
         begin_afresh(tmp_path / "state")

@@ -9,7 +9,6 @@ import os
 import re
 import threading
 import time
-import zlib
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +23,7 @@ from ..config import FusionConfig
 from ..event_time.timeline import FUTURE_NS
 from ..fusion import Fusion
 
-_IDS = re.compile(rb"comotion-ids (\d{1,10}) ([0-9a-f]{8})\n")
+_IDS = re.compile(rb"comotion-ids (\d{1,10})\n")
 _IDS_BYTES = 64
 # Ids reserved at once in the second file: it is written that rarely.
 _RESERVED = 1000
@@ -55,7 +54,7 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     """Continue from a state file, or start afresh with a warning when that is impossible.
 
     A file that cannot be used is kept as ``FILE.rejected``: it may be of another scene or version. Hypothesis
-    ids continue after those given out before, as far as it or ``FILE.ids`` tells.
+    ids continue after those given out before, as far as ``FILE.ids`` tells.
 
     A state of another scene is not used, nor one from the future of `now_ns`, the wall clock in nanoseconds
     if the service follows it: every observation would be late.
@@ -65,7 +64,6 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     try:
         with path.open("rb") as file:
             data = file.read(snapshot.MAX_BYTES + 1)
-        first_id = snapshot.Header.read(data).following
         fusion = _continued(data, config, scene, session, now_ns)
     except FileNotFoundError:
         pass
@@ -148,7 +146,7 @@ def _reserved(path: Path) -> int:
             match = _IDS.fullmatch(file.read(_IDS_BYTES))
     except OSError:
         return 1
-    if match is None or zlib.crc32(match[1]) != int(match[2], 16) or not 0 < int(match[1]) < UNDETERMINED:
+    if match is None or not 0 < int(match[1]) < UNDETERMINED:
         _log.warning("%s is damaged", _beside(path, "ids"))
         return 1
     return int(match[1])
@@ -185,23 +183,16 @@ def write_atomically(path: Path, parts: Iterable[Any]) -> None:
         os.close(folder)
 
 
-def write_state(path: Path, parts: list[Any], reserved: int = 0) -> int:
-    """Write a snapshot, and before it in ``FILE.ids`` which hypothesis ids may have been given out.
-
-    `parts` are the buffers of the snapshot. Ids below `reserved` are noted already; returns below which they
-    are now.
+def write_ids(path: Path, following: int) -> int:
+    """Write in ``FILE.ids`` that hypothesis ids below some beyond `following` may be given out; returns it.
 
     Raises
     ------
     OSError
-        If a file cannot be written.
+        If the file cannot be written.
     """
-    following = snapshot.Header.read(parts[0]).following
-    if following > reserved:
-        reserved = following + _RESERVED
-        number = b"%d" % min(reserved, UNDETERMINED - 1)
-        write_atomically(_beside(path, "ids"), [b"comotion-ids %b %08x\n" % (number, zlib.crc32(number))])
-    write_atomically(path, parts)
+    reserved = min(following + _RESERVED, UNDETERMINED - 1)
+    write_atomically(_beside(path, "ids"), [b"comotion-ids %d\n" % reserved])
     return reserved
 
 
@@ -273,7 +264,9 @@ class StateKeeper:
         assert self._path is not None  # noqa: S101 - the thread runs where there is one
         began = time.thread_time_ns()
         try:
-            self._reserved = write_state(self._path, produce(), self._reserved)
+            if self._fusion.next_id >= self._reserved:
+                self._reserved = write_ids(self._path, self._fusion.next_id)
+            write_atomically(self._path, produce())
             self.error = ""
         except Exception as error:  # whatever it is, the next state may be written
             reason = error.strerror if isinstance(error, OSError) else repr(error)
