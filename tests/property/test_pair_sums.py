@@ -69,7 +69,7 @@ class SideBySide:
     def variance(self, tracks):
         """(3.3) and the number of samples of each pair, read from the sums once they are up to date."""
         self.pairs.affinity(self.window)
-        rows = self.pairs.rows.of[self.slots_of(tracks)]
+        rows = self.slots_of(tracks)
         high, low = np.maximum.outer(rows, rows), np.minimum.outer(rows, rows)
         a, b = np.nonzero(low >= 0)
         (strip, row), (column, inside) = np.divmod(high[a, b], STRIP), np.divmod(low[a, b], STRIP)
@@ -116,7 +116,7 @@ class SideBySide:
         """Affinities are equal to 1e-5."""
         pairs, tracks = self.all_pairs()
         matrix = self.pairs.affinity(self.window)
-        rows = self.pairs.rows.of[self.slots_of(tracks)]
+        rows = self.slots_of(tracks)
         found = matrix[np.ix_(rows, rows)]
         for a, b, i, j in pairs:
             variance, _ = self.expected(i, j)

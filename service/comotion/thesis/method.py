@@ -55,8 +55,8 @@ class ThesisMethod(Method):
         self._pair_sums = PairSums(v_move, thesis.sigma_switch or _SIGMA_SWITCH[spec.unit])
         self._cluster = make_clustering(thesis.clustering, thesis.stop_affinity)
         self._affinity: Floats32 = np.zeros((0, 0), np.float32)
-        # Which of its rows are those of the last update's trajectories.
-        self._rows: Slots = np.zeros(0, np.intp)
+        # The last update's trajectories: which of its rows are theirs.
+        self._current: Slots = np.zeros(0, np.intp)
 
     def evicting(self, window: Window, slots: Slots, counts: Slots) -> None:
         """The oldest observations of some slots are about to go."""
@@ -71,9 +71,9 @@ class ThesisMethod(Method):
         # 1. Trajectories: the window holds them up to date; `current` are those to group.
         # 2. to 4. Distance samples (3.5), weights (3.2), variance (3.3) and affinity (3.4) of all pairs.
         self._affinity = self._pair_sums.affinity(window)
-        self._rows = self._pair_sums.rows.of[current]
+        self._current = current
         # 5. Divisive k-means (3.6), or an alternative that the thesis compares it with.
-        groups, cohesion = self._cluster(self._affinity, self._rows)
+        groups, cohesion = self._cluster(self._affinity, current)
         # 6. Label propagation is up to the caller: every trajectory here decides which hypothesis continues.
         return Partition(
             slots=current,
@@ -86,7 +86,7 @@ class ThesisMethod(Method):
 
     def affinity(self) -> Floats32:
         """Affinity [n, n] of the last update's trajectories."""
-        return self._affinity[np.ix_(self._rows, self._rows)]
+        return self._affinity[np.ix_(self._current, self._current)]
 
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
         """Whether each cluster moves; the thesis estimates no more of its motion."""

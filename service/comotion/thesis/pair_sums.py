@@ -18,7 +18,6 @@ from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
 from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .kernels import BOTH, CHANGING, HELD, OBSERVED, PLANES, SAMPLE_PLANES, STRIP, WEIGHT, X, update_pairs
-from .rows import Rows
 
 # The thesis chooses λ and γ such that the weight is 0.9 at v_move and the affinity 0.5 at sigma_switch.
 _WEIGHT_SHORT_OF_ONE = 0.1
@@ -52,18 +51,16 @@ class PairSums:
 
     Attributes
     ----------
-    rows
-        Which row of the sums, and of the affinities, each slot that takes part has.
     sums
-        float64 [blocks or more, STRIP, PLANES, STRIP], those of :func:`.kernels.update_pairs`.
+        float64 [blocks or more, STRIP, PLANES, STRIP], those of :func:`.kernels.update_pairs`: their rows are
+        the slots of the window, up to the last one in use.
     """
 
     def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
         self._sigma_switch = sigma_switch
-        self.rows = Rows(STRIP)
         self.sums: Floats = untouched_zeros((0, STRIP, PLANES, STRIP), np.float64)
-        # By row: number of observations that are summed or queued, and the time of the newest of them.
+        # By slot: number of observations that are summed or queued, and the time of the newest of them.
         self._summed: Slots = np.zeros(0, np.intp)
         self._summed_ns: Stamps = np.zeros(0, np.int64)
         # Samples at queued instants; 1 for those to add, -1 for those to subtract; and the number of
@@ -80,26 +77,24 @@ class PairSums:
         interval begins there now.
         """
         self._take_in(window)
-        has_row = self.rows.of[slots] >= 0
-        slots, counts = slots[has_row], counts[has_row]
+        summed = self._summed[slots] > 0
+        slots, counts = slots[summed], counts[summed]
         shortened = (window.counts(slots) - counts >= _MIN_OBSERVATIONS) & ~self._far(window, slots, counts)
         if shortened.any():
             self._shorten(window, slots[shortened], counts[shortened])
         self.forget(slots[~shortened])
-        self._summed[self.rows.of[slots[shortened]]] -= counts[shortened]
+        self._summed[slots[shortened]] -= counts[shortened]
 
     def forget(self, slots: Slots) -> None:
         """Drop all samples of trajectories; those that the window still holds come in again."""
-        slots = slots[slots < len(self.rows.of)]
-        slots = slots[self.rows.of[slots] >= 0]
-        rows = self.rows.of[slots]
-        self._summed[rows] = 0
-        for strip, inside in zip(*(part.tolist() for part in np.divmod(rows, STRIP)), strict=True):
+        slots = slots[slots < len(self._summed)]
+        slots = slots[self._summed[slots] > 0]
+        self._summed[slots] = 0
+        for strip, inside in zip(*(part.tolist() for part in np.divmod(slots, STRIP)), strict=True):
             self._samples[strip, :, :, inside] = 0.0
             self.sums[_blocks(strip) : _blocks(strip + 1), inside] = 0.0
             below = np.arange(strip, len(self._samples))
             self.sums[_blocks(below) + strip, :, :, inside] = 0.0
-        self.rows.give_back(slots)
 
     def affinity(self, window: Window) -> Floats32:
         """Affinity (3.4) of each pair of trajectories.
@@ -107,8 +102,8 @@ class PairSums:
         Returns
         -------
         NDArray[float32]
-            [n, n], symmetric, by the :attr:`rows` of the trajectories in the window; 0.5 for pairs with fewer
-            than two common samples. Overwritten by the next call.
+            [n, n], symmetric, by slot, n beyond the last one in use; 0.5 for pairs with fewer than two common
+            samples. Overwritten by the next call.
         """
         self._take_in(window)
         if len(self._affinity) != len(self._summed):
@@ -120,39 +115,35 @@ class PairSums:
     def _take_in(self, window: Window) -> None:
         """Queue the samples of observations that are new since the last call."""
         self._begin(window)
-        rows = np.flatnonzero(self._sampled(window))
-        slots, summed_ns = self.rows.slots[rows], self._summed_ns[rows]
-        first, newest = window.start[slots] + self._summed[rows], window.times[slots, window.stop[slots] - 1]
-        fresh = first < window.stop[slots]
-        if not fresh.any():
+        slots = self._sampled(window)
+        first, newest = window.start[slots] + self._summed[slots], window.times[slots, window.stop[slots] - 1]
+        is_fresh = first < window.stop[slots]
+        if not is_fresh.any():
             return
         # The segment that ends with the first new observation is new as well.
-        begin = window.times[slots[fresh], first[fresh]]
-        follows = (self._summed[rows[fresh]] > 0) & (begin - summed_ns[fresh] <= window.gap_ns)
-        since = np.where(follows, summed_ns[fresh], begin - 1)
+        fresh, begin = slots[is_fresh], window.times[slots[is_fresh], first[is_fresh]]
+        summed_ns = self._summed_ns[fresh]
+        follows = (self._summed[fresh] > 0) & (begin - summed_ns <= window.gap_ns)
         after, until = np.full((2, len(self._summed)), _LATEST)
-        after[rows[fresh]] = since
+        after[fresh] = np.where(follows, summed_ns, begin - 1)
         self._enqueue(window, after, until, 1.0)
-        self._summed_ns[rows], self._summed[rows] = newest, window.counts(slots)
+        self._summed_ns[slots], self._summed[slots] = newest, window.counts(slots)
 
-    def _sampled(self, window: Window) -> Bools:
-        """Which rows have samples, bool [rows]."""
-        taken, slots = self.rows.slots >= 0, self.rows.slots
-        return np.asarray(taken & window.used[slots] & (window.counts(slots) >= _MIN_OBSERVATIONS), np.bool_)
+    def _sampled(self, window: Window) -> Slots:
+        """Which slots have samples, ascending."""
+        lasting = window.stop - window.start >= _MIN_OBSERVATIONS
+        return np.flatnonzero(window.used & ~window.ended & lasting)
 
     def _begin(self, window: Window) -> None:
-        """Assign rows to new trajectories, and allocate their sums."""
-        self.rows.fit(window.capacity)
+        """Leave out trajectories whose sums do not hold any more, and allocate those of new ones."""
         self.forget(np.flatnonzero(window.ended | self._late(window)))
-        observed = window.used & ~window.ended & (window.stop > window.start)
-        slots = np.flatnonzero(observed & (self.rows.of < 0))
-        self.rows.take(slots, window.source[slots])
-        extra = len(self.rows.slots) - len(self._summed)
-        if not extra:
+        used = np.flatnonzero(window.used)
+        strips = -(-int(used.max(initial=-1) + 1) // STRIP)
+        extra = strips * STRIP - len(self._summed)
+        if extra <= 0:
             return
         self._pass()
         self._summed, self._summed_ns = np.pad(self._summed, (0, extra)), np.pad(self._summed_ns, (0, extra))
-        strips = len(self._summed) // STRIP
         self._samples = np.zeros((strips, *self._samples.shape[1:]))
         if _blocks(strips) > len(self.sums):
             # Twice as many at once: growing copies everything.
@@ -162,12 +153,10 @@ class PairSums:
 
     def _late(self, window: Window) -> Bools:
         """Which slots got observations older than those already summed, which changes summed segments."""
-        rows = np.flatnonzero(self._summed > 0)
-        slots = self.rows.slots[rows]
+        slots = np.flatnonzero(self._summed > 0)
         late = np.zeros(window.capacity, np.bool_)
-        late[slots] = (
-            window.times[slots, window.start[slots] + self._summed[rows] - 1] != self._summed_ns[rows]
-        )
+        newest = window.times[slots, window.start[slots] + self._summed[slots] - 1]
+        late[slots] = newest != self._summed_ns[slots]
         return late
 
     def _far(self, window: Window, slots: Slots, counts: Slots) -> Bools:
@@ -182,7 +171,7 @@ class PairSums:
         first = window.start[slots]
         begin, gone = window.times[slots, first + counts], window.times[slots, first + counts - 1]
         after, until = np.full((2, len(self._summed)), _NEVER)
-        until[self.rows.of[slots]] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
+        until[slots] = np.where(begin - gone <= window.gap_ns, begin - 1, gone)
         self._enqueue(window, after, until, -1.0)
 
     def _enqueue(self, window: Window, after: Stamps, until: Stamps, sign: float) -> None:
@@ -204,15 +193,22 @@ class PairSums:
 
     def _fill(self, window: Window, stamps: Stamps, changing: Bools, samples: Floats) -> None:
         """Write the samples of all rows at instants [T] to [strips, T, SAMPLE_PLANES, STRIP]."""
-        states = states_at(window, self.rows.slots, stamps)
-        held = states.held & self._sampled(window)
+        slots = self._sampled(window)
+        states = states_at(window, slots, stamps)
+
+        def put(plane: int, values: NDArray[Any]) -> None:
+            rows = np.zeros(changing.shape)
+            rows[:, slots] = values
+            samples[:, :, plane] = rows.reshape(len(rows), -1, STRIP).swapaxes(0, 1)
+
         for c in range(window.dim):
-            samples[:, :, X + c] = _by_strip(states.position[..., c])
-        samples[:, :, WEIGHT] = _by_strip(weight(states.speed, self._v_move))
-        samples[:, :, OBSERVED] = _by_strip(states.observed & held)
-        samples[:, :, CHANGING] = _by_strip(changing & held)
-        samples[:, :, BOTH] = samples[:, :, OBSERVED] * samples[:, :, CHANGING]
-        samples[:, :, HELD] = _by_strip(held)
+            put(X + c, states.position[..., c])
+        changes = changing[:, slots] & states.held
+        put(WEIGHT, weight(states.speed, self._v_move))
+        put(OBSERVED, states.observed)
+        put(CHANGING, changes)
+        put(BOTH, states.observed & changes)
+        put(HELD, states.held)
 
     def _pass(self, affinity: Floats32 = _NONE) -> None:
         """Add the queued samples to the sums; write affinities where they are wanted."""
@@ -239,11 +235,6 @@ def weight(speed: Floats, v_move: float | None) -> Floats:
         return np.ones_like(speed)
     rate = -math.log(_WEIGHT_SHORT_OF_ONE) / v_move**2
     return -np.expm1(-rate * (speed**2 + _EPSILON * v_move**2))
-
-
-def _by_strip(values: NDArray[Any]) -> NDArray[Any]:
-    """From [T, rows] to [strips, T, STRIP]."""
-    return values.reshape(len(values), -1, STRIP).swapaxes(0, 1)
 
 
 def _blocks(strips: Any) -> Any:
