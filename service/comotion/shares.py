@@ -26,9 +26,9 @@ class Turns:
     budget: Budget
     costly: set[str] = field(default_factory=set)
     _round: int = 0
-    # By space: in which round it was updated last, and what each source has paid for its last updates, ns.
+    # By space: in which round it was updated last, and what its last updates cost, ns.
     _updated: dict[str, int] = field(default_factory=dict)
-    _costs: dict[str, deque[dict[str, int]]] = field(default_factory=dict)
+    _costs: dict[str, deque[int]] = field(default_factory=dict)
 
     def take(
         self, at_ns: int, shares: Mapping[str, Mapping[str, float]], update: Callable[[str], None]
@@ -54,10 +54,7 @@ class Turns:
                 with self.budget.charge(shares[name]):
                     update(name)
                 self._updated[name] = self._round
-                cost_ns = self.budget.cost_ns
-                self._costs[name].append(
-                    {source: round(part * cost_ns) for source, part in shares[name].items()}
-                )
+                self._costs[name].append(self.budget.cost_ns)
             waiting = left_waiting
             if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
                 break
@@ -66,20 +63,15 @@ class Turns:
 
     def _costliest(self, shares: Mapping[str, Mapping[str, float]]) -> set[str]:
         """Sources whose spaces cost more than their share, and about as much as those of any other."""
-        paid = {name: _medians(costs) for name, costs in self._costs.items() if costs}
+        costs = {name: median_low(costs) for name, costs in self._costs.items() if costs}
         # A space that has not been updated yet costs as others do.
-        usual_ns = median_low(sum(cost.values()) for cost in paid.values())
+        usual_ns = median_low(costs.values())
         spent: Counter[str] = Counter()
         for name, parts in shares.items():
-            spent.update(paid.get(name) or {source: round(part * usual_ns) for source, part in parts.items()})
+            cost_ns = costs.get(name, usual_ns)
+            spent.update({source: round(part * cost_ns) for source, part in parts.items()})
         least = max(self.budget.share_ns, _AS_COSTLY * max(spent.values()))
         return {source for source, cost_ns in spent.items() if source and cost_ns >= least}
-
-
-def _medians(costs: Collection[Mapping[str, int]]) -> dict[str, int]:
-    """What each source has paid in the median."""
-    sources: set[str] = set().union(*costs)
-    return {source: median_low(cost.get(source, 0) for cost in costs) for source in sources}
 
 
 def allowance(spaces: Collection[Tracks], most: int, session: int, wanted: int) -> int:
