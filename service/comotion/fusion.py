@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, RejectionReason
 
-from . import snapshot
 from .assembly import Assembly, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.budget import Budget, CostClock
@@ -28,7 +27,7 @@ from .following import PublishedIds
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .joints.joints import Joints
 from .partition import SpaceSpec
-from .saving import plain, refill
+from .saving import load, pieces, plain, refill
 from .shedding import FULL, Effort
 from .spaces import Spaces
 from .tracks import MAX_COORDINATE
@@ -254,7 +253,7 @@ class Fusion:
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
-        return partial(snapshot.pieces, state)
+        return partial(pieces, state)
 
     @classmethod
     def restore(cls, config: FusionConfig, data: bytes, *, session: str | None = None) -> Self:
@@ -265,7 +264,7 @@ class Fusion:
         ValueError
             If `data` is no snapshot of this version, or damaged.
         """
-        return snapshot.load(data, partial(cls._build, config, session))
+        return load(data, partial(cls._build, config, session))
 
     @classmethod
     def _build(cls, config: FusionConfig, session: str | None, state: dict[str, Any]) -> Self:

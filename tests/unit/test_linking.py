@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.config import Camera
-from comotion.linking.image_tracks import CameraModel
+from comotion.linking.reprojection import CameraModel
 from comotion_clients.metrics import tracks_of
 from comotion_schemas import decode, encode
 

@@ -10,10 +10,9 @@ import msgpack
 import numpy as np
 import pytest
 
-from comotion import snapshot
+from comotion import saving
 from comotion.arrays import Floats
-from comotion.saving import NOT_KEPT, plain, restored
-from comotion.snapshot import load, pieces
+from comotion.saving import NOT_KEPT, load, pieces, plain, restored
 
 
 class Range(NamedTuple):
@@ -75,7 +74,7 @@ def test_arrays_come_back_with_shape_and_dtype_and_can_be_written_to():
 def signed(values: bytes, arrays: bytes = b"") -> bytes:
     """A snapshot whose checksums are right, whatever is in it."""
     digest = hashlib.blake2b(values + arrays, digest_size=16).digest()
-    header = struct.pack("<8sIQ16s", b"comotion", snapshot.FORMAT, len(values), digest)
+    header = struct.pack("<8sIQ16s", b"comotion", saving.FORMAT, len(values), digest)
     return header + values + arrays
 
 
@@ -108,8 +107,8 @@ def test_every_changed_byte_is_found():
 
 
 def test_another_version_is_said(monkeypatch):
-    monkeypatch.setattr(snapshot, "FORMAT", 3)
+    monkeypatch.setattr(saving, "FORMAT", 3)
     older = dump({})
     monkeypatch.undo()
-    with pytest.raises(ValueError, match=f"format 3, expected {snapshot.FORMAT}"):
+    with pytest.raises(ValueError, match=f"format 3, expected {saving.FORMAT}"):
         load(older, unchanged)

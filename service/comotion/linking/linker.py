@@ -15,8 +15,7 @@ from ..config import LinkingConfig
 from ..partition import BodyMotion
 from ..saving import NOT_KEPT
 from ..space_update import SpaceUpdate
-from .image_tracks import CameraModel, sample_tracks
-from .reprojection import log_likelihoods
+from .reprojection import CameraModel, log_likelihoods, sample_tracks
 
 # Motion must last for seconds before it links anything: more frequent decisions find nothing sooner.
 _PERIOD_NS = 500_000_000

@@ -18,10 +18,10 @@ from comotion_schemas import UNDETERMINED
 from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
-from .. import snapshot
 from ..config import FusionConfig
 from ..event_time.timeline import FUTURE_NS
 from ..fusion import Fusion
+from ..saving import MAX_BYTES
 
 _IDS = re.compile(rb"comotion-ids (\d{1,10})\n")
 _IDS_BYTES = 64
@@ -63,7 +63,7 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     first_id = _reserved(path)
     try:
         with path.open("rb") as file:
-            data = file.read(snapshot.MAX_BYTES + 1)
+            data = file.read(MAX_BYTES + 1)
         fusion = _continued(data, config, scene, session, now_ns)
     except FileNotFoundError:
         pass
@@ -101,8 +101,8 @@ def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_
     ValueError
         If it is another scene's, of the future or damaged, or no update follows from it.
     """
-    if len(data) > snapshot.MAX_BYTES:
-        raise KnownError(f"a snapshot has at most {snapshot.MAX_BYTES} bytes")
+    if len(data) > MAX_BYTES:
+        raise KnownError(f"a snapshot has at most {MAX_BYTES} bytes")
     twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
     watermark = fusion.timeline.watermark_ns
     try:
