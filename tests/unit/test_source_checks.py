@@ -9,7 +9,7 @@ import pytest
 
 from comotion import Fusion
 from comotion.runtime import problems
-from comotion.runtime.source_clocks import SourceClocks
+from comotion.runtime.clocks import SourceClocks
 from comotion_schemas import Keys
 
 from .. import builders

@@ -12,9 +12,9 @@ from comotion_schemas.text import counted, counter_words
 
 from ..event_time.timeline import Timeline
 from . import problems
+from .clocks import SourceClocks
 from .intake import Intake
 from .problems import Problems
-from .source_clocks import SourceClocks
 
 # Rates are means over this time, so that a source with one batch a second has one.
 _RATE_SPAN_NS = 2_000_000_000

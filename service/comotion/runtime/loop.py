@@ -19,15 +19,13 @@ from comotion_schemas.component import Component
 
 from ..config import to_ns
 from ..fusion import Fusion
-from .clocks import EventClock, Overload, Ticker, WallClock
+from .clocks import EventClock, Overload, SourceClocks, Ticker, WallClock
 from .health import Health
 from .intake import Intake
 from .log_limit import DefectLog
 from .output import Output, handlers
 from .presence import Presence
-from .source_clocks import SourceClocks
-from .standby import Election
-from .standby.follower import Follower
+from .standby import Election, Follower
 from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.

@@ -16,11 +16,10 @@ from comotion_schemas.transport import SessionSettings
 from ..config import FusionConfig, to_ns
 from ..fusion import Fusion
 from ..warm_up import prepare
-from .clocks import ClockName
+from .clocks import ClockName, SourceClocks
 from .health import Health
 from .loop import Loop
 from .presence import Presence
-from .source_clocks import SourceClocks
 from .standby import DEFAULT_LEASE_S, Election, Etcd
 from .state_file import StateKeeper, begin_afresh, load_fusion
 

@@ -1,10 +1,10 @@
 """Runs several services for one scene: etcd elects the one that speaks, the others follow and take over.
 
-A single service needs none of it. :mod:`.follower` is a part of the service's loop; what a takeover does to
+A single service needs none of it. :class:`Follower` is a part of the service's loop; what a takeover does to
 ids is computed in the core, in :mod:`comotion.following`.
 """
 
-from .election import DEFAULT_LEASE_S, Election
+from .election import DEFAULT_LEASE_S, Election, Follower
 from .etcd import Entry, Etcd, EtcdUnavailableError
 
-__all__ = ["DEFAULT_LEASE_S", "Election", "Entry", "Etcd", "EtcdUnavailableError"]
+__all__ = ["DEFAULT_LEASE_S", "Election", "Entry", "Etcd", "EtcdUnavailableError", "Follower"]
