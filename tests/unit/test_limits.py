@@ -14,7 +14,7 @@ from comotion.config import LimitsConfig
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
 from comotion.runtime import output
 from comotion.runtime.log_limit import limited
-from comotion.runtime.output import Queryables
+from comotion.runtime.output import Output
 from comotion.runtime.problems import Problems
 from comotion.tracks import MAX_ENDED, Tracks
 from comotion.trajectories.window import Window
@@ -109,10 +109,14 @@ class TestSpaces:
 class TestQueries:
     """A session whose queryables give what waits."""
 
-    def declared(self, handler):
+    def declared(self, handler, monkeypatch):
         self.replies: list[bytes] = []
         self.waiting = {"config": 3, "schema": 1}
-        return Queryables(self, Keys(), {"config": handler, "schema": handler})
+        monkeypatch.setattr(output, "declare_publisher", lambda *_: None)
+        component = SimpleNamespace(session=self, keys=Keys())
+        declared = Output(component, None, {"config": handler, "schema": handler})
+        declared._switch(0)
+        return declared
 
     def declare_queryable(self, key, ring):
         name = key.rpartition("/")[2]
@@ -137,24 +141,24 @@ class TestQueries:
     def reply_err(self, payload, encoding):
         self.replies.append(payload)
 
-    def test_one_is_answered_in_any_case_and_the_names_have_turns(self):
-        queryables = self.declared(lambda _: (b"done", "text/plain"))
+    def test_one_is_answered_in_any_case_and_the_names_have_turns(self, monkeypatch):
+        queryables = self.declared(lambda _: (b"done", "text/plain"), monkeypatch)
         queryables.answer(1)
         assert (self.replies, self.waiting) == ([b"done"], {"config": 2, "schema": 1})
         queryables.answer(1)
         assert (len(self.replies), self.waiting) == (2, {"config": 2, "schema": 0})
-        queryables.answer()
+        queryables.answer(10**9)
         assert len(self.replies) == 4
 
     def test_64_of_a_name_wait(self, monkeypatch):
         rings = []
         monkeypatch.setattr(output, "RingChannel", rings.append)
-        self.declared(None)
+        self.declared(None, monkeypatch)
         assert rings == [64, 64]
 
     def test_a_reply_that_is_too_large_is_an_error_that_says_so(self, monkeypatch):
         monkeypatch.setattr(output, "MAX_BYTES", 3)
-        self.declared(lambda _: (b"done", "text/plain")).answer()
+        self.declared(lambda _: (b"done", "text/plain"), monkeypatch).answer(10**9)
         assert set(self.replies) == {b"the answer has 4 bytes, the limit is 3"}
 
     def test_affinities_of_too_many_trajectories_are_refused_before_they_are_computed(self, monkeypatch):

@@ -10,7 +10,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from typing import Any, get_args
 from urllib.parse import unquote
@@ -20,7 +20,7 @@ import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
-from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Keys, Status, encode
+from comotion_schemas import MAX_BYTES, QOS, HypothesisUpdate, Status, encode
 from comotion_schemas.component import Component
 from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
@@ -46,51 +46,6 @@ class QueryError(Exception):
     """An invalid query; the text is sent to the querier."""
 
 
-class Queryables:
-    """Declares the queryables; :meth:`answer` replies to queries that wait, on the caller's thread."""
-
-    def __init__(self, session: zenoh.Session, keys: Keys, handlers: Mapping[QueryName, Handler]) -> None:
-        self._keys = keys
-        self._queryables = deque(
-            (session.declare_queryable(keys.query(name), RingChannel(_MOST_QUERIES)), name, handler)
-            for name, handler in handlers.items()
-        )
-
-    def answer(self, budget_ns: int = 2**62) -> None:
-        """Reply to queries that wait, in turns: to one at least, to no more once the time is up."""
-        end, without_query = time.monotonic_ns() + budget_ns, 0
-        while without_query < len(self._queryables):
-            queryable, name, handler = self._queryables[0]
-            self._queryables.rotate(-1)
-            query = queryable.try_recv()
-            if query is None:
-                without_query += 1
-                continue
-            with query:
-                self._answer(query, name, handler)
-            if time.monotonic_ns() >= end:
-                return
-            without_query = 0
-
-    def close(self) -> None:
-        """Undeclare all; queries that wait get no reply."""
-        for queryable, _, _ in self._queryables:
-            queryable.undeclare()  # type: ignore[no-untyped-call]
-
-    def _answer(self, query: zenoh.Query, name: QueryName, handler: Handler) -> None:
-        try:
-            payload, encoding = handler(_parameters(query))
-            if len(payload) > MAX_BYTES:
-                raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
-        except QueryError as error:
-            query.reply_err(str(error).encode(), encoding="text/plain")
-        except Exception as error:  # the querier must learn of a defect, and the service go on
-            _log.exception("query/%s failed", name)
-            query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
-        else:
-            query.reply(self._keys.query(name), payload, encoding=encoding)
-
-
 @dataclass
 class Output:
     """The publisher and the queryables of a service, declared while it speaks for its scene.
@@ -104,7 +59,7 @@ class Output:
     handlers: Mapping[QueryName, Handler]
     _epoch: int | None = None
     _publisher: Publisher | None = None
-    _queryables: Queryables | None = None
+    _queryables: deque[tuple[Any, QueryName]] = field(default_factory=deque)
 
     def publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """Publish an update with the time of its publication; returns what was, or would have been."""
@@ -117,26 +72,54 @@ class Output:
         return update
 
     def answer(self, budget_ns: int) -> None:
-        """Reply to queries that wait, until the time is up."""
-        if self._queryables is not None:
-            self._queryables.answer(budget_ns)
+        """Reply to queries that wait, in turns: to one at least, to no more once the time is up."""
+        end, without_query = time.monotonic_ns() + budget_ns, 0
+        while without_query < len(self._queryables):
+            queryable, name = self._queryables[0]
+            self._queryables.rotate(-1)
+            query = queryable.try_recv()
+            if query is None:
+                without_query += 1
+                continue
+            with query:
+                self._reply(query, name)
+            if time.monotonic_ns() >= end:
+                return
+            without_query = 0
 
     def _switch(self, epoch: int | None) -> None:
-        scene = self.component.keys.scene
+        keys, session = self.component.keys, self.component.session
         if epoch is None:
             if isinstance(self.leadership, Election):
-                _log.warning("another service may speak for scene %r: this one is a standby now", scene)
-            if self._publisher is not None and self._queryables is not None:
+                _log.warning("another service may speak for scene %r: this one is a standby now", keys.scene)
+            if self._publisher is not None:
                 self._publisher.undeclare()
-                self._queryables.close()
-            self._publisher = self._queryables = None
+            # Queries that wait get no reply.
+            for queryable, _ in self._queryables:
+                queryable.undeclare()
+            self._publisher, self._queryables = None, deque()
         elif self._publisher is None:
             if epoch:
-                _log.warning("this service speaks for scene %r now, epoch %d", scene, epoch)
-            keys, session = self.component.keys, self.component.session
+                _log.warning("this service speaks for scene %r now, epoch %d", keys.scene, epoch)
             self._publisher = declare_publisher(session, keys.hypotheses, "hypotheses")
-            self._queryables = Queryables(session, keys, self.handlers)
+            self._queryables = deque(
+                (session.declare_queryable(keys.query(name), RingChannel(_MOST_QUERIES)), name)
+                for name in self.handlers
+            )
         self._epoch = epoch
+
+    def _reply(self, query: zenoh.Query, name: QueryName) -> None:
+        try:
+            payload, encoding = self.handlers[name](_parameters(query))
+            if len(payload) > MAX_BYTES:
+                raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
+        except QueryError as error:
+            query.reply_err(str(error).encode(), encoding="text/plain")
+        except Exception as error:  # the querier must learn of a defect, and the service go on
+            _log.exception("query/%s failed", name)
+            query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
+        else:
+            query.reply(self.component.keys.query(name), payload, encoding=encoding)
 
 
 def _parameters(query: zenoh.Query) -> dict[str, str]:

@@ -16,7 +16,7 @@ Without an election (:mod:`.standby`) one service has a scene, and the others re
 
 import logging
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
@@ -117,14 +117,10 @@ class Presence:
 
         Raises SceneTakenError if another service has it.
         """
-        deadline = time.monotonic() + _PATIENCE_S
         for reply in self._component.session.liveliness().get(self._component.keys.all_live("service")):
             if reply.ok is not None:
                 self._note(last_chunk(str(reply.ok.key_expr)), present=True)
-        self._drain()
-        while self._others and time.monotonic() < deadline and not self._component.stop.wait(_POLL_S):
-            self._drain()
-            self._refuse_beside(self._others.values())
+        self._wait_while(self._others.values, _PATIENCE_S)
         self._claim()
         self._looked_ns = self._speaks_ns = time.monotonic_ns()
         return self
@@ -139,19 +135,21 @@ class Presence:
 
         Raises SceneTakenError if a service that has started at the same time has the older claim.
         """
-        deadline = time.monotonic() + _START_S
-        self._drain()
-        while time.monotonic() < deadline and any(
-            abs(time.time_ns() - other.since_ns) < _STARTING_NS for other in self._older()
-        ):
-            if self._component.stop.wait(_POLL_S):
-                return
-            self._drain()
-            self._refuse_beside(self._older())
+        self._wait_while(
+            lambda: [c for c in self._older() if abs(time.time_ns() - c.since_ns) < _STARTING_NS], _START_S
+        )
         self._refuse_beside(self._older())
         # The steps before the loop have taken some time.
         self._looked_ns = self._connected_ns = time.monotonic_ns()
         self._used_ns = time.process_time_ns()
+
+    def _wait_while(self, others: Callable[[], Collection[Claim]], seconds: float) -> None:
+        """Wait until no others are there, for some time at most; refuse if one of them speaks."""
+        deadline = time.monotonic() + seconds
+        self._drain()
+        while others() and time.monotonic() < deadline and not self._component.stop.wait(_POLL_S):
+            self._drain()
+            self._refuse_beside(others())
 
     def look(self, monotonic_ns: int) -> None:
         """Take in the tokens of others, at every turn of the loop; raises SceneTakenError where it yields."""
