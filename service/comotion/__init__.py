@@ -2,7 +2,7 @@
 
 In a program of your own::
 
-    found = comotion.group(positions, times)  # whole trajectories; found.labels is int [T, N]
+    grouping = comotion.group(positions, times)  # whole trajectories; grouping.labels is int [T, N]
 
     scene = comotion.Scene(unit="m")          # online
     update = scene.push(ids, positions, t)

@@ -12,7 +12,6 @@ from scipy.spatial.distance import cdist
 from .arrays import Floats, Ints, Labels, Slots, find, ranks
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
-from .trajectories.interpolation import recent_steps
 from .trajectories.window import Window
 
 # Spaces up to so many trajectories are grouped as a whole.
@@ -106,5 +105,5 @@ def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Int
 
 def _states(window: Window, slots: Slots) -> tuple[Floats, Floats]:
     """Newest positions and recent velocities, float64 [n, dim], in the unit of the space and per second."""
-    step, elapsed = recent_steps(window, slots, _RECENT_NS)
+    step, elapsed = window.recent_steps(slots, _RECENT_NS)
     return window.newest(slots), step / np.maximum(elapsed, 1)[:, None] * 1e9

@@ -14,7 +14,6 @@ from comotion.rigid.kernels.procrustes import fit_poses
 from comotion.rigid.kernels.records import ROUND, PoseArrays, RowArrays
 from comotion.rigid.kernels.residuals import body_costs
 from comotion.rigid.procrustes import Body, align
-from comotion.trajectories.interpolation import states_at
 from comotion.trajectories.kernels import newest_at, newest_from, segment_at
 from comotion.trajectories.window import Window
 
@@ -165,7 +164,7 @@ def test_states_are_those_of_the_segments(series, stamps, gap):
     for slot, times in zip(slots, series, strict=True):
         for t in times:
             window.insert(slot[None], t, np.array([[t * t, -t]], float), np.array([np.nan]), None)
-    states = states_at(window, slots, np.array(stamps))
+    states = window.states_at(slots, np.array(stamps))
     for n, times in enumerate(series):
         for t, stamp in enumerate(stamps):
             left, right, share = segment(times, stamp, gap, 0)

@@ -203,12 +203,6 @@ class TestStateFile:
         assert self.load(tmp_path / "state").next_id > 1000
         assert "no update follows from it: AttributeError" in caplog.text
 
-    def test_what_killed_processes_have_left_is_removed(self, tmp_path):
-        for name in (".state.4711", ".state.12", ".state.old", "state.4711"):
-            (tmp_path / name).touch()
-        self.load(tmp_path / "state")
-        assert {p.name for p in tmp_path.iterdir()} == {".state.old", "state.4711"}
-
     def test_a_state_of_another_scene_is_refused(self, tmp_path, caplog):
         kept(tmp_path / "state", Fusion(scene="one"))
         assert self.load(tmp_path / "state", "two").scene == "two"

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
-from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 
 # ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow
@@ -135,7 +134,7 @@ def _seen(
     seen["source"], seen["label"], step_s = window.source[slots], label, _STEP_NS * 1e-9
     for number in np.unique(seen["source"]).tolist():
         own = seen["source"] == number
-        states = states_at(window, slots[own], stamps - delays_ns.get(number, 0), _DENSE_NS)
+        states = window.states_at(slots[own], stamps - delays_ns.get(number, 0), _DENSE_NS)
         x, held[own] = states.position, states.held.all(0)
         seen["first"][own], seen["last"][own] = x[0], x[3]
         seen["first_speed"][own], seen["last_speed"][own] = (x[1] - x[0]) / step_s, (x[3] - x[2]) / step_s

@@ -135,7 +135,7 @@ def _checked(positions: ArrayLike, times: ArrayLike, step_s: float) -> tuple[Flo
     return states, clock
 
 
-def one_clock(clocks: Mapping[str, Floats]) -> float:
+def common_origin(clocks: Mapping[str, Floats]) -> float:
     """The first time of all sources, which must overlap or follow each other within a day; s.
 
     Raises

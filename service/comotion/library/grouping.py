@@ -25,9 +25,9 @@ from .given import (
     Parameters,
     batch_of,
     checked,
+    common_origin,
     config_of,
     longest_step_s,
-    one_clock,
     say_doubts,
     unit_of,
 )
@@ -49,9 +49,9 @@ def group(
 
     ::
 
-        found = comotion.group(positions, times)
-        found.labels  # int [T, N]
-        found.plot("bodies.png")
+        grouping = comotion.group(positions, times)
+        grouping.labels  # int [T, N]
+        grouping.plot("bodies.png")
         comotion.group(positions, times, window=5)  # any parameter of FusionConfig
 
     The labels of an instant are those that were known then; nothing is taken from later ones. The clock is
@@ -93,7 +93,7 @@ def group(
     states = {name: array for name, (array, _) in arrays.items()}
     chosen = unit_of(unit, {array.shape[2] for array in states.values()})
     seconds = {name: clock for name, (_, clock) in arrays.items()}
-    origin = one_clock(seconds)
+    origin = common_origin(seconds)
     say_doubts(states, chosen)
     compile_ahead(used.method, chosen, max(array.shape[2] for array in states.values()))
     updates = list(_updates(_batches(arrays, chosen, origin), used))

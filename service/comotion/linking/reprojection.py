@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
 from ..config import Camera
 from ..partition import BodyMotion
-from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 
 # States of a trajectory that are compared, spread over its life.
@@ -112,7 +111,7 @@ def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraMo
     camera
         Calibration.
     """
-    states = states_at(window, slots, stamps)
+    states = window.states_at(slots, stamps)
     # The frames of each with a state come first, of which some are taken, evenly spread.
     order, count = np.argsort(~states.held.T, axis=1, kind="stable"), states.held.sum(0)[:, None]
     place = np.arange(_STATES)

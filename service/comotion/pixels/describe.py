@@ -9,7 +9,6 @@ from comotion_schemas.hypotheses import HypothesisState
 
 from ..arrays import Bools, Floats, Ints, Slots
 from ..partition import Group
-from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .key_frames import KeyFrames
 
@@ -37,7 +36,7 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
     """
     last = window.stop[current] - 1
     position = window.positions[current, last]
-    step, span = recent_steps(window, current, _VELOCITY_NS)
+    step, span = window.recent_steps(current, _VELOCITY_NS)
     described = []
     for k in range(count):
         members = np.flatnonzero(groups == k)

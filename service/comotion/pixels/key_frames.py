@@ -7,7 +7,6 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Ints, Slots, Stamps
 from ..config import PixelsConfig
-from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .noise import gross_errors, noise_variance
 
@@ -129,7 +128,7 @@ def key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -
     sources in a space there is no common frame: states between two observations count too.
     """
     several = len(np.unique(window.source[slots])) > 1
-    states = states_at(window, slots, stamps)
+    states = window.states_at(slots, stamps)
     visible = states.held if several else states.observed
     visible = visible & ~gross_errors(states.position, visible, variance)
     positions = np.where(visible[..., None], states.position, 0.0).astype(np.float32)

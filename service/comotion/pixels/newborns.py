@@ -5,7 +5,6 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Floats, Ints, Slots
 from ..partition import NO_HYPOTHESIS
-from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 
 # Nearest neighbours that vote, and px that are added to their distance.
@@ -31,7 +30,7 @@ def assign_newborns(window: Window, newborn: Slots, labelled: Slots, groups: Int
     """
     slots, count = np.concatenate([newborn, labelled]), int(groups.max(initial=-1)) + 1
     labels = np.concatenate([np.full(len(newborn), NO_HYPOTHESIS), groups])
-    step, span = recent_steps(window, slots, _MOTION_NS)
+    step, span = window.recent_steps(slots, _MOTION_NS)
     motion = _MOTION_WEIGHT * step * (_MOTION_NS / np.maximum(span, 1))[:, None]
     place = window.positions[slots, window.stop[slots] - 1]
     motion_votes = nearest_votes(np.hstack([place, motion]), labels, count, np.inf)

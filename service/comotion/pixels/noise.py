@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Slots, Stamps
-from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .medians import median
 
@@ -88,7 +87,7 @@ def _estimated(window: Window, slots: Slots, stamps: Stamps) -> Floats:
 
 def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats:
     """Squared third divided differences at unit noise, px² [T - 3, n]; NaN where one is missing."""
-    states = states_at(window, slots, stamps)
+    states = window.states_at(slots, stamps)
     place = np.where(states.observed[..., None], states.position, np.nan)
     difference = np.full((max(len(stamps) - 3, 0), len(slots), 2), np.nan)
     for k in range(len(difference)):

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
-from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .noise import noise_variance
 
@@ -73,7 +72,7 @@ def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recen
         The instant.
     """
     slots = window.slots()
-    states = states_at(window, slots, np.array([stamp_ns], np.int64))
+    states = window.states_at(slots, np.array([stamp_ns], np.int64))
     present = np.flatnonzero(states.held[0])
     slots, position = slots[present], states.position[0, present]
     past, seen = _past_places(window, slots, np.array(stamps, np.int64), stamp_ns - np.array(SCALES_NS))
@@ -90,7 +89,7 @@ def _past_places(window: Window, slots: Slots, stamps: Stamps, times: Stamps) ->
     nearest = np.abs(times[:, None] - stamps).argmin(axis=1)
     before, after = stamps[np.maximum(nearest - 1, 0)], stamps[np.minimum(nearest + 1, len(stamps) - 1)]
     instants, rows = np.unique(np.stack([before, times, after], axis=1), return_inverse=True)
-    states = states_at(window, slots, instants)
+    states = window.states_at(slots, instants)
     place, held = states.position[rows.reshape(-1, 3)], states.held[rows.reshape(-1, 3)]
     held_in_all = held[:, 0] & held[:, 1] & held[:, 2]
     # Contiguous, so that kernels are compiled for one layout.

@@ -152,8 +152,8 @@ class Overload(Load):
 
     def cost_ns(self) -> int:
         """Cost of this thread so far: on a busy machine a second of its processor time takes longer."""
-        before_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
-        self._cost_ns += (self._spent_ns - before_ns) * self.busy
+        last_ns, self._spent_ns = self._spent_ns, time.thread_time_ns()
+        self._cost_ns += (self._spent_ns - last_ns) * self.busy
         return int(self._cost_ns)
 
     def note(self, took_ns: int, spent_ns: int, at_ns: int) -> int:
@@ -277,6 +277,6 @@ def _offset_ns() -> int:
     """The wall clock minus the one that is never set, ns, by the closest pair of readings."""
     readings: list[tuple[int, int]] = []
     while not readings or (readings[-1][0] > _AT_ONCE_NS and len(readings) < _MOST_READINGS):
-        before_ns, wall_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        readings.append((after_ns - before_ns, wall_ns - after_ns))
+        begin_ns, wall_ns, end_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        readings.append((end_ns - begin_ns, wall_ns - end_ns))
     return min(readings)[1]

@@ -172,13 +172,13 @@ class Presence:
 
     def _was_cut_off(self, gap_ns: int, monotonic_ns: int) -> bool:
         """Whether its token may have vanished meanwhile; `gap_ns` is the time since the last look."""
-        before_ns, self._used_ns = self._used_ns, time.process_time_ns()
-        if gap_ns > _LEASE_NS and self._used_ns - before_ns < _AT_WORK * gap_ns:
+        last_ns, self._used_ns = self._used_ns, time.process_time_ns()
+        if gap_ns > _LEASE_NS and self._used_ns - last_ns < _AT_WORK * gap_ns:
             return True
         if not self._is_connected():
             return False
-        before_ns, self._connected_ns = self._connected_ns, monotonic_ns
-        return monotonic_ns - before_ns > max(_LEASE_NS, gap_ns + _SECOND_NS)
+        last_ns, self._connected_ns = self._connected_ns, monotonic_ns
+        return monotonic_ns - last_ns > max(_LEASE_NS, gap_ns + _SECOND_NS)
 
     def _return(self, monotonic_ns: int) -> None:
         """Claim the scene anew, if it has been connected for long enough and no other service has it."""

@@ -79,9 +79,9 @@ class Queues:
         """
         with self._lock:
             waiting = {name: queue for name, queue in self.of.items() if queue.waiting}
-        read_before = {name: queue for name, queue in waiting.items() if queue.received or name == OTHERS}
-        new = (item for item in waiting.items() if item[0] not in read_before)
-        return read_before | dict(islice(new, _NEW_AT_ONCE))
+        valid = {name: queue for name, queue in waiting.items() if queue.received or name == OTHERS}
+        new = (item for item in waiting.items() if item[0] not in valid)
+        return valid | dict(islice(new, _NEW_AT_ONCE))
 
     def take(self, name: str) -> tuple[Payload, int]:
         """Take the oldest payload of a queue, and how many were displaced before it."""

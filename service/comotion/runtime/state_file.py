@@ -59,7 +59,6 @@ def load_fusion(path: Path, config: FusionConfig, scene: str, session: str, now_
     A state of another scene is not used, nor one from the future of `now_ns`, the wall clock in nanoseconds
     if the service follows it: every observation would be late.
     """
-    _remove_partials(path)
     first_id = _reserved(path)
     try:
         with path.open("rb") as file:
@@ -126,15 +125,6 @@ def _put_aside(path: Path) -> str:
     return f"; kept as {aside.name}"
 
 
-def _remove_partials(path: Path) -> None:
-    """Remove partial files of processes that were killed while they wrote."""
-    prefix = f".{path.name}."
-    with suppress(OSError):
-        for file in path.parent.iterdir():
-            if file.name.startswith(prefix) and file.name.removeprefix(prefix).isdecimal():
-                file.unlink(missing_ok=True)
-
-
 def _beside(path: Path, ending: str) -> Path:
     return path.with_name(f"{path.name}.{ending}")
 
@@ -163,7 +153,7 @@ def write_atomically(path: Path, parts: Iterable[Any]) -> None:
         If the file cannot be written; the one before is still there.
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    partial = path.with_name(f".{path.name}.partial")
     try:
         descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
         with open(descriptor, "wb") as file:  # noqa: PTH123 - of a descriptor

@@ -20,7 +20,6 @@ from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig, Unit
 from ..matching import largest_first
 from ..partition import Group, Method, Partition, Previous, SpaceSpec
-from ..trajectories.interpolation import recent_steps
 from ..trajectories.window import Window
 from .clustering import make_clustering
 from .pair_sums import PairSums
@@ -91,7 +90,7 @@ class ThesisMethod(Method):
     def _describe(self, window: Window, current: Slots, groups: Ints) -> list[Group]:
         """Whether each cluster moves; the thesis estimates no more of its motion."""
         sizes = np.bincount(groups)
-        step, elapsed = recent_steps(window, current, _VELOCITY_SPAN_NS)
+        step, elapsed = window.recent_steps(current, _VELOCITY_SPAN_NS)
         velocity = step / np.where(elapsed > 0, elapsed * 1e-9, 1.0)[:, None]
         speeds = np.linalg.norm(_means(velocity, groups, sizes), axis=1)
         return [Group("moving" if speed > self._v_moving else "undetermined") for speed in speeds.tolist()]

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
-from ..trajectories.interpolation import states_at
 from ..trajectories.window import Window
 from .kernels import BOTH, CHANGING, HELD, OBSERVED, PLANES, SAMPLE_PLANES, STRIP, WEIGHT, X, update_pairs
 
@@ -194,7 +193,7 @@ class PairSums:
     def _fill(self, window: Window, stamps: Stamps, changing: Bools, samples: Floats) -> None:
         """Write the samples of all rows at instants [T] to [strips, T, SAMPLE_PLANES, STRIP]."""
         slots = self._sampled(window)
-        states = states_at(window, slots, stamps)
+        states = window.states_at(slots, stamps)
 
         def put(plane: int, values: NDArray[Any]) -> None:
             rows = np.zeros(changing.shape)

@@ -32,6 +32,27 @@ class Columns(NamedTuple):
     stop: Slots
 
 
+class States(NamedTuple):
+    """States of n trajectories at T instants.
+
+    Attributes
+    ----------
+    position
+        float64 [T, n, dim], in the space's unit; 0 where not `held`.
+    speed
+        float64 [T, n], per second; between observations that of the segment; 0 where not `held`.
+    observed
+        bool [T, n]; an observation was made at this very instant.
+    held
+        bool [T, n]; observed, or inside a segment short enough to interpolate.
+    """
+
+    position: Floats
+    speed: Floats
+    observed: Bools
+    held: Bools
+
+
 @compiled()
 def insert(
     slots: Slots,
@@ -204,7 +225,18 @@ def segment_at(
 
 @compiled()
 def recent_steps(columns: Columns, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
-    """As :func:`.interpolation.recent_steps`."""
+    """How far trajectories, each with an observation, have moved lately.
+
+    A step goes to the newest observation from the newest one that is at least `span_ns` older, or from the
+    first.
+
+    Returns
+    -------
+    step
+        float64 [n, dim], in the space's unit.
+    elapsed
+        int64 [n] ns: the time between the two observations; 0 where there is one only.
+    """
     times, positions, start, stop = columns.times, columns.positions, columns.start, columns.stop
     step, elapsed = np.zeros((len(slots), positions.shape[2])), np.zeros(len(slots), np.int64)
     for n in range(len(slots)):
@@ -217,12 +249,11 @@ def recent_steps(columns: Columns, slots: Slots, span_ns: int) -> tuple[Floats, 
 
 
 @compiled()
-def states_at(
-    columns: Columns, gap_ns: int, slots: Slots, stamps: Stamps
-) -> tuple[Floats, Floats, Bools, Bools]:
-    """As :func:`.interpolation.states_at`: position, speed, and whether each was observed and held.
+def states_at(columns: Columns, gap_ns: int, slots: Slots, stamps: Stamps) -> States:
+    """States of slots [n] at ascending instants [T]: f_i(t) of the thesis, linear between observations (3.5).
 
-    The speed is that at an observation; between two that of the segment, which is kept where it ends.
+    Nothing is interpolated across a gap longer than `gap_ns`, nor beyond either end. The speed is that at an
+    observation; between two that of the segment, which is kept where it ends.
     """
     times, positions, start, stop = columns.times, columns.positions, columns.start, columns.stop
     shape = len(stamps), len(slots)
@@ -240,4 +271,4 @@ def states_at(
             for c in range(positions.shape[2]):
                 left_value = positions[s, left, c]
                 position[t, n, c] = left_value + share * (positions[s, right, c] - left_value)
-    return position, pace, observed, held
+    return States(position, pace, observed, held)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Labels, Slots, Stamps, ranks, untouched_zeros
-from .kernels import Columns, insert, transfer
+from . import kernels
+from .kernels import Columns, States, insert, transfer
 
 Ids = NDArray[np.uint64]
 
@@ -110,6 +111,14 @@ class Window:
         """The newest position in each slot, which holds one, float64 [n, dim]."""
         return self.positions[slots, self.stop[slots] - 1]
 
+    def states_at(self, slots: Slots, stamps: Stamps, gap_ns: int | None = None) -> States:
+        """States at ascending instants, as :func:`.kernels.states_at`; by default across :attr:`gap_ns`."""
+        return kernels.states_at(self.columns, self.gap_ns if gap_ns is None else gap_ns, slots, stamps)
+
+    def recent_steps(self, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
+        """How far each trajectory has moved lately, and in which time, as :func:`.kernels.recent_steps`."""
+        return kernels.recent_steps(self.columns, slots, span_ns)
+
     def slots(self) -> Slots:
         """Slots in use, oldest trajectory first, intp [n]."""
         used = np.flatnonzero(self.used)
@@ -194,13 +203,13 @@ class Window:
         stamps = np.full(len(slots), stamps)
         return insert(slots, stamps, new, self.columns, newest_ns, self._complete, self.far)
 
-    def evictable(self, before_ns: int) -> tuple[Slots, Slots]:
+    def evictable(self, oldest_ns: int) -> tuple[Slots, Slots]:
         """Slots with observations older than a time, and how many of them: (slots [n], counts [n])."""
         slots, counts = self.slots(), np.zeros(self.capacity, np.intp)
         old = slots
         while len(old):
             at = self.start[old] + counts[old]
-            old = old[(at < self.stop[old]) & (self.times[old, at % self._rows] < before_ns)]
+            old = old[(at < self.stop[old]) & (self.times[old, at % self._rows] < oldest_ns)]
             counts[old] += 1
         affected = slots[counts[slots] > 0]
         return affected, counts[affected]
