@@ -7,7 +7,7 @@ alike.
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.distance import cdist
+from scipy.spatial import cKDTree
 
 from .arrays import Floats, Ints, Labels, Slots, find, ranks
 from .matching import shared_counts
@@ -18,8 +18,6 @@ from .trajectories.window import Window
 _MIN_GROUPED = 200
 # A trajectory with fewer observations does not show how it moves; it moves as in the last ns.
 _MIN_OBSERVATIONS, _RECENT_NS = 3, 300_000_000
-# Members that a newcomer is compared with, at most.
-_COMPARED = 512
 # A trajectory that has joined is less sure than one that was grouped, and counts for no box.
 _JOINED_CONFIDENCE = 0.4
 # Knuth's multiplier: numbers that follow each other are spread over the range of 32 bits.
@@ -82,24 +80,17 @@ def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Int
     joined = np.full(len(new), NO_HYPOTHESIS)
     measured = window.counts(new) >= _MIN_OBSERVATIONS
     members = np.flatnonzero((groups != NO_HYPOTHESIS) & (window.counts(current) >= _MIN_OBSERVATIONS))
-    members = members[:: -(-len(members) // _COMPARED) or 1]
-    groups = groups[members]
     if not measured.any() or len(members) < 2:
         return joined
     place, motion = _states(window, current[members])
     own_place, own_motion = _states(window, new[measured])
-    distance, difference = cdist(place, place), cdist(motion, motion)
-    # The nearest member of the same group tells how far apart members are, and how differently they move.
-    distance[groups[:, None] != groups] = np.inf
-    np.fill_diagonal(distance, np.inf)
-    nearest = distance.argmin(axis=1)
-    rows = np.flatnonzero(np.isfinite(distance[np.arange(len(nearest)), nearest]))
-    if not len(rows):
-        return joined
-    width = float(np.median(distance[rows, nearest[rows]])) + 1e-12
-    spread = float(np.median(difference[rows, nearest[rows]])) + 1e-12
-    cost = (cdist(own_place, place) / width) ** 2 + (cdist(own_motion, motion) / spread) ** 2
-    joined[measured] = groups[cost.argmin(axis=1)]
+    # The nearest member tells how far apart members are, and how differently they move.
+    distance, neighbour = cKDTree(place).query(place, k=2)
+    width = float(np.median(distance[:, 1])) + 1e-12
+    spread = float(np.median(np.linalg.norm(motion - motion[neighbour[:, 1]], axis=1))) + 1e-12
+    nearest = cKDTree(np.hstack([place / width, motion / spread]))
+    _, rows = nearest.query(np.hstack([own_place / width, own_motion / spread]))
+    joined[measured] = groups[members[rows]]
     return joined
 
 
