@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas.doubts import other_unit, trading
 
-from .arrays import Bools, Floats, Ints
+from .arrays import Bools, Floats, Floats32, Ints
 from .config import Unit
 from .event_time.entries import Instants
 from .event_time.troubles import Troubles
@@ -166,8 +166,8 @@ class ExtentCheck:
         first = {number: other_unit(places[number], self.unit) for number in present[:_MAX_VIEWS]}
         self._doubts = {number: text for number, text in first.items() if text}
 
-    def near(self, session: int, source: str, positions: Floats) -> Bools:
-        """Which rows float64 [n, dim] of a session of a source may be places of the scene, bool [n]."""
+    def near(self, session: int, source: str, positions: Floats | Floats32) -> Bools:
+        """Which rows [n, dim] of a session of a source may be places of the scene, bool [n]."""
         near = np.ones(len(positions), np.bool_)
         trouble: float | str | None = self._doubts.get(session)
         if self._views and self.most and len(positions):

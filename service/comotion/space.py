@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Bools, Slots, distinct
+from .arrays import Slots, distinct
 from .config import FusionConfig, to_ns
 from .event_time.entries import Instants
 from .event_time.stats import Stats
@@ -77,24 +77,21 @@ class Space:
         declared = config.spaces.get(spec.name)
         self.frame = MovingFrame(spec.dim, spec.unit == "m", None if declared is None else declared.moving)
 
-    def store(self, instants: Instants, allowance: Callable[[int], int], taken: Bools | None = None) -> bool:
+    def store(self, instants: Instants, allowance: Callable[[int], int]) -> bool:
         """Put released rows into the window, in event-time order; False if all are too far out.
 
         `allowance` says how many of so many new trajectories may be opened: the rows of others are refused.
-        So are those that are `taken`, bool [n], whose id stands for a feature elsewhere.
         """
-        session, batch, refused = instants.session, instants.batch, self._stats.refused_rows
-        rows, stamps = instants.rows, instants.stamps[: len(instants.rows)]
-        if taken is not None:
-            rows, stamps = rows[~taken], stamps[~taken]
-        places: NDArray[Any] = batch.positions[rows]
-        near = self.extent.near(session, batch.source, places)
-        in_scene, fresh, ended = bool(near.any()) or not len(rows), 0, 0
+        session, batch, stats = instants.session, instants.batch, self._stats
+        near = self.extent.near(session, batch.source, batch.positions[instants.rows])
+        stats.refused_rows += int(np.count_nonzero(~near))
+        in_scene, fresh, ended = bool(near.any()) or not len(near), 0, 0
         if in_scene:
-            fresh, ended = self.tracks.store(instants, allowance, rows[near], stamps[near])
+            refused = stats.refused_rows
+            fresh, ended = self.tracks.store(instants.of(near), allowance)
             self.frame.declared[session] = batch.source, bool(batch.moving)
-        if near.all() and self._stats.refused_rows - refused > ended:
-            self._troubles.note("limit", batch.source, REFUSED)
+            if stats.refused_rows - refused > ended:
+                self._troubles.note("limit", batch.source, REFUSED)
         self.checks.look(instants, fresh, ended)
         return in_scene
 

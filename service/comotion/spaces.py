@@ -17,7 +17,6 @@ import numpy as np
 from comotion_schemas import ObservationBatch, RejectionReason
 from comotion_schemas.messages import ProblemKind
 
-from .arrays import Bools
 from .config import FusionConfig, SpaceConfig, to_ns
 from .event_time.budget import Budget
 from .event_time.entries import Instants
@@ -108,9 +107,9 @@ class Spaces:
             refused = self._space_for(instant.batch)
             if refused is not None:
                 return refused
-            space, first_rows, most = self._spaces[name], self._cut(instant), self.config.max_tracks
+            space, most = self._spaces[name], self.config.max_tracks
             may_open = partial(allowance, [other.tracks for other in self], most, instant.session)
-            fits = space.store(first_rows, may_open, self._elsewhere(first_rows, space))
+            fits = space.store(self._without_taken(self._cut(instant), space), may_open)
             self._end(instant)
             return None if fits else "range"
         self._rebuild(name, keep=True)
@@ -258,9 +257,12 @@ class Spaces:
             return instant
         most *= 1 + int(np.count_nonzero(np.diff(instant.stamps)))
         if len(instant.rows) > most:
-            self.stats.refused_rows += len(instant.rows) - most
-            self.troubles.note("limit", instant.batch.source, REFUSED)
+            self._refuse(len(instant.rows) - most, instant)
         return replace(instant, stamps=instant.stamps[:most], rows=instant.rows[:most])
+
+    def _refuse(self, count: int, instant: Instants) -> None:
+        self.stats.refused_rows += count
+        self.troubles.note("limit", instant.batch.source, REFUSED)
 
     def _end(self, instant: Instants) -> None:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""
@@ -269,17 +271,17 @@ class Spaces:
                 if space.tracks.knows(instant.session):
                     space.tracks.end(instant.batch.ended, instant.session)
 
-    def _elsewhere(self, instant: Instants, home: Space) -> Bools | None:
-        """Which rows have an id that their session uses in another space, bool [n]; None for none."""
+    def _without_taken(self, instant: Instants, home: Space) -> Instants:
+        """The rows but those with an id that their session uses in another space."""
         others = [space for space in self if space is not home and space.tracks.knows(instant.session)]
         if not others:
-            return None
+            return instant
         ids = instant.batch.ids[instant.rows]
         # An id that has a trajectory here has none elsewhere.
         unknown = home.tracks.find(ids, instant.session) < 0
         if not unknown.any():
-            return None
-        taken = [space.tracks.find(ids[unknown], instant.session) >= 0 for space in others]
-        elsewhere: Bools = np.zeros(len(ids), bool)
-        elsewhere[unknown] = np.any(taken, axis=0)
-        return elsewhere if elsewhere.any() else None
+            return instant
+        taken = unknown & np.any([space.tracks.find(ids, instant.session) >= 0 for space in others], axis=0)
+        if taken.any():
+            self._refuse(int(np.count_nonzero(taken)), instant)
+        return instant.of(~taken)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Bools, Ints, Slots, Stamps, distinct, find
+from .arrays import Bools, Slots, distinct, find
 from .event_time.entries import Instants
 from .event_time.stats import Stats
 from .partition import Method
@@ -66,15 +66,13 @@ class Tracks:
         """Whether a session has sent anything."""
         return session in self._sorted
 
-    def store(
-        self, instants: Instants, allowance: Callable[[int], int], rows: Ints, stamps: Stamps
-    ) -> tuple[int, int]:
-        """Store some rows of a batch in event-time order; the others count as refused.
+    def store(self, instants: Instants, allowance: Callable[[int], int]) -> tuple[int, int]:
+        """Store rows of a batch in event-time order.
 
         `allowance` says how many of so many new trajectories may be opened: the rows of others are refused.
         Returns how many rows have new ids, and how many have ended ones.
         """
-        slots, fresh, ended = self._find_or_open(instants.batch.ids[rows], instants.session, allowance)
+        slots, fresh, ended = self._find_or_open(instants, allowance)
         has_slot = slots >= 0
         # An id that its source has declared lost for good must not come back.
         accepted = has_slot.copy()
@@ -82,13 +80,12 @@ class Tracks:
         ended += int(np.count_nonzero(has_slot & ~accepted))
         self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(accepted))
         if accepted.any():
-            self._insert(instants, slots[accepted], rows[accepted], stamps[accepted])
+            self._insert(instants.of(accepted), slots[accepted])
         return fresh, ended
 
-    def _find_or_open(
-        self, ids: Ids, session: int, allowance: Callable[[int], int]
-    ) -> tuple[Slots, int, int]:
-        """Slots of ids, -1 for those refused; how many are new, and how many have ended before."""
+    def _find_or_open(self, instants: Instants, allowance: Callable[[int], int]) -> tuple[Slots, int, int]:
+        """Slots of the rows, -1 for those refused; how many are new, and how many have ended before."""
+        ids, session = instants.batch.ids[instants.rows], instants.session
         slots = self.find(ids, session)
         # Trajectories that are observed again count before new ones do.
         self._window.live[slots[slots >= 0]] = True
@@ -106,17 +103,17 @@ class Tracks:
         slots[fresh] = slots[fresh[first]][first_of_row]
         return slots, len(opened), ended
 
-    def _insert(self, instants: Instants, slots: Slots, rows: Ints, stamps: Stamps) -> None:
-        """Put rows of a batch into the window, each with its slot and stamp."""
-        batch, window = instants.batch, self._window
+    def _insert(self, instants: Instants, slots: Slots) -> None:
+        """Put rows of a batch into the window, each with its slot."""
+        batch, rows, window = instants.batch, instants.rows, self._window
         sigma = np.full(len(rows), np.nan)
         if batch.sigma is not None:
             sigma[:] = batch.sigma[rows] if isinstance(batch.sigma, np.ndarray) else batch.sigma
             # Coordinates resolve no noise beyond these limits, and its square would overflow.
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
         quaternions = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
-        at_once = instants.stamp_ns if batch.stamps_ns is None else stamps
-        stored = window.insert(slots, at_once, batch.positions[rows].astype(np.float64), sigma, quaternions)
+        stamps = instants.stamp_ns if batch.stamps_ns is None else instants.stamps
+        stored = window.insert(slots, stamps, batch.positions[rows].astype(np.float64), sigma, quaternions)
         if batch.covariance is not None:
             # In 2-D without z.
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]

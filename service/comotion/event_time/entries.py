@@ -1,7 +1,7 @@
 """A batch on its way through event time, the stages of that way, and the instants that come out."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from typing import Literal, Self
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, RejectionReason
 
-from ..arrays import Stamps
+from ..arrays import Bools, Stamps
 from .stats import Fate, Key
 
 Indices = NDArray[np.intp]
@@ -111,7 +111,7 @@ class Instants:
     Attributes
     ----------
     stamps
-        int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where there is none.
+        int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where the batch has none.
     rows
         intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts.
     session
@@ -127,6 +127,10 @@ class Instants:
     session: int
     batch: ObservationBatch
     last: bool
+
+    def of(self, rows: Bools) -> Self:
+        """The same with some of the rows."""
+        return replace(self, stamps=self.stamps[rows], rows=self.rows[rows])
 
     @property
     def stamp_ns(self) -> int:
