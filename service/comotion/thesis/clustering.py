@@ -107,7 +107,8 @@ class DivisiveKMeans:
         """
         labels, inside, all_rows = np.zeros(len(affinity), np.intp), np.zeros(len(affinity)), np.sort(rows)
         # Members of a cluster, the sum of affinities of each inside it, and how often it was split off.
-        pending = [(all_rows, _times(affinity, all_rows, np.ones(len(rows))), 0)] if len(rows) else []
+        sums = _times(affinity, all_rows, np.ones((len(rows), 1)))[:, 0]
+        pending = [(all_rows, sums, 0)] if len(rows) else []
         last_sides, self._sides = self._sides, []
         count = 0
         while pending:
@@ -119,8 +120,7 @@ class DivisiveKMeans:
             guess = np.zeros(len(affinity), np.int8)
             if depth < len(last_sides):
                 guess[: len(last_sides[depth])] = last_sides[depth][: len(guess)]
-            cluster = affinity, members, sums, guess[members]
-            second, to_second = _confirmed(*cluster) or _searched(*cluster)
+            second, to_second = _halved(affinity, members, sums, guess[members])
             if 2 * np.count_nonzero(second) > len(members):
                 # The next guess costs less with the indicator of the smaller half.
                 second, to_second = ~second, sums - to_second
@@ -133,55 +133,42 @@ class DivisiveKMeans:
 
 
 def _times(affinity: Floats32, members: Ints, factors: NDArray[Any]) -> Floats:
-    """Product of the rows and columns of m members with factors, float64 [m]; rows times 0 are not read."""
+    """Product of the rows and columns of m members with factors, [m, 1]; rows times 0 are not read."""
     out, nonzero = np.zeros(len(affinity)), np.flatnonzero(factors)
-    combine_rows(affinity, members[nonzero], factors[nonzero].astype(np.float64), out)
-    return out[members]
+    combine_rows(affinity, members[nonzero], factors[nonzero, 0].astype(np.float64), out)
+    return out[members, None]
 
 
-def _confirmed(
-    affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
-) -> tuple[Bools, Floats] | None:
-    """One step of 2-means from a guess at a large cluster; None if it has not settled.
+def _halved(affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]) -> tuple[Bools, Floats]:
+    """Split m members by 2-means: by a step from a guess that fits a large cluster, else from several starts.
 
     Returns
     -------
     second, to_second
         bool [m], and float64 [m]: the sums of affinities to that half.
     """
-    n, high = len(members), guess > 0
-    count, settled = np.count_nonzero(high), n // _SETTLED_SHARE
-    if n <= _MANY_STARTS_SIZE or not 0 < count < n or np.count_nonzero(guess == 0) > settled:
-        return None
-    half = _times(affinity, members, high)
-    mean, other_mean = (sums - half) / (n - count), half / count
-    closer: Bools = _times(affinity, members, other_mean - mean) > (other_mean @ other_mean - mean @ mean) / 2
-    moved = closer.astype(np.float64) - high
-    if np.count_nonzero(moved * guess) > settled or closer.all() or not closer.any():
-        return None
-    return closer, half + _times(affinity, members, moved)
-
-
-def _searched(
-    affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]
-) -> tuple[Bools, Floats]:
-    """As :func:`_confirmed`, by 2-means from several starts."""
     n, many = len(members), len(members) <= _MANY_STARTS_SIZE
+    guessed = np.column_stack([guess < 0, guess > 0])
+    if not many and guessed.any(0).all() and np.count_nonzero(guess == 0) <= n // _SETTLED_SHARE:
+        # Rows times 0 are not read, and none is copied.
+        product = partial(_times, affinity, members)
+        second, to_second, is_settled = _two_means(product, sums, guessed[:, 1:], 1)
+        if is_settled:
+            return second, to_second
     # Columns of rows: twice as fast as both at once.
     part = affinity.take(members, 0).take(members, 1)
     rows: Floats | Floats32 = part.astype(np.float64) if many else part
 
-    def product(of: NDArray[Any]) -> Floats:
+    def dense(of: NDArray[Any]) -> Floats:
         return np.asarray(rows @ of.astype(rows.dtype), np.float64)
 
     starts = _around_rows(rows, sums, _STARTS if many else max(_STARTS * _MANY_STARTS_SIZE // n, 2))
-    guessed = np.column_stack([guess < 0, guess > 0])
     if guessed.any(0).all():
         # Members without a guess go to the nearer half.
-        halves = product(guessed) / guessed.sum(0)
-        nearer = product(halves[:, 1:] - halves[:, :1]) > np.diff(np.square(halves).sum(0)) / 2
+        halves = dense(guessed) / guessed.sum(0)
+        nearer = dense(halves[:, 1:] - halves[:, :1]) > np.diff(np.square(halves).sum(0)) / 2
         starts = np.hstack([nearer, starts])
-    return _two_means(product, sums, starts[:, starts.any(0) & ~starts.all(0)])
+    return _two_means(dense, sums, starts[:, starts.any(0) & ~starts.all(0)])[:2]
 
 
 def _around_rows(rows: Floats | Floats32, sums: Floats, count: int) -> Bools:
@@ -195,8 +182,10 @@ def _around_rows(rows: Floats | Floats32, sums: Floats, count: int) -> Bools:
     return np.asarray(second, np.bool_)
 
 
-def _two_means(product: Product, sums: Floats, second: Bools) -> tuple[Bools, Floats]:
-    """The best of 2-means (3.6) from some starts, and the sums of affinities to its second half.
+def _two_means(
+    product: Product, sums: Floats, second: Bools, steps: int = _MAX_STEPS
+) -> tuple[Bools, Floats, bool]:
+    """The best of 2-means (3.6) from some starts, in so many steps at most.
 
     Parameters
     ----------
@@ -207,12 +196,12 @@ def _two_means(product: Product, sums: Floats, second: Bools) -> tuple[Bools, Fl
 
     Returns
     -------
-    second, to_second
-        bool [n] and float64 [n].
+    second, to_second, is_settled
+        bool [n]; float64 [n], the sums of affinities to that half; whether no step more would change it.
     """
     n = len(second)
     settled = 0 if n <= _MANY_STARTS_SIZE else n // _SETTLED_SHARE
-    for _ in range(_MAX_STEPS):
+    for _ in range(steps):
         count, to_second = second.sum(0), product(second)
         mean, other_mean = (sums[:, None] - to_second) / (n - count), to_second / count
         lengths = np.square(mean).sum(0), np.square(other_mean).sum(0)
@@ -221,8 +210,9 @@ def _two_means(product: Product, sums: Floats, second: Bools) -> tuple[Bools, Fl
         closer = product(other_mean - mean) > (lengths[1] - lengths[0]) / 2
         closer = np.where(closer.all(0) | ~closer.any(0), second, closer)
         previous, second = second, closer
-        if (second != previous).sum(0).max() <= settled:
+        is_settled = bool((second != previous).sum(0).max() <= settled)
+        if is_settled:
             break
     best = int(scatter.argmin())
     moved = second[:, [best]].astype(np.float64) - previous[:, [best]]
-    return second[:, best], (to_second[:, [best]] + product(moved))[:, 0]
+    return second[:, best], (to_second[:, [best]] + product(moved))[:, 0], is_settled
