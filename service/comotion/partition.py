@@ -175,17 +175,12 @@ class BodyMotion:
         )
 
 
-Matching = Callable[[NDArray[np.int64]], list[tuple[int, int]]]
-"""From counts [old, new] of shared trajectories to pairs (old, new), each row and column once at most."""
-
-
 class Method(ABC):
     """A method, for one space. It is called before observations leave the window, and once per update."""
 
-    matching: Matching
-    """How its groups continue hypotheses; see :mod:`comotion.matching`."""
     established = False
-    """Whether members of long standing decide which hypothesis a group continues, or all alike."""
+    """Whether members of long standing decide which hypothesis a group continues, in the best assignment, or
+    all alike, by the label propagation of the thesis."""
     cutting = False
     """Whether trajectories that jump are cut there."""
     searching = True

@@ -117,9 +117,7 @@ class Space:
         self.frame.follow(distinct(tracks["session"])[0].tolist(), self.tracks.sessions())
         self.extent.look(tracks["session"], window.newest(current))
         partition = self._partition(stamp_ns, effort)
-        labels, hypotheses, events = registry.update(
-            window, partition, current, stamp_ns, self._method.matching, boxes=effort.boxes
-        )
+        labels, hypotheses, events = registry.update(window, partition, current, stamp_ns, boxes=effort.boxes)
         # Links and joints follow from motion in the frame; what is published is relative to the world.
         bodies = [h for h in hypotheses if not h.absent]
         hypotheses, frame = self.frame.relative(stamp_ns, hypotheses, labels, partition.position)

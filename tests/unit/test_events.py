@@ -9,7 +9,6 @@ from comotion.config import HypothesesConfig
 from comotion.hypotheses.events import Lifecycle
 from comotion.hypotheses.identity import IdAllocator
 from comotion.hypotheses.registry import Registry
-from comotion.matching import largest_total
 from comotion.partition import Group, Partition
 from comotion.trajectories.window import Window
 
@@ -131,7 +130,7 @@ def test_an_id_that_has_merged_does_not_come_back_with_features_that_were_hidden
             places[current],
             [Group()] * 2,
         )
-        _, listed, events = registry.update(window, partition, slots[current], stamp_ns, largest_total)
+        _, listed, events = registry.update(window, partition, slots[current], stamp_ns)
         return {h.id for h in listed}, [e for e in events if e.kind == "merged"]
 
     apart, everyone = np.repeat([0, 1], 5), np.arange(10)

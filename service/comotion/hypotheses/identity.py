@@ -12,8 +12,8 @@ from scipy.optimize import linear_sum_assignment
 from comotion_schemas import UNDETERMINED
 
 from ..arrays import Bools, Floats, Labels, Slots, distinct, last_true, thinned
-from ..matching import continued
-from ..partition import NO_HYPOTHESIS, Matching, Partition
+from ..matching import continued, largest_first, largest_total
+from ..partition import NO_HYPOTHESIS, Partition
 from ..trajectories.window import Window
 from .records import Record
 
@@ -71,7 +71,6 @@ def named(
     window: Window,
     partition: Partition,
     current: Slots,
-    matching: Matching,
     allocate: Callable[[], int],
     stamp_ns: int,
     *,
@@ -85,14 +84,13 @@ def named(
     ----------
     window, partition, current
         The trajectories, their groups, and intp [n] those that go on.
-    matching
-        Which old hypothesis continues in which group.
     allocate
         Gives a fresh id.
     stamp_ns
         The watermark.
     established
-        Whether members of long standing decide which hypothesis a group continues, and sources that agree.
+        Whether members of long standing decide which hypothesis a group continues, and sources that agree, in
+        the best assignment of all; else all alike, by label propagation.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
     if established:
@@ -103,6 +101,7 @@ def named(
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
     count = len(partition.described)
+    matching = largest_total if established else largest_first
     matched = continued(np.concatenate(votes), np.tile(voters, 2), count, matching, np.concatenate(weights))
     ids = np.full(count, NO_HYPOTHESIS)
     for k in distinct(voters[voters >= 0])[0].tolist():

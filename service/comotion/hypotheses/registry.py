@@ -18,7 +18,7 @@ import numpy as np
 from comotion_schemas import Event, Hypothesis
 
 from ..arrays import Labels, Slots
-from ..partition import NO_HYPOTHESIS, Matching, Partition
+from ..partition import NO_HYPOTHESIS, Partition
 from ..saving import NOT_KEPT
 from ..trajectories.window import Window
 from .events import Lifecycle
@@ -63,7 +63,6 @@ class Registry(Lifecycle):
         partition: Partition,
         current: Slots,
         stamp_ns: int,
-        matching: Matching,
         *,
         boxes: bool = True,
     ) -> tuple[Labels, list[Hypothesis], list[Event]]:
@@ -77,8 +76,6 @@ class Registry(Lifecycle):
             intp [n], the current slots, by age.
         stamp_ns
             The watermark.
-        matching
-            Which old hypothesis continues in which group.
         boxes
             Whether the axes of boxes may be sought.
 
@@ -89,7 +86,7 @@ class Registry(Lifecycle):
             the events of this update.
         """
         previous = window.label[current]
-        terms = current, matching, self.allocator.next, stamp_ns
+        terms = current, self.allocator.next, stamp_ns
         self.ids = named(window, partition, *terms, established=self.by_established)  # 1
         sure = partition.confidence >= _SURE
         present = Current(window.key[current], current, window.label[current], partition.position, sure)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats32, Slots
 from ..config import FusionConfig
-from ..matching import largest_first
 from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
 from .belief import Belief
@@ -38,7 +37,6 @@ class PixelMethod(Method):
         The space.
     """
 
-    matching = staticmethod(largest_first)
     established = True
     cutting = True
 

@@ -86,7 +86,6 @@ class RigidMethod(Method):
         The space.
     """
 
-    matching = staticmethod(largest_total)
     established = True
     cutting = True
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, Slots
 from ..config import FusionConfig, Unit
-from ..matching import largest_first
 from ..partition import Group, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
 from .clustering import make_clustering
@@ -42,7 +41,6 @@ class ThesisMethod(Method):
         The space.
     """
 
-    matching = staticmethod(largest_first)
     # Section 3.3 propagates the labels of the last update, those of all features alike.
     established = False
 
