@@ -178,11 +178,9 @@ class BodyMotion:
 class Method(ABC):
     """A method, for one space. It is called before observations leave the window, and once per update."""
 
-    established = False
-    """Whether members of long standing decide which hypothesis a group continues, in the best assignment, or
-    all alike, by the label propagation of the thesis."""
-    cutting = False
-    """Whether trajectories that jump are cut there."""
+    by_thesis = False
+    """Whether all members alike decide which hypothesis a group continues, by label propagation; else those
+    of long standing do, in the best assignment, and trajectories that jump are cut there."""
     searching = True
     """Whether new groups are sought; else the known ones may be followed where that is cheaper."""
 

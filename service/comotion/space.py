@@ -64,7 +64,7 @@ class Space:
         method = self._method = make_method(config, spec)
         self.tracks = Tracks(self._window, method, stats)
         self._hypotheses = Registry(
-            config.hypotheses, space=spec.name, allocator=ids, by_established=method.established
+            config.hypotheses, space=spec.name, allocator=ids, by_thesis=method.by_thesis
         )
         # Session numbers and ids of the trajectories that were grouped last.
         self._grouped: tuple[Slots, Ids] = np.zeros(0, np.intp), np.zeros(0, np.uint64)

@@ -193,7 +193,7 @@ class Tracks:
         slots, counts = window.evictable(stamp_ns - window.span_ns)
         if len(slots):
             self._evict(slots, counts)
-        if self._method.cutting:
+        if not self._method.by_thesis:
             self._cut(stamp_ns)
         fresh = self._fresh(stamp_ns, timeout_ns)
         # Those that are outdated and too short to show motion.

@@ -74,7 +74,7 @@ def named(
     allocate: Callable[[], int],
     stamp_ns: int,
     *,
-    established: bool,
+    by_thesis: bool,
 ) -> Labels:
     """Hypothesis of each group, int64 [K]; one that continues none gets a new id, one without members none.
 
@@ -88,20 +88,20 @@ def named(
         Gives a fresh id.
     stamp_ns
         The watermark.
-    established
-        Whether members of long standing decide which hypothesis a group continues, and sources that agree, in
-        the best assignment of all; else all alike, by label propagation.
+    by_thesis
+        Whether all members alike decide which hypothesis a group continues, by label propagation; else those
+        of long standing do, and sources that agree, in the best assignment.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
-    if established:
+    if not by_thesis:
         vote = vote & ~_overruled(window, partition, current)
     last, voters = window.label[slots], groups[vote]
     # Whose the votes are does not matter in the method of the thesis.
-    sources = window.source[slots[vote]] * established
+    sources = window.source[slots[vote]] * (not by_thesis)
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
     count = len(partition.described)
-    matching = largest_total if established else largest_first
+    matching = largest_first if by_thesis else largest_total
     matched = continued(np.concatenate(votes), np.tile(voters, 2), count, matching, np.concatenate(weights))
     ids = np.full(count, NO_HYPOTHESIS)
     for k in distinct(voters[voters >= 0])[0].tolist():
@@ -109,7 +109,7 @@ def named(
     now = np.append(ids, NO_HYPOTHESIS)[groups]
     window.label[slots] = now
     window.label_ns[slots[now != last]] = stamp_ns
-    if established:
+    if not by_thesis:
         _establish(window, slots, stamp_ns)
     return ids
 

@@ -46,15 +46,15 @@ class Registry(Lifecycle):
         Its name.
     allocator
         Where new hypotheses get their ids.
-    by_established
-        Whether members of long standing decide which hypothesis a group continues.
+    by_thesis
+        Whether all members alike decide which hypothesis a group continues.
     ids
         int64 [K]: hypothesis of each group of the last partition.
     """
 
     space: str = field(kw_only=True, metadata=NOT_KEPT)
     allocator: IdAllocator = field(kw_only=True, metadata=NOT_KEPT)
-    by_established: bool = field(default=True, kw_only=True, metadata=NOT_KEPT)
+    by_thesis: bool = field(default=False, kw_only=True, metadata=NOT_KEPT)
     ids: Labels = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def update(
@@ -87,7 +87,7 @@ class Registry(Lifecycle):
         """
         previous = window.label[current]
         terms = current, self.allocator.next, stamp_ns
-        self.ids = named(window, partition, *terms, established=self.by_established)  # 1
+        self.ids = named(window, partition, *terms, by_thesis=self.by_thesis)  # 1
         sure = partition.confidence >= _SURE
         present = Current(window.key[current], current, window.label[current], partition.position, sure)
         if self._recall(stamp_ns, window, partition, present):  # 2

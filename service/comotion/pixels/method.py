@@ -37,9 +37,6 @@ class PixelMethod(Method):
         The space.
     """
 
-    established = True
-    cutting = True
-
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels
         self._camera = RestingCamera(self._p)

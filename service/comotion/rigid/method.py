@@ -86,9 +86,6 @@ class RigidMethod(Method):
         The space.
     """
 
-    established = True
-    cutting = True
-
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         self._config = config.rigid
         self._dim = spec.dim

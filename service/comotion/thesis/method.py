@@ -42,7 +42,7 @@ class ThesisMethod(Method):
     """
 
     # Section 3.3 propagates the labels of the last update, those of all features alike.
-    established = False
+    by_thesis = True
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:
         thesis = config.thesis
