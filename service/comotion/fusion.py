@@ -19,7 +19,7 @@ from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Rejection
 
 from .assembly import Assembly, at_rest, moved
 from .config import FusionConfig, to_ns
-from .event_time.budget import Budget, CostClock
+from .event_time.budget import CostClock
 from .event_time.faults import Faults
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
@@ -32,9 +32,6 @@ from .shedding import FULL, Effort
 from .spaces import Spaces
 from .tracks import MAX_COORDINATE
 
-# Share of a period for updating spaces, and for that with reading and publishing. The first is less than what
-# makes updates slow: a source that spends all of it must not make all others leave out work.
-_GROUPING, _WHOLE = 0.6, 0.85
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 
@@ -96,9 +93,7 @@ class Fusion:
         self.faults = Faults(self.stats)
         self.timeline = Timeline(self.config, self.stats, self.faults)
         self._ids = IdAllocator(first_id)
-        self._grouping = Budget(_GROUPING, to_ns(self.config.period), whole=_WHOLE)
-        troubles = self.timeline.troubles
-        self._spaces = Spaces(self.config, self._ids, self.stats, self.faults, self._grouping, troubles)
+        self._spaces = Spaces(self.config, self._ids, self.timeline)
         self._assembly = Assembly(self.config, self.faults)
         self._published = PublishedIds()
         self._effort = FULL
@@ -128,7 +123,6 @@ class Fusion:
 
         The times are those of :meth:`update`.
         """
-        self._spaces.at(now_ns if at_ns is None else at_ns)
         self.timeline.advance(now_ns, at_ns, self._spaces.store, self._spaces.end_session)
 
     def update(self, now_ns: int, at_ns: int | None = None) -> HypothesisUpdate:
@@ -146,7 +140,7 @@ class Fusion:
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        updates = self._spaces.update(stamp, timeline.sessions, timeline.track_timeout_ns, self._effort)
+        updates = self._spaces.update(stamp, self._effort)
         in_use = self._spaces.sessions()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
@@ -179,7 +173,7 @@ class Fusion:
         grouping
             The same for what updates of spaces cost, where that counts otherwise; None: `clock`.
         """
-        self.timeline.budget.clock, self._grouping.clock = clock, grouping or clock
+        self.timeline.budget.clock, self._spaces.turns.budget.clock = clock, grouping or clock
 
     def shed(self, level: int) -> None:
         """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from .arrays import Slots, distinct
 from .config import FusionConfig, to_ns
 from .event_time.entries import Instants
-from .event_time.stats import Stats
-from .event_time.troubles import Troubles
+from .event_time.timeline import Timeline
 from .hypotheses.drift import DriftCheck
 from .hypotheses.identity import IdAllocator
 from .hypotheses.registry import Registry
@@ -55,14 +54,13 @@ class Space:
         config: FusionConfig,
         spec: SpaceSpec,
         ids: IdAllocator,
-        stats: Stats,
-        troubles: Troubles,
+        timeline: Timeline,
     ) -> None:
         self.spec = spec
-        self._stats, self._troubles = stats, troubles
+        self._stats, self._troubles = stats, troubles = timeline.stats, timeline.troubles
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
         method = self._method = make_method(config, spec)
-        self.tracks = Tracks(self._window, method, stats)
+        self.tracks = Tracks(self._window, method, stats, timeline.track_timeout_ns)
         self._hypotheses = Registry(
             config.hypotheses, space=spec.name, allocator=ids, by_thesis=method.by_thesis
         )
@@ -100,14 +98,10 @@ class Space:
         """Trajectories of the last grouping."""
         return len(self._grouped[0])
 
-    def update(self, stamp_ns: int, timeout_ns: Callable[[int], int], effort: Effort = FULL) -> SpaceUpdate:
-        """Move the window to the watermark and group what is current, as far as `effort` says.
-
-        `timeout_ns` gives the time without observation after which a trajectory of a session number is
-        outdated.
-        """
+    def update(self, stamp_ns: int, effort: Effort = FULL) -> SpaceUpdate:
+        """Move the window to the watermark and group what is current, as far as `effort` says."""
         window, registry = self._window, self._hypotheses
-        current = self.tracks.follow(stamp_ns, timeout_ns)
+        current = self.tracks.follow(stamp_ns)
         tracks = np.zeros(len(current), TRACK)
         tracks["key"], tracks["session"], tracks["id"] = (
             column[current] for column in (window.key, window.source, window.id)

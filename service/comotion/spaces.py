@@ -8,7 +8,7 @@ something in it, as long as any source that agrees observes it. A source that co
 is one that is not among the sources that the configuration names.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -20,9 +20,8 @@ from comotion_schemas.messages import ProblemKind
 from .config import FusionConfig, SpaceConfig, to_ns
 from .event_time.budget import Budget
 from .event_time.entries import Instants
-from .event_time.faults import Faults
-from .event_time.stats import Key, Stats
-from .event_time.troubles import CLOCKS, Troubles
+from .event_time.timeline import Timeline
+from .event_time.troubles import CLOCKS
 from .hypotheses.identity import IdAllocator
 from .partition import SpaceSpec
 from .shares import Turns, allowance
@@ -30,6 +29,9 @@ from .shedding import FULL, Effort
 from .space import REFUSED, Space
 from .space_update import SpaceUpdate
 
+# Share of a period for updating spaces, and for that with reading and publishing. The first is less than what
+# makes updates slow: a source that spends all of it must not make all others leave out work.
+_GROUPING, _WHOLE = 0.6, 0.85
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
 # Rows of an instant that are looked at, for each trajectory that there may be.
@@ -38,22 +40,15 @@ _ROWS_FOR_A_TRACK = 2
 
 @dataclass
 class Spaces:
-    """The spaces of a scene by name.
-
-    `budget` is what spaces may cost, by source, and `at_ns` the clock of arrivals.
-    """
+    """The spaces of a scene by name; `turns` lets them be updated."""
 
     config: FusionConfig
     ids: IdAllocator
-    stats: Stats
-    faults: Faults
-    budget: Budget
-    troubles: Troubles
-    at_ns: int = 0
+    timeline: Timeline
     _spaces: dict[str, Space] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._turns = Turns(self.budget)
+        self.turns = Turns(Budget(_GROUPING, to_ns(self.config.period), whole=_WHOLE))
 
     def __iter__(self) -> Iterator[Space]:
         return iter(self._spaces.values())
@@ -61,20 +56,12 @@ class Spaces:
     def __getitem__(self, name: str) -> Space:
         return self._spaces[name]
 
-    def at(self, at_ns: int) -> None:
-        """Take note of the time on the clock of arrivals."""
-        if not self.at_ns:
-            # Spaces of a snapshot count as published in just now.
-            for space in self:
-                space.fed_ns = at_ns
-        self.at_ns = at_ns
-
     def refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch does not fit in its space; None if it does, or the space can be released for it."""
         contradiction = self._contradiction(batch)
         if contradiction is None:
             return None
-        self.troubles.note("contradicts-space", batch.source, contradiction)
+        self.timeline.troubles.note("contradicts-space", batch.source, contradiction)
         return "space-mismatch"
 
     def _contradiction(self, batch: ObservationBatch) -> str | None:
@@ -100,7 +87,7 @@ class Spaces:
     def store(self, instant: Instants) -> RejectionReason | None:
         """Put instants into their space; returns why they are refused, if so. Raises nothing."""
         name = instant.batch.space
-        with self.faults.guard("storing a batch", instant.batch):
+        with self.timeline.faults.guard("storing a batch", instant.batch):
             if not len(instant.rows):
                 self._end(instant)
                 return None
@@ -120,62 +107,55 @@ class Spaces:
         for space in self:
             space.tracks.end_session(session)
 
-    def update(
-        self,
-        stamp_ns: int,
-        sessions: Mapping[int, Key],
-        timeout_ns: Callable[[int], int],
-        effort: Effort = FULL,
-    ) -> list[SpaceUpdate]:
+    def update(self, stamp_ns: int, effort: Effort = FULL) -> list[SpaceUpdate]:
         """Update every space, in turn as far as the budget of its sources goes. Raises nothing.
 
         Spaces whose sources have spent their share are listed as they were. A space that fails is built
-        anew, at best with its trajectories. `sessions` are (source, session) by session number, the rest is
-        as for :meth:`.space.Space.update`.
+        anew, at best with its trajectories. The arguments are those of :meth:`.space.Space.update`.
         """
         updates: dict[str, SpaceUpdate | None] = {}
 
         def update(name: str) -> None:
             for keep in (True, False, False):
-                with self.faults.guard(f"updating space {name!r}"):
-                    updates[name] = self._spaces[name].update(stamp_ns, timeout_ns, effort)
+                with self.timeline.faults.guard(f"updating space {name!r}"):
+                    updates[name] = self._spaces[name].update(stamp_ns, effort)
                     return
                 self._rebuild(name, keep=keep)
 
         # Where a clock is known to be wrong, no motion is compared.
-        mistimed = self._doubted(sessions, *CLOCKS)
+        mistimed = self._doubted(*CLOCKS)
         for space in self:
             space.drift.mistimed = mistimed
-        shares = {name: self._shares(name, sessions) for name in self._spaces}
-        for name in self._turns.take(self.at_ns, shares, update):
-            with self.faults.guard(f"repeating space {name!r}"):
+        shares = {name: self._shares(name) for name in self._spaces}
+        for name in self.turns.take(self.timeline.at_ns, shares, update):
+            with self.timeline.faults.guard(f"repeating space {name!r}"):
                 last = self._spaces[name].last
                 updates[name] = None if last is None else last.repeated()
-        for source in self._turns.costly:
-            self.troubles.note("over-budget", source)
-        self._note_troubles(sessions)
-        doubted = self._doubted(sessions, "ids-reused", "ids-short-lived")
+        for source in self.turns.costly:
+            self.timeline.troubles.note("over-budget", source)
+        self._note_troubles()
+        doubted = self._doubted("ids-reused", "ids-short-lived")
         listed = [part for _, part in sorted(updates.items()) if part is not None]
         return [part.doubted(doubted) for part in listed] if doubted else listed
 
-    def _doubted(self, sessions: Mapping[int, Key], *kinds: ProblemKind) -> list[int]:
+    def _doubted(self, *kinds: ProblemKind) -> list[int]:
         """Numbers of the sessions of sources with a trouble of some kinds."""
-        sources = self.troubles.sources(*kinds)
-        return [number for number, (source, _) in sessions.items() if source in sources]
+        sources = self.timeline.troubles.sources(*kinds)
+        return [number for number, (source, _) in self.timeline.sessions.items() if source in sources]
 
-    def _note_troubles(self, sessions: Mapping[int, Key]) -> None:
+    def _note_troubles(self) -> None:
         """Note sources that drift away from the others of a space, or that alone say that it is carried."""
         for space in self:
             for source in space.frame.contradicting:
                 text = f"that {space.spec.name} is carried, which others do not say"
-                self.troubles.note("contradicts-space", source, text)
+                self.timeline.troubles.note("contradicts-space", source, text)
             for number in space.drift.drifting:
-                if number in sessions:
-                    self.troubles.note("drifts", sessions[number][0])
+                if number in self.timeline.sessions:
+                    self.timeline.troubles.note("drifts", self.timeline.sessions[number][0])
 
-    def _shares(self, name: str, sessions: Mapping[int, Key]) -> dict[str, float]:
+    def _shares(self, name: str) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
-        space = self._spaces[name]
+        space, sessions = self._spaces[name], self.timeline.sessions
         held = {
             sessions[number][0]: count for number, count in space.tracks.held().items() if number in sessions
         }
@@ -191,15 +171,15 @@ class Spaces:
         """Forget empty spaces in which nothing was published for long, and sessions without tracks."""
         expiry_ns = to_ns(max(self.config.limits.expiry, self.config.hypotheses.memory))
         for name, space in list(self._spaces.items()):
-            if not space.tracks.sessions() and self.at_ns - space.fed_ns > expiry_ns:
+            if not space.tracks.sessions() and self._idle_ns(space) > expiry_ns:
                 del self._spaces[name]
         for space in self:
             space.checks.keep(in_use)
 
     def open(self, spec: SpaceSpec) -> Space:
         """Open a space, in the place of one of its name."""
-        space = Space(self.config, spec, self.ids, self.stats, self.troubles)
-        space.fed_ns = self.at_ns
+        space = Space(self.config, spec, self.ids, self.timeline)
+        space.fed_ns = self.timeline.at_ns
         # In the order in which they were opened.
         self._spaces.pop(spec.name, None)
         self._spaces[spec.name] = space
@@ -214,7 +194,7 @@ class Spaces:
         fresh.fed_ns, fresh.owner = old.fed_ns, old.owner
         if not keep:
             return
-        with self.faults.guard(f"keeping the trajectories of space {name!r}"):
+        with self.timeline.faults.guard(f"keeping the trajectories of space {name!r}"):
             fresh.load(old.state() | {"method": {}}, keep_method=True)
             return
         self.open(old.spec)
@@ -230,11 +210,16 @@ class Spaces:
                 return "limit"
             space = self.open(spec)
             space.owner = batch.source
-        space.fed_ns = self.at_ns
+        space.fed_ns = self.timeline.at_ns
         return None
 
     def _is_released(self, space: Space) -> bool:
-        return self.at_ns - space.fed_ns > to_ns(self.config.limits.release)
+        return self._idle_ns(space) > to_ns(self.config.limits.release)
+
+    def _idle_ns(self, space: Space) -> int:
+        """Time since something came in; a space of a snapshot counts as published in just now."""
+        space.fed_ns = space.fed_ns or self.timeline.at_ns
+        return self.timeline.at_ns - space.fed_ns
 
     def _admit_space(self, source: str) -> bool:
         """Whether a source may open one more; of too many, the one without data for longest goes."""
@@ -261,8 +246,8 @@ class Spaces:
         return replace(instant, stamps=instant.stamps[:most], rows=instant.rows[:most])
 
     def _refuse(self, count: int, instant: Instants) -> None:
-        self.stats.refused_rows += count
-        self.troubles.note("limit", instant.batch.source, REFUSED)
+        self.timeline.stats.refused_rows += count
+        self.timeline.troubles.note("limit", instant.batch.source, REFUSED)
 
     def _end(self, instant: Instants) -> None:
         """End the trajectories of the ids that a batch declares lost, in all spaces of its session."""

@@ -35,6 +35,8 @@ class Tracks:
         Is told what is about to leave the window.
     stats
         Counts observations, trajectories and refused rows.
+    timeout_ns
+        Gives the time without observation after which a trajectory of a session number is outdated.
 
     Attributes
     ----------
@@ -42,8 +44,10 @@ class Tracks:
         intp [n]: slots of the trajectories of the last update, by age.
     """
 
-    def __init__(self, window: Window, method: Method, stats: Stats) -> None:
-        self._window, self._method, self._stats = window, method, stats
+    def __init__(
+        self, window: Window, method: Method, stats: Stats, timeout_ns: Callable[[int], int]
+    ) -> None:
+        self._window, self._method, self._stats, self._timeout_ns = window, method, stats, timeout_ns
         self.current: Slots = np.zeros(0, np.intp)
         # Of each session that has sent anything: its ids, ascending, and their slots; None: to be sorted.
         self._sorted: dict[int, tuple[Ids, Slots] | None] = {}
@@ -183,19 +187,15 @@ class Tracks:
             self.current = self.current[window.used[self.current]]
         return len(displaced)
 
-    def follow(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Slots:
-        """Move the window to the watermark; returns :attr:`current`.
-
-        `timeout_ns` gives the time without observation after which a trajectory of a session number is
-        outdated.
-        """
+    def follow(self, stamp_ns: int) -> Slots:
+        """Move the window to the watermark; returns :attr:`current`."""
         window = self._window
         slots, counts = window.evictable(stamp_ns - window.span_ns)
         if len(slots):
             self._evict(slots, counts)
         if not self._method.by_thesis:
             self._cut(stamp_ns)
-        fresh = self._fresh(stamp_ns, timeout_ns)
+        fresh = self._fresh(stamp_ns)
         # Those that are outdated and too short to show motion.
         forgotten = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
         if len(forgotten):
@@ -227,11 +227,11 @@ class Tracks:
             window.insert(np.repeat(reopened, len(stamps)), stamps, positions, sigma, turns)
             window.covariance[reopened] = covariance
 
-    def _fresh(self, stamp_ns: int, timeout_ns: Callable[[int], int]) -> Bools:
+    def _fresh(self, stamp_ns: int) -> Bools:
         window = self._window
         limits = np.zeros(window.capacity, np.int64)
         for session in self.sessions():
-            limits[window.source == session] = timeout_ns(session)
+            limits[window.source == session] = self._timeout_ns(session)
         # Where the window is shorter than the timeout, trajectories that have left it have no current state.
         held = window.stop > window.start
         # Compare stamps, not differences: the smallest int64 stands for "never observed".

@@ -71,7 +71,7 @@ def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
 
 
 def test_of_ids_that_have_ended_the_newest_are_remembered():
-    tracks = Tracks(Window(3, S, S), None, Stats())
+    tracks = Tracks(Window(3, S, S), None, Stats(), None)
     tracks.end(np.arange(MAX_ENDED, dtype=np.uint64), 1)
     tracks.end(np.arange(MAX_ENDED, MAX_ENDED + 5, dtype=np.uint64), 1)
     ((session, ids),) = tracks.state()["ended"]

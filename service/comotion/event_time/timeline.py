@@ -38,8 +38,8 @@ class Timeline:
         W on the time scale of the scene, nanoseconds; None until a source has set it.
     at_ns
         The clock of arrivals at the last :meth:`advance`.
-    sources, ledger, steps
-        The sources, the accounts, and the time scale of the scene.
+    stats, faults, sources, ledger, steps
+        The counters, errors of the service, the sources, the accounts, and the time scale of the scene.
     budget
         What instants may cost, by source.
     sessions
@@ -55,8 +55,8 @@ class Timeline:
         self._source_timeout_ns = to_ns(config.source_timeout)
         self._track_timeout_ns = to_ns(config.track_timeout)
         self._limits = config.limits
-        self._stats = stats
-        self._faults = faults or Faults(stats)
+        self.stats = stats
+        self.faults = faults or Faults(stats)
         self.sources = Sources(self._source_timeout_ns)
         self._inbox: list[Entry] = []
         waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))
@@ -107,9 +107,9 @@ class Timeline:
         for entry in inbox:
             entry.at_ns = at_ns
             verdict: Verdict = "defect"
-            with self._faults.guard("judging a batch", entry.batch):
+            with self.faults.guard("judging a batch", entry.batch):
                 verdict = self._admit(entry, now_ns)
-            with self._faults.guard("taking a batch in", entry.batch):
+            with self.faults.guard("taking a batch in", entry.batch):
                 self._take(entry, verdict, now_ns)
         # One decision may allow another: one on a clock moves stamps of rivals, and a new session agrees.
         while self._hand_over_all(now_ns) or self._decide(now_ns):
@@ -285,7 +285,7 @@ class Timeline:
         entry.late, entry.generation = late > 0, source.generation
         if of_use:
             entry.stamps, entry.rows = stamps[late:], rows[late:]
-            self._stats.reordered += watermark is not None and bool(entry.stamps[0] < watermark)
+            self.stats.reordered += watermark is not None and bool(entry.stamps[0] < watermark)
             source.agreed_ns = self.at_ns
         elif watermark is not None and entry.batch.ended is not None:
             entry.stamps = np.array([watermark])
