@@ -194,9 +194,9 @@ class PairSums:
         """Write the samples of all rows at instants [T] to [strips, T, SAMPLE_PLANES, STRIP]."""
         slots = self._sampled(window)
         states = window.states_at(slots, stamps)
+        rows = np.zeros(changing.shape)
 
         def put(plane: int, values: NDArray[Any]) -> None:
-            rows = np.zeros(changing.shape)
             rows[:, slots] = values
             samples[:, :, plane] = rows.reshape(len(rows), -1, STRIP).swapaxes(0, 1)
 
