@@ -27,21 +27,16 @@ STARTS = "%starts%"
 
 @dataclass(frozen=True)
 class Usage:
-    """What a process holds: memory in MB, descriptors, threads, and the size of its log in bytes."""
+    """What a process holds: memory in MB, descriptors, threads, and the size of its log in bytes.
+
+    Beside it stands its processor time in s, that of its threads included.
+    """
 
     memory_mb: float
     descriptors: int
     threads: int
     log_bytes: int
-
-
-def _keep_nice(pid: int) -> None:
-    """Let the session of a process have the nice value of this process.
-
-    Linux shares the processors among sessions first: without this a nice value counts within each alone.
-    """
-    with suppress(OSError):  # of another kind of system, or kernel
-        Path(f"/proc/{pid}/autogroup").write_text(str(os.nice(0)))
+    processor_s: float = 0.0
 
 
 class Managed:
@@ -99,7 +94,6 @@ class Managed:
                 env=self._env,
                 cwd=self._cwd,
             )
-        _keep_nice(self._popen.pid)
         self.starts += 1
         self._reader = threading.Thread(target=self._read, args=(self._popen,), daemon=True)
         self._reader.start()
@@ -199,20 +193,12 @@ class Managed:
             pages = int((folder / "statm").read_text().split()[1])
             descriptors = len(list((folder / "fd").iterdir()))
             threads = len(list((folder / "task").iterdir()))
+            fields = (folder / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         except (OSError, IndexError):
             return None
         log_bytes = self.log.stat().st_size if self.log is not None and self.log.exists() else 0
-        return Usage(pages * _PAGE / 1e6, descriptors, threads, log_bytes)
-
-    def processor_s(self) -> float:
-        """Processor time so far, s; that of its threads included."""
-        fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-    def most_mb(self) -> float:
-        """The most memory that it has held, MB."""
-        status = Path(f"/proc/{self.pid}/status").read_text(encoding="utf-8")
-        return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
+        processor_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return Usage(pages * _PAGE / 1e6, descriptors, threads, log_bytes, processor_s)
 
     def _release(self, popen: "subprocess.Popen[str]") -> None:
         self.ended.append(popen.wait())

@@ -13,12 +13,14 @@ from comotion_schemas import Keys, Message, SourceRef, decode, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import SessionSettings, declare_publisher, declare_subscriber, open_session
 from comotion_tools.processes import COMOTION, DEADLINE, Managed
+from comotion_tools.soak.load import Kind, Source
 
 from .. import builders
 from .etcd_server import EtcdServer
-from .tracker import Tracker, every
+from .waiting import every
 
 KEYS = Keys()
+TWO_BODIES = Kind(rate=20, features=6, bodies=2)
 
 
 def pytest_collection_modifyitems(items):
@@ -152,13 +154,14 @@ def listen():
 
 @pytest.fixture
 def track():
-    """Publish two bodies: ``track(endpoint, name, scene, rate=20.0)``."""
+    """Publish two bodies: ``track(endpoint, name, scene)``."""
     with ExitStack() as stack:
 
-        def run(endpoint, name="tracker", scene="default", **options):
+        def run(endpoint, name="tracker", scene="default"):
             settings = SessionSettings(connect=(endpoint,))
             component = Component(role="source", name=name, scene=scene, settings=settings)
-            stack.enter_context(Tracker(stack.enter_context(component), **options).running())
+            source = Source(stack.enter_context(component), TWO_BODIES)
+            stack.enter_context(every(1 / TWO_BODIES.rate, lambda _: source.send()))
 
         yield run
 
@@ -184,10 +187,9 @@ def live_scene(session):
 
 
 @pytest.fixture
-def etcd(tmp_path):
+def etcd(start, tmp_path):
     """One server of etcd."""
-    with EtcdServer(tmp_path) as cluster:
-        yield cluster
+    return EtcdServer(start, tmp_path)
 
 
 @pytest.fixture

@@ -285,14 +285,6 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def test_pictures_are_small():
-    pictures = list((ROOT / "docs").rglob("images/*"))
-    assert pictures
-    for picture in pictures:
-        limit = 1_000_000 if picture.suffix == ".webp" else 300_000
-        assert picture.stat().st_size < limit, picture.name
-
-
 def test_units_are_valid(tmp_path):
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd")

@@ -12,7 +12,7 @@ from comotion_schemas.transport import stream_publisher
 
 from .. import builders
 from ..builders import batch
-from .tracker import until
+from .waiting import until
 
 KEYS = Keys()
 

@@ -5,15 +5,17 @@ import os
 import re
 import select
 import signal
-import sys
 import threading
+from dataclasses import replace
 
 from comotion_deploy.launcher import Launcher
 from comotion_deploy.processes import ProcessSpec
-from comotion_schemas import Keys
+from comotion_schemas import UNDETERMINED, Keys
+from comotion_tools.soak import load
 
 from ..builders import by_feature as labels
-from . import tracker
+from .conftest import TWO_BODIES
+from .waiting import DEADLINE, until
 
 KEYS = Keys()
 STATE = "system.state"
@@ -23,8 +25,7 @@ def system_file(folder, endpoint):
     """The file of router, service and two trackers in spaces of their own."""
 
     def tracker_command(name):
-        options = json.dumps({"endpoint": endpoint, "name": name, "space": name})
-        return json.dumps([sys.executable, tracker.__file__, options])
+        return json.dumps(load.command(endpoint, "default", name, replace(TWO_BODIES, space=name)))
 
     file = folder / "system.toml"
     file.write_text(
@@ -67,7 +68,7 @@ def await_end(pid):
     except ProcessLookupError:
         return
     try:
-        assert select.select([handle], [], [], tracker.DEADLINE)[0], f"process {pid} lives on"
+        assert select.select([handle], [], [], DEADLINE)[0], f"process {pid} lives on"
     finally:
         os.close(handle)
 
@@ -76,7 +77,8 @@ def is_sorted_out(update):
     """Two sources with two bodies each make four hypotheses of six."""
     by_track = [label for _, label in sorted(labels(update).items())]
     bodies = [set(by_track[k : k + 6]) for k in range(0, len(by_track), 6)]
-    return len(by_track) == 24 and all(len(b) == 1 for b in bodies) and len(set.union(*bodies)) == 4
+    apart = all(len(b) == 1 for b in bodies) and len(set().union(*bodies)) == 4
+    return len(by_track) == 24 and UNDETERMINED not in by_track and apart
 
 
 def settled(updates):
@@ -91,10 +93,10 @@ def settled(updates):
 
 def until_kept(state):
     """Wait until a state that is taken from now on has been written."""
-    tracker.until(state.exists)
+    until(state.exists)
     for _ in range(2):  # the first may have been taken before
         written_ns = state.stat().st_mtime_ns
-        tracker.until(lambda: state.stat().st_mtime_ns > written_ns)  # noqa: B023
+        until(lambda: state.stat().st_mtime_ns > written_ns)  # noqa: B023
 
 
 def test_what_dies_is_started_again_and_nothing_is_left_behind(

@@ -17,7 +17,7 @@ from comotion_experiments.inputs import find_inputs
 from comotion_experiments.offline import run_offline
 from comotion_schemas import Keys, Status, decode, encode
 
-from .tracker import DEADLINE, until_heard
+from .waiting import DEADLINE, until_heard
 
 KEYS = Keys()
 ROOT = Path(__file__).parents[2]

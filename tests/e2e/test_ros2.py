@@ -14,7 +14,7 @@ from comotion_schemas.transport import declare_publisher
 
 from ..unit.test_ros2 import PUBLISHED, reader, update
 from ..unit.test_ros2_source import CLOUD, TF, cloud, tf, transform
-from .tracker import until_heard
+from .waiting import until_heard
 
 DOMAIN = 17
 

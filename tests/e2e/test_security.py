@@ -12,32 +12,39 @@ from zenoh.handlers import RingChannel
 
 from comotion_deploy.demo import free_endpoint
 from comotion_deploy.pki.authority import Authority
+from comotion_deploy.pki.certificates import Grant
 from comotion_schemas import Keys, Status
 from comotion_schemas.component import Component
 from comotion_schemas.tls import TlsFiles, load_tls
 from comotion_schemas.transport import SessionSettings, connect, zenoh_config
-from comotion_tools.system import certificates, issue
+from comotion_tools.soak.load import Source
 
-from .tracker import DEADLINE, Tracker, every, until, until_heard
+from .conftest import TWO_BODIES
+from .waiting import DEADLINE, every, until, until_heard
 
 KEYS, OTHER_SCENE = Keys(), Keys("elsewhere")
 RATE = 30.0
 ROLES = {"cam": "source", "laptop": "viewer", "disk": "recorder", "fusion": "service"}
 
 
+def issue(authority, role, name, days=90.0, **grant):
+    """Issue a certificate of a component of this machine."""
+    fields = {"common_name": "new", "sources": (name,) if role == "source" else (), "rate": RATE} | grant
+    hosts = ("localhost", "127.0.0.1") if role == "router" else ()
+    authority.issue(Grant(role=role, name=name, **fields), days=days, hosts=hosts)
+
+
 class Site:
     """A folder of certificates and a router that trusts them."""
 
     def __init__(self, folder, start):
-        roles = {"hall": "router", "mocap": "source", **ROLES}
-        self.authority = certificates(folder, roles, rate=RATE)
+        self.authority = Authority.create(folder)
+        for name, role in ({"hall": "router", "mocap": "source"} | ROLES).items():
+            issue(self.authority, role, name)
         self.port = free_endpoint().rpartition(":")[2]
         self.endpoint = f"tls/localhost:{self.port}"
         self._start = start
         self.router = self.start_router()
-
-    def issue(self, role, name, **grant):
-        return issue(self.authority, role, name, **({"rate": RATE} | grant))
 
     def start_router(self):
         folder = self.authority.folder
@@ -206,7 +213,7 @@ def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path):
     strange = load_tls(stranger.folder / "cam")
     assert not raw_client(site, replace(strange, root_ca=own.root_ca)), "signed by another authority"
     assert not raw_client(site, strange), "and it would not trust our router either"
-    site.issue("source", "old", days=-1)
+    issue(site.authority, "source", "old", days=-1)
     old = site.authority.folder / "old"
     expired = TlsFiles(root_ca=old / "ca.crt", certificate=old / "component.crt", key=old / "component.key")
     assert not raw_client(site, expired), "expired"
@@ -215,7 +222,7 @@ def test_only_a_valid_certificate_of_the_authority_connects(site, tmp_path):
 
 
 def test_a_link_ends_with_its_certificate(site):
-    site.issue("source", "brief", days=3.0 / 86_400)
+    issue(site.authority, "source", "brief", days=3.0 / 86_400)
     with connect(site.settings("brief"), timeout=DEADLINE) as session:
         until(lambda: not list(session.info.routers_zid()))
 
@@ -264,17 +271,17 @@ def test_adding_a_component_is_one_command_and_a_restart(site, listen, all_seein
     witness = listen(all_seeing, KEYS.stream("status", "mocap"), "status")
     updates = listen(all_seeing, KEYS.stream("obs", "mocap"), "obs")
     with Component(role="source", name="mocap", settings=site.settings("mocap")) as source:
-        tracker = Tracker(source)
+        tracker = Source(source, TWO_BODIES)
 
         def publish_until(goal):
             def publish():
-                tracker.send(tracker.sent)
+                tracker.send()
                 time.sleep(2 / RATE)
 
             until(lambda: any(goal(batch) for batch in updates.drain()), publish)
 
         publish_until(lambda batch: batch.seq > 3)
-        site.issue("viewer", "new")
+        issue(site.authority, "viewer", "new")
         site.router.signal(signal.SIGHUP)
         site.router.wait_line(lambda line: "restarted" in line)
         before = tracker.sent
@@ -306,10 +313,10 @@ def test_a_bad_folder_does_not_stop_a_running_router(site, log_in, all_seeing):
 def test_the_commands_work_with_certificates(site, start, tmp_path):
     """A whole scene over a secure router, and a second router behind which a viewer sees it all."""
     folder = site.authority.folder
-    site.issue("router", "annex")
-    site.issue("source", "sim", sources=("sim-1", "sim-2"), scene="cell")
-    site.issue("service", "cell-fusion", scene="cell")
-    site.issue("viewer", "tablet", scene="*")
+    issue(site.authority, "router", "annex")
+    issue(site.authority, "source", "sim", sources=("sim-1", "sim-2"), scene="cell")
+    issue(site.authority, "service", "cell-fusion", scene="cell")
+    issue(site.authority, "viewer", "tablet", scene="*")
     site.router.kill()
     quic, port = (free_endpoint().rpartition(":")[2] for _ in range(2))
     main = ("--listen", f"tls/127.0.0.1:{site.port}", "--listen", f"quic/127.0.0.1:{quic}")

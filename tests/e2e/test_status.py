@@ -1,7 +1,6 @@
 """`comotion status` on a running scene, by its exit status and its output."""
 
 import json
-import sys
 import time
 from dataclasses import replace
 
@@ -12,10 +11,10 @@ from comotion_deploy.cli import run
 from comotion_schemas import Keys, Status, encode
 from comotion_schemas.component import Component, StatusFields
 from comotion_schemas.transport import SessionSettings, declare_publisher
+from comotion_tools.soak import load
 
 from ..command_line import refused
-from . import tracker
-from .conftest import KEYS
+from .conftest import KEYS, TWO_BODIES
 
 AHEAD_S = 0.5
 
@@ -66,8 +65,7 @@ def test_no_router_is_an_error(free_port_endpoint, capsys):
 @pytest.mark.long
 def test_a_source_with_a_wrong_clock_is_measured_and_corrected(serve, start):
     service = serve("--correct-clocks", "--no-state")
-    options = {"endpoint": service.endpoint, "name": "ahead", "ahead_s": 0.4}
-    start.any(sys.executable, tracker.__file__, json.dumps(options))
+    start.any(*load.command(service.endpoint, "default", "ahead", replace(TWO_BODIES, ahead_s=0.4)))
     status = service.statuses.until(lambda status: status.clock_offsets.get("ahead", 0.0) > 0.3)
     assert abs(status.clock_offsets["ahead"] - 0.4) < 0.1
     # Its stamps are no longer those of the future.

@@ -14,7 +14,7 @@ from comotion_sources.proprioception.joints import JointSample
 from comotion_sources.proprioception.kinematics import Kinematics
 from comotion_sources.workcell import Scene
 
-from .tracker import until_heard
+from .waiting import until_heard
 
 KEYS = Keys()
 ARM = Scene("arm")

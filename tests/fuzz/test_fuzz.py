@@ -6,17 +6,18 @@ fails is kept in the corpus, where it is replayed from then on.
 
 import hashlib
 import os
+import random
 import time
 import tracemalloc
-from itertools import chain, islice, takewhile
+from itertools import chain, count, islice, takewhile
 
 import msgpack
 import numpy as np
 import pytest
 
 from comotion_schemas import DecodeError, decode, encode
+from comotion_tools.mutation import mutated
 
-from .mutation import mutated
 from .targets import CORPUS, TARGETS, batch, corpus
 
 _RUNS = {"core": 15, "urdf": 40, "state": 40}
@@ -34,10 +35,12 @@ def require(name):
 
 def inputs(name):
     """Those of the corpus and mutations of them."""
+    valid, chance = corpus(name), random.Random(time.time_ns() if _SECONDS else 1)
+    changed = (mutated(chance, valid) for _ in count())
     if not _SECONDS:
-        return chain(corpus(name), islice(mutated(corpus(name), 1), _RUNS.get(name, _DEFAULT_RUNS)))
+        return chain(valid, islice(changed, _RUNS.get(name, _DEFAULT_RUNS)))
     end = time.process_time() + _SECONDS
-    return takewhile(lambda _: time.process_time() < end, mutated(corpus(name), time.time_ns()))
+    return takewhile(lambda _: time.process_time() < end, changed)
 
 
 @pytest.mark.timeout(120 + 4 * _SECONDS)

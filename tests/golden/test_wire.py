@@ -10,8 +10,10 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from comotion_schemas import MESSAGE_TYPES, decode, encode
+from comotion_schemas.export import json_schemas
 
 HERE = Path(__file__).parent
 GOLDEN = json.loads((HERE / "messages.json").read_text(encoding="utf-8"))
@@ -47,6 +49,20 @@ def nan_as_text(rows):
     return json.dumps(rows).replace("NaN", '"nan"')
 
 
+def validate(content):
+    """Hold the header of an unpacked payload against the schema of its message."""
+
+    def text(value):
+        if isinstance(value, bytes):
+            return value.decode("latin-1")
+        if isinstance(value, list):
+            return [text(item) for item in value]
+        return {k: text(v) for k, v in value.items()} if isinstance(value, dict) else value
+
+    name = content.get("schema", "comotion.ObservationBatch/1").removeprefix("comotion.").partition("/")[0]
+    Draft202012Validator(json_schemas()[name]).validate(text(content))
+
+
 def test_every_message_type_is_there():
     schemas = {content["schema"] for content in GOLDEN.values()}
     assert schemas == {f"comotion.{kind.__name__}/1" for kind in MESSAGE_TYPES}
@@ -57,6 +73,7 @@ def test_every_message_type_is_there():
 def test_golden_bytes_are_what_is_told_decode_to_it_and_are_encoded_again(name):
     raw = (HERE / f"{name}.msgpack").read_bytes()
     assert msgpack.packb(written(GOLDEN[name])) == raw
+    validate(msgpack.unpackb(raw))
     message = decode(raw)
     assert told(message) == GOLDEN[name]
     assert encode(message) == raw

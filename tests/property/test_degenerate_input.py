@@ -1,4 +1,4 @@
-"""Whatever well-formed batches say, the core answers with a valid update and finite affinities."""
+"""Whatever well-formed batches say, however far and large, updates are valid and others do not suffer."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from comotion import Fusion, FusionConfig
 from comotion_schemas import decode, encode
 
-from ..builders import T0 as START_NS
-from ..builders import batch
+from ..builders import T0, S, batch, by_feature, play
 
 FRAME_NS = 33_000_000
 
@@ -54,22 +53,6 @@ def shape(name, count, dim, rng):
     return x
 
 
-def play(config, unit, dim, name, *, count=8, sigma=None):
-    fusion = Fusion(config)
-    rng = np.random.default_rng(1)
-    for frame in range(12):
-        now = START_NS + frame * FRAME_NS
-        positions = np.clip(shape(name, count, dim, rng), -1e9, 1e9)
-        fusion.ingest(batch("hostile", frame, now, positions, space="s", unit=unit, sigma=sigma))
-        if frame % 4 == 3:
-            update = fusion.update(now)
-            assert encode(decode(encode(update))) == encode(update)
-            # A batch without rows opens no space.
-            matrix = fusion.affinity("s").matrix if count else np.zeros((0, 0))
-            assert ((matrix >= 0) & (matrix <= 1)).all()
-    return fusion, update
-
-
 @settings(max_examples=60)
 @given(
     method=st.sampled_from(METHODS),
@@ -80,21 +63,76 @@ def play(config, unit, dim, name, *, count=8, sigma=None):
     window=st.sampled_from([0.01, 0.05, 0.3, 10.0]),
 )
 def test_no_noise_and_no_window_break_an_update(method, space, name, count, sigma, window):
-    play(FusionConfig(method=method, window=window), *space, name, count=count, sigma=sigma)
+    fusion, rng = Fusion(FusionConfig(method=method, window=window)), np.random.default_rng(1)
+    for frame in range(12):
+        now = T0 + frame * FRAME_NS
+        positions = np.clip(shape(name, count, space[1], rng), -1e9, 1e9)
+        fusion.ingest(batch("hostile", frame, now, positions, space="s", unit=space[0], sigma=sigma))
+        if frame % 4 == 3:
+            update = fusion.update(now)
+            assert encode(decode(encode(update))) == encode(update)
+            # A batch without rows opens no space.
+            matrix = fusion.affinity("s").matrix if count else np.zeros((0, 0))
+            assert ((matrix >= 0) & (matrix <= 1)).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_coordinate_beyond_all_measure_is_refused_as_out_of_range(method):
-    fusion, update = play(FusionConfig(method=method), "m", 3, "scattered")
-    now = update.published_ns + FRAME_NS
-    fusion.ingest(batch("hostile", 12, now, [[0, 0, 0], [3e38, 0, 0]], space="s"))
-    after = fusion.update(now)
-    assert fusion.stats.rejected == {"range": 1}
-    assert after.track_id.tolist() == update.track_id.tolist()
+RATE = 30
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_track_without_an_observation_in_the_window_is_not_current(method):
-    fusion, update = play(FusionConfig(method=method, window=0.2, track_timeout=5), "m", 3, "scattered")
-    assert len(update.track_id) == 8
-    assert not len(fusion.update(update.published_ns + 900_000_000).track_id)
+def observe(k, offset=0.0, count=6):
+    """A body that rests and one that swings and turns, with noise of 1 mm, as float32 metres."""
+    t = k / RATE
+    shape = np.random.default_rng(0).uniform(-0.3, 0.3, (2, count, 3))
+    turn = np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]])
+    shape[1, :, :2] = shape[1, :, :2] @ turn.T + [1.0 + 0.3 * np.sin(1.7 * t), 0.4]
+    positions = shape.reshape(-1, 3) + np.random.default_rng(k).normal(0, 0.001, (2 * count, 3)) + offset
+    return batch("cam", k, T0 + k * S // RATE, positions)
+
+
+@pytest.mark.parametrize("method", ["comotion", "thesis"])
+def test_a_kilometre_from_the_origin_bodies_are_the_same(method):
+    near, far = (
+        play(Fusion(FusionConfig(method=method, window=4.0)), range(150), observed, every=3)[-1]
+        for observed in (lambda k, _: observe(k), lambda k, _: observe(k, 1000.0))
+    )
+    assert len(set(near.track_hypothesis.tolist())) == 2
+    # Which body has the smaller id is the same too: the order of births is that of the features.
+    assert near.track_hypothesis.tolist() == far.track_hypothesis.tolist()
+    for one, other in zip(near.hypotheses, far.hypotheses, strict=True):
+        assert np.allclose(np.array(other.centroid) - 1000.0, one.centroid, atol=2e-4)
+        assert one.state == other.state
+        if one.pose is not None and other.pose is not None and method == "comotion":
+            # The translation is about the origin, a kilometre away: compare where the body goes.
+            assert np.allclose(one.pose.rotation, other.pose.rotation, atol=2e-3)
+
+
+FAR = np.random.default_rng(2).uniform(-1, 1, (50, 3))
+INTRUDERS = {
+    "outliers": lambda k, seen: FAR + (0.9e9 if k > 20 else 0.0),
+    "millimetres": lambda k, seen: 1000 * seen,
+    "far away": lambda k, seen: FAR + 1e6,
+}
+
+
+@pytest.mark.parametrize("kind", INTRUDERS)
+def test_bodies_of_a_source_stay_apart_whatever_another_source_says(kind):
+    rng = np.random.default_rng(1)
+    floor, first, second = (rng.uniform(-w, w, (n, 3)) for w, n in ((1, 20), (0.1, 10), (0.1, 10)))
+
+    def good(k):
+        t, noise = k / 16, np.random.default_rng(k).normal(0, 0.001, (40, 3))
+        places = np.array([[0.3 * np.sin(t), 0.2, 0.5], [-0.4, 0.3 * np.sin(1.3 * t), 0.4]])
+        return np.concatenate([floor, first + places[0], second + places[1]]) + noise
+
+    update = play(
+        Fusion(),
+        range(48),
+        lambda k, now: batch("good", k, now, good(k)),
+        lambda k, now: batch("odd", k, now, INTRUDERS[kind](k, good(k))),
+        rate=16,
+        every=6,
+    )[-1]
+    of = by_feature(update)
+    groups = [{of["good", k] for k in ids} for ids in (range(20), range(20, 30), range(30, 40))]
+    assert [len(group) for group in groups] == [1, 1, 1]
+    assert len(set.union(*groups)) == 3

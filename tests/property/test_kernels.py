@@ -4,20 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from comotion.pixels.kernels import epipolar
 from comotion.rigid.costs import stacked
-from comotion.rigid.kernels.distances import farthest_points
 from comotion.rigid.kernels.procrustes import fit_poses
 from comotion.rigid.kernels.records import ROUND, PoseArrays, RowArrays
 from comotion.rigid.kernels.residuals import body_costs
 from comotion.rigid.procrustes import Body, align
-from comotion.trajectories.kernels import newest_at, newest_from, segment_at
 from comotion.trajectories.window import Window
 
-from ..reference import pixels as pictures
 from ..reference import rigid as plain
 from ..reference.interpolation import segment
 
@@ -115,45 +110,8 @@ def test_costs_are_those_of_the_definition(rng, bodies, spectrum, metric):
             assert (cost[n, k], squared[n, k]) == pytest.approx(expected, rel=1e-9)
 
 
-@few
-@given(seeds)
-def test_each_point_is_as_far_from_those_before_as_can_be(rng):
-    x = rng.normal(size=(12, 3))
-    chosen = farthest_points(x, 5)
-    for k in range(1, 5):
-        nearest = np.linalg.norm(x[:, None] - x[chosen[:k]], axis=2).min(axis=1)
-        assert chosen[k] == nearest.argmax()
-
-
-@few
-@given(rng=seeds)
-def test_residuals_under_fundamental_matrices(rng):
-    x = rng.uniform([-2, -1, 4], [2, 1, 8], (40, 3))
-    first = 500 * x[:, :2] / x[:, 2:]
-    moved = x - np.array([0.3, 0.1, 0.5])
-    second = 500 * moved[:, :2] / moved[:, 2:] + rng.normal(0, 0.1, (40, 2))
-    starts, picks = np.array([0, 15, 40]), rng.permuted(np.tile(np.arange(40), (6, 1)), axis=1)[:, :14]
-    misfits = epipolar.epipolar_misfits(first, second, starts, picks)
-    assert_allclose(misfits, pictures.epipolar_misfits(first, second, starts, picks), rtol=1e-2)
-
-
 times = st.lists(st.integers(0, 60), max_size=20, unique=True).map(sorted)
 stamps = st.lists(st.integers(-5, 80), min_size=1, max_size=12).map(sorted)
-
-
-@settings(max_examples=100)
-@given(times, stamps, st.integers(1, 20), st.integers(0, 10), st.integers(0, 3))
-def test_a_segment_is_the_one_that_holds_the_stamp(times, stamps, max_gap, max_ahead, before):
-    column = np.array([0] * before + times + [0] * 3, np.int64)
-    stop = before + len(times)
-    walk = before - 1
-    for stamp in stamps:
-        walk = newest_from(column, walk, stop, stamp)
-        assert walk == newest_at(column, before, stop, stamp)
-        left, right, share = segment_at(column, before, stop, walk, stamp, max_gap, max_ahead)
-        want = segment(times, stamp, max_gap, max_ahead)
-        assert (left, right) == (tuple(k + before for k in want[:2]) if want[0] >= 0 else (-1, -1))
-        assert share == want[2]
 
 
 @settings(max_examples=50)

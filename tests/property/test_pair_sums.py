@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comotion.thesis.kernels import COMPARABLE_SAMPLES, FIRST, PLANES, SAMPLES, SECOND, STRIP, WEIGHTS
 from comotion.thesis.pair_sums import PairSums, weight
 from comotion.trajectories.window import Window
 
@@ -66,22 +65,8 @@ class SideBySide:
                 self.pairs.forget(slot)
                 self.window.close(slot)
 
-    def variance(self, tracks):
-        """(3.3) and the number of samples of each pair, read from the sums once they are up to date."""
-        self.pairs.affinity(self.window)
-        rows = self.slots_of(tracks)
-        high, low = np.maximum.outer(rows, rows), np.minimum.outer(rows, rows)
-        a, b = np.nonzero(low >= 0)
-        (strip, row), (column, inside) = np.divmod(high[a, b], STRIP), np.divmod(low[a, b], STRIP)
-        sums = np.zeros((*low.shape, PLANES))
-        sums[a, b] = self.pairs.sums[strip * (strip + 1) // 2 + column, row, :, inside]
-        weight, first, second = (sums[..., k] for k in (WEIGHTS, FIRST, SECOND))
-        samples = sums[..., SAMPLES].astype(np.int64)
-        weight = np.where(samples >= COMPARABLE_SAMPLES, weight, np.inf)
-        return np.maximum(second - first**2 / weight, 0.0) / weight, samples
-
     def expected(self, i, j):
-        """(3.3) and the number of samples of a pair by the equations; None where it cannot be compared."""
+        """(3.4) of a pair by the equations; 0.5 where it cannot be compared."""
         pair = []
         for track in (i, j):
             known = self.history[track]
@@ -90,38 +75,20 @@ class SideBySide:
             speed = thesis.backward_speed(times, x)
             pair.append(thesis.Observations(times[inside], x[inside], speed[inside]))
         if min(len(one.times) for one in pair) < 2:
-            return None, 0
+            return 0.5
         distance, speed = thesis.distance_samples(*pair, GAP)
         if len(distance) < 2:
-            return None, len(distance)
-        return thesis.variance(distance, weight(speed, self.v_move)), len(distance)
-
-    def all_pairs(self):
-        """(row, column, track, track) of each pair, and all tracks."""
-        tracks = sorted(self.slots)
-        return [(a, b, i, j) for a, i in enumerate(tracks) for b, j in enumerate(tracks[:a])], tracks
+            return 0.5
+        return float(thesis.affinity(thesis.variance(distance, weight(speed, self.v_move)), SIGMA_SWITCH))
 
     def check(self):
-        """Samples are the same ones in number, and variances equal to 1e-6."""
-        pairs, tracks = self.all_pairs()
-        variance, samples = self.variance(tracks)
-        np.testing.assert_array_equal(variance, variance.T)
-        for a, b, i, j in pairs:
-            expected, count = self.expected(i, j)
-            assert samples[a, b] == count, (i, j)
-            if expected is not None:
-                assert variance[a, b] == pytest.approx(expected, rel=1e-6, abs=1e-12), (i, j)
-
-    def check_affinities(self):
         """Affinities are equal to 1e-5."""
-        pairs, tracks = self.all_pairs()
-        matrix = self.pairs.affinity(self.window)
+        tracks, matrix = sorted(self.slots), self.pairs.affinity(self.window)
         rows = self.slots_of(tracks)
         found = matrix[np.ix_(rows, rows)]
-        for a, b, i, j in pairs:
-            variance, _ = self.expected(i, j)
-            expected = 0.5 if variance is None else thesis.affinity(np.array(variance), SIGMA_SWITCH)
-            assert found[a, b] == found[b, a] == pytest.approx(float(expected), abs=1e-5), (i, j)
+        for a, i in enumerate(tracks):
+            for b, j in enumerate(tracks[:a]):
+                assert found[a, b] == found[b, a] == pytest.approx(self.expected(i, j), abs=1e-5), (i, j)
 
 
 @st.composite
@@ -179,7 +146,6 @@ def test_sums_equal_the_equations(script, v_move, every):
             checked = arrival
             both.check()
     both.check()
-    both.check_affinities()
     # Computed anew, they are those carried along.
     both.pairs.forget(both.window.slots())
     both.check()
@@ -225,4 +191,4 @@ def test_small_motion_far_apart_keeps_its_digits(step):
     for ms in range(0, 1000, 100):
         both.observe(T0 + ms * MS, {0: (0.0, 0.0)})
         both.observe(T0 + (ms + step) * MS, {1: (1e3 + 1e-3 * math.sin(ms), 0.0)})
-    both.check_affinities()
+    both.check()

@@ -1,21 +1,23 @@
 """A process that prepares as a service does and then meets everything for the first time.
 
-``python -m tests.reference.first_tick METHOD`` prints the kernels that had to be compiled, or loaded, after
-it was ready: none. With an empty folder in NUMBA_CACHE_DIR another process compiles all before, which takes
-minutes; what this one has compiled itself is printed too.
+``python -m tests.reference.first_tick METHOD`` prints a digest of all updates and affinities and how many
+kernels came from the disk, then the kernels that had to be compiled, or loaded, after it was ready: none.
+With an empty folder in NUMBA_CACHE_DIR another process compiles all before, which takes minutes; what this
+one has compiled itself is printed too.
 """
 
+import hashlib
 import sys
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 
 from comotion import Fusion, FusionConfig
 from comotion.config import Camera
 from comotion.warm_up import prepare
 from comotion_schemas import encode
 
-from ..builders import MS, T0, batch
-from ..comotion_tools.kernels import kernels
+from ..builders import MS, SESSION, T0, batch
 
 FRAMES, RATE_MS = 75, 40
 CAMERA = Camera(
@@ -61,16 +63,23 @@ SCENES = {
 }
 
 
-def run(config, streams):
+def kernels():
+    """Every kernel of the core that this process has imported, by ``module:name``."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
+    found = (one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher))
+    return {f"{one.py_func.__module__}:{one.py_func.__qualname__}": one for one in found}
+
+
+def run(config, streams, digest):
     """Fuse streams, some batches late, and ask for all that can be asked for."""
-    fusion = Fusion(config)
+    fusion = Fusion(config, session=SESSION)
     for k, batches in enumerate(zip(*streams, strict=True)):
         for one in batches[:: -1 if k % 5 == 0 else 1]:
             fusion.ingest(one)
         if k % 3 == 2:
-            encode(fusion.update(batches[0].stamp_ns))
+            digest.update(encode(fusion.update(batches[0].stamp_ns)))
     for space in fusion.spaces:
-        fusion.affinity(space)
+        digest.update(fusion.affinity(space).matrix.tobytes())
     again = Fusion.restore(config, fusion.snapshot())
     again.update(T0 + (FRAMES * RATE_MS + 200) * MS)
     again.forget()
@@ -82,17 +91,16 @@ def main(method):
     """Prepare, run, and say what was new."""
     for _ in prepare(FusionConfig(method=method)):
         pass
-    for name, kernel in kernels().items():
-        if kernel.stats.cache_misses:
-            sys.stdout.write(f"compiled here: {name}\n")
-    before = {name: set(kernel.signatures) for name, kernel in kernels().items()}
+    new = [f"compiled here: {name}" for name, kernel in kernels().items() if kernel.stats.cache_misses]
+    before, digest = {name: set(kernel.signatures) for name, kernel in kernels().items()}, hashlib.sha256()
     for scene, streams in SCENES.items():
         cameras = {"door": CAMERA} if scene == "links" else {}
-        run(FusionConfig(method=method, window=2.0, linking={"cameras": cameras}), streams)
+        run(FusionConfig(method=method, window=2.0, linking={"cameras": cameras}), streams, digest)
         for name, kernel in kernels().items():
-            for signature in set(kernel.signatures) - before.get(name, set()):
-                sys.stdout.write(f"{scene}: {name}{signature}\n")
+            new += [f"{scene}: {name}{one}" for one in set(kernel.signatures) - before.get(name, set())]
             before[name] = set(kernel.signatures)
+    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in kernels().values())
+    sys.stdout.write("\n".join([digest.hexdigest(), str(loaded), *new]))
 
 
 if __name__ == "__main__":

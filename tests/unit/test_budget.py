@@ -5,13 +5,11 @@ from itertools import repeat
 import numpy as np
 import pytest
 
-from comotion import Fusion, FusionConfig, source_checks
+from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
-from comotion.event_time.troubles import Troubles
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.problems import in_words
 from comotion.shares import Turns
-from comotion.source_checks import ExtentCheck
 
 from ..builders import MS, T0, S, batch
 
@@ -96,19 +94,6 @@ class TestRows:
         assert fusion.stats.refused_rows == 3 * 990
         assert list(fusion.timeline.troubles.lately()["limit"]) == ["large"]
         assert ("large", "limit") in in_words(fusion.timeline.troubles.lately())
-
-    def test_whether_rows_are_far_out_costs_no_more_with_more_sources(self, monkeypatch):
-        looked, plain = [], source_checks._reach
-        monkeypatch.setattr(source_checks, "_reach", lambda *args: looked.append(1) or plain(*args))
-        counts = []
-        for sources in (20, 200):
-            check = ExtentCheck("m", 200.0, Troubles())
-            check.look(np.repeat(np.arange(sources), len(POINTS)), np.tile(POINTS, (sources, 1)))
-            looked.clear()
-            assert check.near(sources, "far", POINTS).all()
-            assert not check.near(sources, "far", 1e6 * POINTS).any()
-            counts.append(len(looked))
-        assert counts[0] == counts[1] > 0
 
 
 class TestSpaces:

@@ -74,13 +74,6 @@ def chessboard(columns, rows, square):
     return Sheet(image, square / pixels, (2 * pixels - 0.5, 2 * pixels - 0.5))
 
 
-def charuco(columns, rows, square, marker):
-    pixels = 60
-    board = cv2.aruco.CharucoBoard((columns, rows), square, marker, find_dictionary("4x4_50"))
-    image = board.generateImage((columns * pixels, rows * pixels), marginSize=0)
-    return Sheet(np.pad(image, pixels, constant_values=255), square / pixels, (pixels - 0.5, pixels - 0.5))
-
-
 def marker(number, size, dictionary):
     pixels = 160
     image = cv2.aruco.generateImageMarker(find_dictionary(dictionary), number, pixels)
@@ -90,7 +83,6 @@ def marker(number, size, dictionary):
 
 TARGETS = {
     "chessboard:8x5:0.03": (chessboard(8, 5, 0.03), (-0.1, -0.06, 0.0)),
-    "charuco:7x5:0.04:0.03": (charuco(7, 5, 0.04, 0.03), (-0.14, -0.1, 0.0)),
     "marker:0.16:apriltag_36h11": (marker(5, 0.16, "apriltag_36h11"), (0.0, 0.0, 0.0)),
 }
 

@@ -1,4 +1,4 @@
-"""Every rejection of the codec with the reason the protocol names for it."""
+"""Every rejection of the codec with its reason; keys, quality of service and schemas of the protocol."""
 
 from dataclasses import replace
 from functools import partial
@@ -7,9 +7,11 @@ from pathlib import Path
 import msgpack
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from pydantic import ValidationError
 
-from comotion_schemas import MAX_BYTES, DecodeError, decode, decode_on, encode
+from comotion_schemas import MAX_BYTES, MESSAGE_TYPES, QOS, DecodeError, Keys, decode, decode_on, encode
+from comotion_schemas.export import files, json_schemas
 
 NAN, INF = float("nan"), float("inf")
 ABSENT = object()
@@ -156,6 +158,16 @@ REJECTED = {
         "a list": [1, 2],
         "a time of msgpack's own": obs(stamp_ns=msgpack.Timestamp(1, 2)),
         "a list that is too long": joint_states(names=["a"] * 100_001),
+        "empty": b"",
+        "unused byte": b"\xc1",
+        "text": b"no msgpack at all",
+        "truncated": msgpack.packb(OBS)[:-1],
+        "trailing byte": msgpack.packb(OBS) + b"\0",
+        "repeated key": b"\x82\xa1a\x01\xa1a\x02",
+        "no UTF-8": b"\x81\xa2\xff\xfe\x01",
+        "deep nesting": b"\x91" * 100_000,
+        "map of 4 billion": b"\xdf\xff\xff\xff\xff",
+        "bin of 4 GiB": b"\xc6\xff\xff\xff\xff",
     },
     "limit": {"too many containers": update(hypotheses=[[{}] * 90_000 for _ in range(6)])},
 }
@@ -167,29 +179,8 @@ REJECTED = {
 def test_rejected_with_its_reason(reason, name):
     content = REJECTED[reason][name]
     with pytest.raises(DecodeError) as caught:
-        decode(msgpack.packb(content))
+        decode(content if isinstance(content, bytes) else msgpack.packb(content))
     assert caught.value.reason == reason, caught.value.detail
-
-
-NO_MAP = {
-    "empty": b"",
-    "unused byte": b"\xc1",
-    "text": b"no msgpack at all",
-    "truncated": msgpack.packb(OBS)[:-1],
-    "trailing byte": msgpack.packb(OBS) + b"\0",
-    "repeated key": b"\x82\xa1a\x01\xa1a\x02",
-    "no UTF-8": b"\x81\xa2\xff\xfe\x01",
-    "deep nesting": b"\x91" * 100_000,
-    "map of 4 billion": b"\xdf\xff\xff\xff\xff",
-    "bin of 4 GiB": b"\xc6\xff\xff\xff\xff",
-}
-
-
-@pytest.mark.parametrize("name", NO_MAP)
-def test_bytes_that_are_no_map_are_malformed(name):
-    with pytest.raises(DecodeError) as caught:
-        decode(NO_MAP[name])
-    assert caught.value.reason == "malformed"
 
 
 def test_a_payload_above_16_mib_is_too_large_in_both_directions():
@@ -243,3 +234,49 @@ def test_the_detail_of_a_rejection_cannot_forge_output():
 def test_arrays_that_do_not_fit_are_refused_in_python_too(arguments):
     with pytest.raises(ValidationError):
         replace(decode(msgpack.packb(OBS)), **arguments)
+
+
+def test_keys_are_those_of_the_protocol():
+    keys = Keys("lab")
+    assert Keys().prefix == "comotion/@v1/default"
+    assert keys.stream("obs", "cam-1") == "comotion/@v1/lab/obs/cam-1"
+    assert keys.streams("truth") == "comotion/@v1/lab/truth/*"
+    assert keys.hypotheses == "comotion/@v1/lab/hypotheses"
+    assert keys.live("source", "cam-1") == "comotion/@v1/lab/live/source/cam-1"
+    assert keys.all_live() == "comotion/@v1/lab/live/*/*"
+    assert keys.query("affinity") == "comotion/@v1/lab/query/affinity"
+
+
+@pytest.mark.parametrize("name", ["", "A", "a/b", "a b", "ä", "a\n", "*", "$*", "@v1", "x" * 65])
+def test_a_name_is_one_chunk_of_plain_characters(name):
+    with pytest.raises(ValueError, match="1 to 64 characters"):
+        Keys(name)
+    with pytest.raises(ValueError, match="1 to 64 characters"):
+        Keys().stream("obs", name)
+    with pytest.raises(ValueError, match="1 to 64 characters"):
+        Keys().live("source", name)
+
+
+def test_every_message_has_one_quality_of_service():
+    assert sorted(qos.message for qos in QOS.values()) == sorted(kind.__name__ for kind in MESSAGE_TYPES)
+    assert QOS["obs"].encoding == "application/msgpack;comotion.ObservationBatch/1"
+    # A late joiner gets the last update and all truths, but no observations of the past.
+    assert QOS["hypotheses"].cache == 1
+    assert QOS["truth"].cache > 1000
+    assert QOS["obs"].cache == 0
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_committed_schemas_are_current():
+    assert {path.name: path.read_text() for path in ROOT.glob("schemas/*.schema.json")} == files()
+
+
+@pytest.mark.parametrize("kind", MESSAGE_TYPES, ids=lambda kind: kind.__name__)
+def test_a_schema_is_valid_and_names_every_field(kind):
+    schema = json_schemas()[kind.__name__]
+    Draft202012Validator.check_schema(schema)
+    assert list(schema["properties"]) == list(kind.__dataclass_fields__)
+    assert "\\z" not in str(schema)
+    assert "null" not in str(schema)

@@ -1,18 +1,21 @@
-"""Confirmation, absence and return of hypotheses, and the few events that they make."""
+"""The life of hypotheses: confirmation, absence and return, their few events, and whom a group continues."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comotion.config import HypothesesConfig
 from comotion.hypotheses.events import Lifecycle
-from comotion.hypotheses.identity import IdAllocator
+from comotion.hypotheses.identity import IdAllocator, balanced, recognised
+from comotion.hypotheses.records import Current, Record
 from comotion.hypotheses.registry import Registry
-from comotion.partition import Group, Partition
+from comotion.matching import continued, largest_first
+from comotion.partition import NO_HYPOTHESIS, Group, Partition, PoseReference
 from comotion.trajectories.window import Window
+from comotion_schemas import Twist
 
-from ..builders import S
+from ..builders import S, hypothesis
 
 STEP = 100_000_000
 CONFIG = HypothesesConfig(confirm=0.5, memory=5.0, remembered=2)
@@ -34,16 +37,6 @@ class Story:
         return [(e.kind, e.hypothesis, e.others) for e in self.events]
 
 
-def test_a_hypothesis_is_confirmed_after_half_a_second_with_enough_members():
-    story = Story()
-    story.run(5, {1: 5, 2: 2})
-    assert not story.lifecycle.confirmed(1)
-    story.run(20, {1: 5, 2: 2})
-    assert story.lifecycle.confirmed(1)
-    assert not story.lifecycle.confirmed(2)
-    assert [(e.kind, e.stamp_ns) for e in story.events] == [("born", 5 * STEP)]
-
-
 # After a second of hypothesis 1 with five members: what `run` gets, and the events after its birth.
 STORIES = {
     "a split that reverts": ([(4, {1: 5, 2: 3}, {2: 1}), (20, {1: 8})], []),
@@ -60,6 +53,11 @@ STORIES = {
         [(10, {}), (10, {1: 4}), (70, {})],
         [("absent", 1, []), ("returned", 1, []), ("absent", 1, []), ("ended", 1, [])],
     ),
+    "too few members": ([(20, {1: 5, 2: 2})], []),
+    "too many that are absent": (
+        [(9, {1: 5, 2: 5, 3: 5}), (2, {2: 5, 3: 5}), (20, {})],
+        [("born", 2, []), ("born", 3, []), *(("absent", one, []) for one in (1, 2, 3)), ("ended", 1, [])],
+    ),
 }
 
 
@@ -68,17 +66,8 @@ def test_what_lasts_makes_events_and_what_reverts_none(parts, expected):
     story = Story()
     for part in [(10, {1: 5}), *parts]:
         story.run(*part)
+    assert story.events[0].stamp_ns == 5 * STEP
     assert story.heard == [("born", 1, []), *expected]
-
-
-def test_the_longest_absent_is_dropped_where_there_are_too_many():
-    story = Story()
-    story.run(10, {1: 5})
-    story.run(9, {1: 5, 2: 5, 3: 5})
-    story.run(2, {2: 5, 3: 5})
-    story.run(20, {})
-    assert [h for kind, h, _ in story.heard if kind == "absent"] == [1, 2, 3]
-    assert [h for kind, h, _ in story.heard if kind == "ended"] == [1]
 
 
 updates = st.lists(
@@ -141,3 +130,107 @@ def test_an_id_that_has_merged_does_not_come_back_with_features_that_were_hidden
     assert [event.others for event in merged] == [[1]]
     ids = {one for k in range(80, 90) for one in update(k, np.repeat([0, 1], [2, 8]), everyone)[0]}
     assert ids == {2, 3}
+
+
+CORNERS = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+
+
+def described(one, velocity=(0.0, 0.0, 0.0), state="moving"):
+    twist = Twist(linear=list(velocity), angular=[0.0, 0.0, 0.0])
+    return hypothesis(one, size=8, state=state, twist=twist)
+
+
+def current(places, count=8):
+    """Of each hypothesis by id and centre; its features are 100 id, 100 id + 1 and on."""
+    keys = np.concatenate([100 * one + np.arange(count) for one in places])
+    positions = np.concatenate([CORNERS[:count] + centre for centre in places.values()])
+    labels = np.repeat(list(places), count)
+    return Current(keys, np.arange(len(keys)), labels, positions, np.ones(len(keys), bool))
+
+
+def appeared(seconds, centre, scale=1.0):
+    return round(seconds * S), CORNERS * scale + centre
+
+
+def memory(*bodies):
+    """Of (id, centre, velocity, static) at time 0; the features of hypothesis i are 100 i to 100 i + 7."""
+    found = {}
+    for one, centre, velocity, static in bodies:
+        found[one] = Record(PoseReference.new(0), description=described(one, velocity), static=static)
+        found[one].see(0, one, current({one: centre}), posed=False)
+    return found
+
+
+STILL = (0.0, 0.0, 0.0)
+HERE = (1, (0, 0, 0), STILL, False)
+SLOW = (1, (0, 0, 0), (0.3, 0, 0), False)
+RECOGNISED = {
+    "at its place": (
+        [HERE, (2, (1, 0, 0), STILL, False)],
+        {7: appeared(1, (1.02, 0, 0)), 8: appeared(1, (0, 0.03, 0))},
+        {7: 2, 8: 1},
+    ),
+    "not elsewhere": ([HERE], {7: appeared(1, (1, 0, 0))}, {}),
+    "not with another extent": ([HERE], {7: appeared(1, (0, 0, 0), scale=10)}, {}),
+    "not far off soon after": ([SLOW], {7: appeared(0.1, (-0.8, 0, 0))}, {}),
+    "farther off after a while": ([SLOW], {7: appeared(3, (-0.8, 0, 0))}, {7: 1}),
+    "not between two equal places": (
+        [(1, (0, 0, 0.1), STILL, False), (2, (0, 0, -0.1), STILL, False)],
+        {7: appeared(1, (0, 0, 0))},
+        {},
+    ),
+    "the static body wherever it is": (
+        [(1, (0, 0, 0), STILL, True), (2, (5, 0, 0), STILL, False)],
+        {7: None},
+        {7: 1},
+    ),
+}
+
+
+@pytest.mark.parametrize(("known", "new", "expected"), RECOGNISED.values(), ids=RECOGNISED)
+def test_a_body_is_recognised(known, new, expected):
+    assert recognised(memory(*known), new, 1.0) == expected
+
+
+def test_a_body_is_expected_about_the_place_where_it_has_been():
+    def passed_by(to):
+        found = {one: Record(PoseReference.new(0), description=described(one)) for one in (1, 2)}
+        for second in range(11):
+            places = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0)} if second < 10 else {1: to, 2: to}
+            for one, record in found.items():
+                record.see(second * S, one, current(places), posed=False)
+        return found
+
+    new = {7: appeared(13, (0.9, 0, 0)), 8: appeared(13, (0.1, 0, 0))}
+    assert recognised(passed_by((0.5, 0.0, 0.0)), new, 1.0) == {7: 2, 8: 1}
+
+
+def test_what_two_sources_see_outweighs_as_many_features_of_a_third():
+    before, groups = np.zeros(25, np.int64), np.repeat([0, 1], [12, 13])
+    sources = np.repeat([0, 1, 2], [6, 6, 13])
+    for whose, expected in ((sources, {0: 0}), (0 * sources, {1: 0})):
+        assert continued(before, groups, 2, largest_first, balanced(before, whose)) == expected
+
+
+def struck(shared: np.ndarray) -> list[tuple[int, int]]:
+    """The rule of the thesis word by word."""
+    left, pairs = shared.copy(), []
+    while left.any():
+        k, m = np.unravel_index(int(left.argmax()), left.shape)
+        pairs.append((int(k), int(m)))
+        left[k], left[:, m] = 0, 0
+    return pairs
+
+
+@given(st.lists(st.tuples(st.integers(-1, 5), st.integers(0, 5)), max_size=30))
+@example([(5, 0)] * 3 + [(7, 0)] * 2 + [(7, 1)])  # 5 overlaps most with 0, which leaves 7 with 1
+def test_clusters_continue_hypotheses_by_the_rule_of_the_thesis(rows):
+    before = np.array([b for b, _ in rows], np.int64)
+    # Cluster numbers without gaps.
+    clusters = np.unique([c for _, c in rows], return_inverse=True)[1].astype(np.intp)
+    old = before != NO_HYPOTHESIS
+    known, row = np.unique(before[old], return_inverse=True)
+    shared = np.zeros((len(known), clusters.max(initial=-1) + 1), int)
+    np.add.at(shared, (row, clusters[old]), 1)
+    expected = {c: int(known[h]) for h, c in struck(shared)}
+    assert continued(before, clusters, shared.shape[1], largest_first) == expected

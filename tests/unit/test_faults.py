@@ -41,13 +41,13 @@ def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
     assert (fusion.stats.faults, fusion.stats.refused_rows) == (0, 20 * 12)
 
 
-def test_stamps_at_the_ends_of_their_range_are_refused():
+def test_stamps_at_the_ends_of_their_range_and_places_beyond_all_measure_are_refused():
     fusion = Fusion()
     fusion.timeline.follow_recordings()
-    for seq, stamp in enumerate((-(2**63), 2**63 - 1, T0)):
-        fusion.ingest(batch("odd", seq, stamp, POINTS))
+    for seq, (stamp, scale) in enumerate(((-(2**63), 1), (2**63 - 1, 1), (T0, 1), (T0, 1e38))):
+        fusion.ingest(batch("odd", seq, stamp, scale * POINTS))
         fusion.update(T0)
-    assert fusion.stats.rejected == {"range": 2}
+    assert fusion.stats.rejected == {"range": 3}
     assert run(fusion, 0, 5).track_id.size
 
 

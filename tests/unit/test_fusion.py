@@ -1,13 +1,12 @@
-"""The face of the core: what an update lists, what is refused, what survives a restart."""
+"""The face of the core: what an update lists, what is refused, what survives a restart and a takeover."""
 
 import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import encode
 
 from .. import builders
-from ..builders import MS, T0, S, play
+from ..builders import MS, T0, S, labels_of, play
 from ..builders import by_feature as tracks_of
 
 
@@ -33,17 +32,6 @@ def run(fusion, start, stop, *, session="a" * 16):
     return play(
         fusion, frames, lambda k, now: batch("cam", k, now, two_bodies(k / 15), session=session), rate=15
     )
-
-
-def test_two_bodies_become_two_hypotheses_with_stable_ids(config):
-    updates = run(Fusion(config), 0, 4)
-    labels = tracks_of(updates[-1])
-    rest, moving = {labels["cam", i] for i in range(4)}, {labels["cam", i] for i in range(4, 7)}
-    assert len(rest) == len(moving) == 1
-    assert rest != moving
-    assert tracks_of(updates[-10]) == labels
-    assert updates[-1].stamp_ns == T0 + round(59 / 15 * S)
-    assert sorted(h.size for h in updates[-1].hypotheses) == [3, 4]
 
 
 def test_what_ended_leaves_the_next_update_and_what_is_not_observed_leaves_after_the_timeout(config):
@@ -74,21 +62,6 @@ def test_a_new_session_ends_the_old_ones_trajectories(config):
     update = run(fusion, 1, 1.4, session="b" * 16)[-1]
     assert [s.session for s in update.sources] == ["b" * 16]
     assert len(update.track_id) == 7
-
-
-def test_the_order_of_arrival_across_sources_does_not_matter(config):
-    def feed(order):
-        fusion = Fusion(config)
-        for k in range(45):
-            now = T0 + k * 66 * MS
-            seen = two_bodies(k * 0.066)
-            pair = batch("left", k, now - 20 * MS, seen[:4]), batch("right", k, now, seen[4:])
-            for index in order:
-                fusion.ingest(pair[index])
-            yield encode(fusion.update(now))
-
-    # Byte for byte, as of any fusion that is fed the same.
-    assert list(feed((0, 1))) == list(feed((1, 0)))
 
 
 def test_a_newcomer_gets_its_share_of_the_trajectories(config):
@@ -146,15 +119,6 @@ def newest_hypothesis(fusion, now):
     return max(h.id for h in update.hypotheses if h.space == "new")
 
 
-def test_after_a_crash_no_hypothesis_id_is_used_again(config):
-    fusion = Fusion(config)
-    run(fusion, 0, 4)
-    data = fusion.snapshot()
-    # What the snapshot does not know: a hypothesis that began after it.
-    used = newest_hypothesis(fusion, T0 + 4 * S)
-    assert newest_hypothesis(Fusion.restore(config, data), T0 + 4 * S) > used
-
-
 def test_a_clean_snapshot_continues_exactly(config):
     fusion = Fusion(config)
     run(fusion, 0, 4)
@@ -172,3 +136,79 @@ def test_events_are_repeated_for_two_seconds(config):
     first = updates[at].events
     assert all(first[0] in u.events for u in updates[at : at + 19])
     assert first[0] not in updates[-1].events
+
+
+RATE = 15
+
+
+def corners(seq):
+    """Four features at rest, four on a body that moves to the right and turns."""
+    rest = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    t = seq / RATE
+    c, s = np.cos(0.2 * t), np.sin(0.2 * t)
+    body = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]) @ np.array([[c, s], [-s, c]])
+    return np.vstack([rest, body + np.array([0.2 + 0.3 * t, 0.5])])
+
+
+def seen(seq, now):
+    return builders.batch("cam", seq, now, corners(seq))
+
+
+def step(fusion, seq):
+    return play(fusion, [seq], seen, rate=RATE, every=1)[0]
+
+
+@pytest.fixture
+def pair():
+    """A leader that has run for 4 s, and a standby that has started 2 s later and followed it since."""
+    leader, standby = Fusion(session="1" * 16), Fusion(session="2" * 16)
+    # Ids of the leader are no longer 1 and 2.
+    play(leader, range(10), seen, rate=RATE)
+    leader.forget()
+    play(leader, range(10, 30), seen, rate=RATE)
+    for seq in range(30, 60):
+        step(standby, seq)
+        standby.follow(step(leader, seq))
+    return leader, standby
+
+
+def test_a_standby_takes_over_with_ids_births_and_poses_of_the_active_service(pair):
+    leader, standby = pair
+    expected, got = step(leader, 60), step(standby, 60)
+    assert labels_of(got) == labels_of(expected)
+    assert len(set(labels_of(got).values())) == 2
+    for own, led in zip(got.hypotheses, expected.hypotheses, strict=True):
+        assert (own.id, own.born_ns) == (led.id, led.born_ns)
+        assert own.pose.translation == pytest.approx(led.pose.translation, abs=2e-3)
+        assert own.pose.rotation == pytest.approx(led.pose.rotation, abs=5e-3)
+
+
+def test_a_new_hypothesis_gets_no_id_that_the_active_service_may_have_given(pair):
+    leader, standby = pair
+    highest = max(h.id for h in step(leader, 60).hypotheses)
+    for seq in range(60, 120):
+        extra = corners(seq)[4:] * [1.0, -1.0]
+        standby.ingest(builders.batch("other", seq, T0 + seq * S // RATE, extra))
+        update = step(standby, seq)
+    new = {h.id for h in update.hypotheses} - {h.id for h in leader.update(T0 + 4 * S).hypotheses}
+    assert new
+    assert min(new) > highest + 1
+    assert [e.hypothesis for e in update.events if e.kind in ("born", "split")] in ([], sorted(new))
+
+
+def test_forgetting_names_the_published_id_and_a_restart_keeps_the_names(pair):
+    _, standby = pair
+    before = step(standby, 60)
+    restored = Fusion.restore(FusionConfig(), standby.snapshot(), session="3" * 16)
+    update = step(restored, 61)
+    assert labels_of(update) == labels_of(before)
+    first = before.hypotheses[0].id
+    assert restored.forget(first) == [first]
+    assert restored.forget(first) == []
+    updates = [step(restored, seq) for seq in range(62, 80)]
+    assert [e.hypothesis for e in updates[-1].events if e.kind == "ended"] == [first]
+    # Its features are grouped as new ones, under another id.
+    (new,) = {*labels_of(updates[-1]).values()} - {h.id for h in before.hypotheses}
+    assert {k for k, one in labels_of(updates[-1]).items() if one == new} == {
+        k for k, one in labels_of(before).items() if one == first
+    }

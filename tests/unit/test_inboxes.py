@@ -2,7 +2,6 @@
 
 import asyncio
 import threading
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -45,29 +44,6 @@ def test_a_source_that_is_to_stop_takes_no_more_of_what_waits():
         taken.append(arrival)
         stop.set()
     assert [payload[0] for _, payload, _ in taken] == [0]
-
-
-def test_none_says_that_nothing_has_arrived_for_the_whole_time():
-    session, stop = _Session(), threading.Event()
-    inbox = Inbox(session, "a")
-    session.send(0)
-    arrivals, begun = inbox.until(stop, 0.1), time.monotonic()
-    assert next(arrivals) is not None
-    session.send(1)  # while the first one is processed
-    assert next(arrivals) is not None
-    # It has set the event again, but has been taken already.
-    assert [next(arrivals)] == [None]
-    assert time.monotonic() - begun >= 0.1
-
-
-def test_a_client_waits_for_an_item_or_the_end():
-    inbox: ClientInbox[int] = ClientInbox(1)
-    assert not inbox.wait(0.01)
-    threading.Timer(0.05, inbox.put, [1]).start()
-    assert inbox.wait(10)
-    assert inbox.get(0) == 1
-    inbox.close()
-    assert inbox.wait(10)
 
 
 UPDATE = Fusion().update(0)

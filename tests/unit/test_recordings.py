@@ -67,16 +67,11 @@ def test_every_processor_of_c3d_reads_the_same(tmp_path, processor):
     assert recording.positions[0].tolist() == [[0.9465, 1.02375, 1.51025], [1.90075, 0.06975, 0.2885]]
 
 
-def test_angles_and_forces_among_the_points_are_left_out(tmp_path):
+def test_angles_and_forces_among_the_points_are_left_out_and_texts_may_be_filled_with_zeros(tmp_path):
     positions = some_positions(markers=4)
-    path = write_c3d(tmp_path / "take.c3d", positions, ANGLES=["M1"], FORCES=["M3", "M9"])
-    np.testing.assert_allclose(read_recording(path).positions, positions[:, [0, 2]] / 1000, rtol=1e-6)
-
-
-def test_texts_of_c3d_may_be_filled_with_zeros(tmp_path):
-    positions = some_positions(markers=2)
-    path = write_c3d(tmp_path / "take.c3d", positions, unit="m\0\0\0", ANGLES=["M1\0\0"])
-    np.testing.assert_allclose(read_recording(path).positions, positions[:, [0]], rtol=1e-6)
+    quantities = {"ANGLES": ["M1\0\0"], "FORCES": ["M3", "M9"]}
+    path = write_c3d(tmp_path / "take.c3d", positions, unit="m\0\0\0", **quantities)
+    np.testing.assert_allclose(read_recording(path).positions, positions[:, [0, 2]], rtol=1e-6)
 
 
 def test_a_c3d_with_another_unit_or_no_rate_is_refused(tmp_path):

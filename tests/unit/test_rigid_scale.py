@@ -10,7 +10,7 @@ from comotion.rigid import subset as subsets
 from comotion.rigid.subset import choose_subset
 from comotion_experiments.offline import run_offline
 from comotion_sources import simulator
-from comotion_tools.bench.core import SceneSpec, messages
+from comotion_tools.bench import SceneSpec, messages
 
 from ..builders import batch, labels_of
 

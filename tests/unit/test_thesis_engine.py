@@ -11,91 +11,29 @@ from comotion.thesis.clustering import by_appearance, make_clustering
 
 from ..builders import batch, labels_of, play
 
-CONFIG = FusionConfig(method="thesis", thesis=ThesisConfig(sigma_switch=0.02))
-REST = {i: (0.2 * i, 0.0) for i in range(5)}
+CONFIG = FusionConfig(method="thesis", window=2.0, thesis=ThesisConfig(sigma_switch=0.02))
 
 
-class Scene:
-    """Feeds one source at 20 Hz; `update` is the last one, `events` are all of them."""
-
-    def __init__(self, config=CONFIG):
-        self.fusion, self.frame, self.events = Fusion(config), 0, []
-
-    def run(self, frames, points):
-        """Features that are seen at a frame: {id: position}."""
-        start, self.frame = self.frame, self.frame + frames
-
-        def seen(k, now):
-            here = points(k)
-            return batch("cam", k, now, [here[i] for i in sorted(here)], ids=sorted(here))
-
-        updates = play(self.fusion, range(start, self.frame), seen, rate=20)
-        self.update = updates[-1]
-        self.events += [e for update in updates for e in update.events if e.stamp_ns == update.stamp_ns]
-
-    @property
-    def labels(self):
-        return labels_of(self.update)
-
-    def told(self):
-        return [(e.kind, e.hypothesis, e.others) for e in self.events]
+def passing(k, now):
+    """Five features at rest, and three that go by to the right at 0.4 m/s and then stay."""
+    places = [(0.2 * i, 0.0) for i in range(5)] + [(0.02 * min(k, 40), 0.5 + 0.1 * i) for i in range(3)]
+    return batch("cam", k, now, np.array(places) + np.random.default_rng(k).normal(0, 0.002, (8, 2)))
 
 
-def passing(frame):
-    """Three features that go by to the right at 0.4 m/s, from frame 10 on."""
-    x = 0.02 * max(frame - 10, 0)
-    return {10 + k: (x, 0.5 + 0.1 * k) for k in range(3)}
-
-
-def both(frame):
-    return REST | passing(frame)
-
-
-def test_confidence_is_the_mean_affinity_to_the_other_members():
-    scene = Scene()
-    scene.run(40, both)
-    snapshot = scene.fusion.affinity("world")
-    ids = [track for _, _, track in snapshot.tracks]
-    assert ids == scene.update.track_id.tolist()
-    for row, track in enumerate(ids):
-        mates = [k for k, i in enumerate(ids) if i != track and scene.labels[i] == scene.labels[track]]
+def test_confidence_is_the_mean_affinity_and_what_stays_together_merges():
+    fusion = Fusion(CONFIG)
+    update = play(fusion, range(40), passing, rate=20)[-1]
+    labels, snapshot = labels_of(update), fusion.affinity("world")
+    assert labels[0] != labels[5]
+    for row, (_, _, track) in enumerate(snapshot.tracks):
+        mates = [
+            k for k, (_, _, i) in enumerate(snapshot.tracks) if i != track and labels[i] == labels[track]
+        ]
         expected = snapshot.matrix[row, mates].mean()
-        assert scene.update.track_confidence[row] == pytest.approx(expected, abs=1e-6)
-
-
-def test_a_body_that_is_hidden_and_comes_back_within_the_window_keeps_its_id():
-    scene = Scene()
-    scene.run(40, both)
-    before, gone = scene.labels, scene.labels[10]
-    scene.run(60, lambda _: REST)
-    assert set(scene.labels) == set(REST)
-    assert scene.told()[2:] == [("absent", gone, [])]
-    (listed,) = (h for h in scene.update.hypotheses if h.id == gone)
-    assert (listed.absent, listed.size, listed.confirmed) == (True, 0, True)
-    scene.run(30, both)
-    assert scene.labels == before
-    assert [kind for kind, _, _ in scene.told()] == ["born", "split", "absent", "returned"]
-
-
-def test_a_forgotten_hypothesis_ends_and_its_features_are_grouped_as_new_ones():
-    scene = Scene()
-    scene.run(40, both)
-    rest, moving = scene.labels[0], scene.labels[10]
-    assert scene.fusion.forget(moving) == [moving]
-    assert scene.fusion.forget(moving) == []
-    scene.run(20, both)
-    assert scene.labels[0] == rest
-    assert moving not in {h.id for h in scene.update.hypotheses}
-    assert scene.told()[2:] == [("ended", moving, []), ("born", scene.labels[10], [])]
-
-
-def test_bodies_that_stay_together_for_longer_than_the_window_merge():
-    scene = Scene(CONFIG.model_copy(update={"window": 2.0}))
-    scene.run(40, both)
-    one, other = scene.labels[0], scene.labels[10]
-    scene.run(60, lambda _: both(40))
-    assert set(scene.labels.values()) == {one}
-    assert scene.told()[-1] == ("merged", one, [other])
+        assert update.track_confidence[row] == pytest.approx(expected, abs=1e-6)
+    together = play(fusion, range(40, 100), passing, rate=20)[-1]
+    assert set(labels_of(together).values()) == {labels[0]}
+    assert [(e.kind, e.hypothesis, e.others) for e in together.events] == [("merged", labels[0], [labels[5]])]
 
 
 DIVISIVE = "divisive-kmeans"

@@ -43,10 +43,6 @@ def unfinished() -> bytes:
     return buffer.getvalue().replace(b"}", b" ", 1)
 
 
-def read_log(path):
-    return list(read_csv(path))
-
-
 WRONG = {
     "camera.yaml": [
         (b"", "not a calibration"),
@@ -81,7 +77,6 @@ WRONG = {
         (b"positions, times and labels\n", "not an .npz archive"),
         (npz(positions=None), "no array 'positions'"),
         (npz(positions=np.zeros((10, 3))), r"shape \(10, 3\), not \(T, N, 2\)"),
-        (npz(positions=np.zeros((10, 3, 4))), r"shape \(10, 3, 4\)"),
         (npz(positions=np.full((10, 3, 2), "x")), "'positions' has no numbers"),
         (npz(positions=np.full((10, 3, 2), np.nan)), "no observation"),
         (npz(positions=np.zeros((0, 3, 2)), times=np.zeros(0)), "no observation"),
@@ -99,8 +94,6 @@ WRONG = {
         (packed(tracks=TRACKS, visibility=np.ones((9, 3))), "'visibility' has the shape"),
         (packed(tracks=TRACKS, fps=30, sigma=np.zeros((9, 4))), "sigma is not above 0"),
         (packed(tracks=TRACKS, fps=-1.0), "not above 0"),
-        (packed(tracks=np.full((9, 4, 2), "x")), "'tracks' has no numbers"),
-        (packed(tracks=TRACKS, fps=30, visibility=np.zeros((9, 4))), "no observation"),
     ],
     "table.csv": [
         (b"frame,track,x\n1,2,3\n", "no columns x and y"),
@@ -126,7 +119,6 @@ WRONG = {
     "poses.txt": [
         (b"", "poses"),
         (b"a b c d e f g h", "poses"),
-        (b"1 0 0 0 0 0 0 0", "poses"),
         (b"nan 0 0 0 0 0 0 1", "poses"),
     ],
 }
@@ -136,7 +128,7 @@ READERS = {
     "take": read_recording,
     "tracks": read_recording,
     "table": lambda path: read_recording(path, 30.0),
-    "joints": read_log,
+    "joints": lambda path: list(read_csv(path)),
     "poses": read_trajectory,
 }
 

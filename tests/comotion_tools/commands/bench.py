@@ -1,4 +1,4 @@
-"""``comotion dev bench``: time, memory and latency of the core on this machine."""
+"""``comotion dev bench``: time and memory of the core on this machine."""
 
 import os
 from functools import partial
@@ -20,31 +20,23 @@ Examples:
   comotion dev bench --features 500,1000,3000 --method thesis --updates 100
   comotion dev bench --features 1000 --rate 15,30,60 --json
   comotion dev bench --pixels --sources 1 --method comotion --features 500,1000   # one plain camera
-  comotion dev bench --live --features 1000 --seconds 60   # processes over a router: latency, overruns, CPU
 """
 
-    features: str | None = option(
-        None, "Numbers of features. Default: 500,1000,3000,5000; quick 200,500; live 1000."
-    )
+    features: str | None = option(None, "Numbers of features. Default: 500,1000,3000,5000; quick 200,500.")
     method: list[str] | None = option(None, "Method; may be repeated. Default: comotion and thesis.")
     rate: str = option("30", "Hz of every source; several make more rows.")
     updates: int | None = option(None, "Updates to time per row.", min=2)
     sources: int = option(3, "Sources of the scene.", min=1, max=64)
     pixels: bool = option(False, "Plain cameras: a space in px for each of the sources.")
     quick: bool = option(False, "Small numbers, few updates.")
-    live: bool = option(False, "Measure processes over a router instead.")
-    seconds: float = option(30.0, "Of --live.", min=1)
     out: Path = option(Path("out/bench"), "Where bench.md and bench.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
-        """Measure the core, or processes over a router, and print the result."""
-        from comotion_tools.bench.core import SceneSpec, markdown, run_bench, this_machine
+        """Measure the core and print the result."""
+        from comotion_tools.bench import SceneSpec, markdown, run_bench, this_machine
 
         # Threads of parallel kernels spin for some tens of microseconds before they sleep.
         os.environ.setdefault("GOMP_SPINCOUNT", "50000")
-        if self.live:
-            self._run_live()
-            return
         scene = partial(SceneSpec, sources=self.sources, pixels=self.pixels)
         features = self.features or ("200,500" if self.quick else "500,1000,3000,5000")
         sizes = numbers("--features", features, 2, 50_000)
@@ -58,18 +50,6 @@ Examples:
             )
         machine = this_machine()
         self.report("bench", markdown(rows, machine), {"machine": machine, "rows": rows})
-
-    def _run_live(self) -> None:
-        from comotion_tools.bench.live import run_live
-
-        words = [word for name in self.method or () for word in ("--method", name)]
-        words += [word for text in self.set_ or () for word in ("--set", text)]
-        results, shown = [], []
-        for size in numbers("--features", self.features or "1000", 2, 50_000):
-            most = ["--set", f"max_tracks={max(5000, 2 * size)}"]
-            results.append(run_live(size, self.seconds, [*most, *words], 12.0))
-            shown += [f"{name}: {value}" for name, value in results[-1].items()]
-        self.show(results, *shown)
 
 
 def numbers(option: str, text: str, least: int, most: int) -> list[int]:

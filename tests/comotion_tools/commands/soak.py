@@ -1,5 +1,6 @@
 """``comotion dev soak``: a scene under load and faults, and a report."""
 
+import json
 import threading
 import time
 from pathlib import Path
@@ -21,6 +22,8 @@ Examples:
   comotion dev soak
   comotion dev soak --duration 2700 --seed 3 --out /tmp/soak
   comotion dev soak --fault kill --target service   # kill -9 of the service, again and again
+  comotion dev soak --fault hostile --target spaces # one source with 2000 features in 100 spaces
+  comotion dev soak --fault none --features 111     # 1000 features in metres, latency and load
 
 The status is 0 if nothing was violated, and 1 otherwise.
 """
@@ -28,9 +31,10 @@ The status is 0 if nothing was violated, and 1 otherwise.
 
     duration: float = option(180.0, "s to run.", min=20)
     seed: int = option(0, "Seed of the faults.", min=0)
-    fault: str = option("", "Faults of one kind alone, e.g. kill, stop or hostile.", metavar="KIND")
-    target: str = option("", "Faults of one process alone, e.g. service.", metavar="NAME")
+    fault: str = option("", "Faults of one kind alone, e.g. kill, stop or hostile; or none.", metavar="KIND")
+    target: str = option("", "Faults of one process, e.g. service, or one attack alone.", metavar="NAME")
     gap: float = option(1.0, "s without an update that are allowed.", min=0.1)
+    features: int | None = option(None, "Of each body in each source. Default: 4 to 15.", min=3, max=999)
     out: Path = option(Path("out/soak"), "Where report and logs go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
@@ -49,11 +53,15 @@ The status is 0 if nothing was violated, and 1 otherwise.
             if not self.json_:
                 print(f"{time.monotonic() - began:7.1f} s  {line}", flush=True)
 
-        with stop_on_signals(stop), Runner(free_endpoint(), self.out, stop, say) as runner:
+        with (
+            stop_on_signals(stop),
+            Runner(free_endpoint(), self.out, stop, say, features=self.features) as runner,
+        ):
             runner.settle()
             say(f"all bodies have a hypothesis; logs are in {self.out}")
             runner.run(faults, self.duration)
         values = report.as_json(runner.result, self.seed, self.gap)
-        self.show(values, *report.save(self.out, values))
+        (self.out / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
+        self.show(values, *report.lines(values))
         if values["violations"]:
             raise typer.Exit(1)

@@ -1,7 +1,7 @@
 """What one source within every limit of a message can do to a scene: by name, what it does and how often.
 
 Each attack is a function of an :class:`Attacker`, called at a rate for as long as the attack lasts. The soak
-draws from them by its seed; the scripts in ``tests/adversary`` measure each alone.
+draws from them by its seed, or does one alone, as the tests in ``tests/adversary`` do.
 """
 
 import random
@@ -73,10 +73,6 @@ class Attacker:
         fields |= {"component": NAME, "role": "source", "session": self.run}
         fields |= {"stamp_ns": time.time_ns(), "state": "ok", "message": ""}
         return Status(**(fields | changes))
-
-
-def rest(_: Attacker) -> None:
-    """Nothing, for comparison."""
 
 
 def instants(attacker: Attacker) -> None:
@@ -188,7 +184,6 @@ def outrank(attacker: Attacker) -> None:
 
 
 ATTACKS: dict[str, tuple[Callable[[Attacker], None], float]] = {
-    "none": (rest, 1),
     "instants": (instants, 30),
     "many-instants": (instants, 120),
     "spaces": (spaces, 240),
@@ -208,7 +203,7 @@ ATTACKS: dict[str, tuple[Callable[[Attacker], None], float]] = {
 }
 """What each does, and how often a second."""
 # What needs no more than an ordinary certificate, each kind once: access control denies the others.
-WITHIN_LIMITS = tuple(name for name in ATTACKS if name not in ("none", "many-instants", "seize", "outrank"))
+WITHIN_LIMITS = tuple(name for name in ATTACKS if name not in ("many-instants", "seize", "outrank"))
 
 
 def attack(name: str, attacker: Attacker, seconds: float) -> int:

@@ -1,8 +1,8 @@
-"""A source of the soak, as a process: three bodies, and an account of what it has sent.
+"""A source of some bodies, as a process or in a thread, and an account of what it has sent.
 
-``python -m comotion_tools.soak.load ENDPOINT SCENE NAME`` reads one command a line from standard input, as
-JSON, and prints its account a few times a second, as JSON. The body of a feature is its id over 1000, so
-that the soak knows the truth. All sources of a space agree on where a body is at a time.
+:func:`command` starts one that reads one command a line from standard input, as JSON, and prints its account
+a few times a second, as JSON. The body of a feature is its id over 1000, so that the soak knows the truth.
+All sources of a space agree on where a body is at a time.
 """
 
 import json
@@ -11,12 +11,13 @@ import sys
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comotion_deploy.processes import PYTHON
 from comotion_schemas import ObservationBatch, encode
 from comotion_schemas.component import Component
 from comotion_schemas.transport import client_settings, stream_publisher
@@ -30,13 +31,15 @@ _ACCOUNT_S = 0.2
 
 @dataclass(frozen=True)
 class Kind:
-    """What a source is: batches a second, features of each body, and its space."""
+    """What a source is: batches a second, features of each body, its space, how far its clock is ahead."""
 
     rate: float
     features: int
     space: str = "world"
     unit: str = "m"
     dim: int = 3
+    bodies: int = BODIES
+    ahead_s: float = 0.0
 
 
 KINDS = {
@@ -47,18 +50,25 @@ KINDS = {
 }
 
 
+def command(endpoint: str, scene: str, name: str, what: Kind | int | None = None) -> tuple[str, ...]:
+    """Words that start a source: of a kind, or one of the soak's, by its name, with so many features."""
+    kind = what if isinstance(what, Kind) else KINDS[name]
+    kind = replace(kind, features=what) if isinstance(what, int) else kind
+    return (*PYTHON, __spec__.name, endpoint, scene, name, json.dumps(asdict(kind)))
+
+
 def places(kind: Kind, seed: int) -> NDArray[np.float64]:
-    """Features of the bodies in their own axes, float64 [BODIES, features, dim], in the space's unit."""
+    """Features of the bodies in their own axes, float64 [bodies, features, dim], in the space's unit."""
     scale = 0.15 if kind.unit == "m" else 60.0
-    return np.random.default_rng(seed).uniform(-scale, scale, (BODIES, kind.features, kind.dim))
+    return np.random.default_rng(seed).uniform(-scale, scale, (kind.bodies, kind.features, kind.dim))
 
 
 def positions(kind: Kind, features: NDArray[np.float64], t: float) -> NDArray[np.float64]:
     """Where they are at a time in s: the first body rests, the others swing, each in its own way."""
     scale = 1.0 if kind.unit == "m" else 200.0
     rows = features.copy()
-    rows[:, :, 0] += scale * np.arange(BODIES)[:, None]
-    for body in range(1, BODIES):
+    rows[:, :, 0] += scale * np.arange(kind.bodies)[:, None]
+    for body in range(1, kind.bodies):
         swing = 0.3 * scale * np.sin(2 * np.pi * (0.11 + 0.06 * body) * t + body)
         rows[body, :, body % 2] += swing
     return rows
@@ -95,9 +105,9 @@ class Source:
     `sent` are sequence numbers used, `repeated` batches sent again.
     """
 
-    def __init__(self, component: Component) -> None:
+    def __init__(self, component: Component, kind: Kind) -> None:
         self.name, self.session = component.name, component.session_id
-        self.kind, self.faults = KINDS[self.name], _Faults()
+        self.kind, self.faults = kind, _Faults()
         self.sent = self.repeated = 0
         seed = sum(self.name.encode())
         self._features = places(self.kind, seed)
@@ -108,11 +118,11 @@ class Source:
     def batch(self) -> ObservationBatch:
         """The next batch, as of now."""
         kind, faults = self.kind, self.faults
-        now = time.time()
+        now = time.time_ns() * 1e-9
         offset = faults.clock_s if faults.now("clock") else 0.0
         rows = positions(kind, self._features, now)
         rows += self._rng.normal(0, _NOISE_M if kind.unit == "m" else _NOISE_PX, rows.shape)
-        ids = ID_STEP * np.arange(BODIES)[:, None] + np.arange(kind.features) + 100 * faults.generation
+        ids = ID_STEP * np.arange(kind.bodies)[:, None] + np.arange(kind.features) + 100 * faults.generation
         self.sent += 1
         return ObservationBatch(
             source=self.name,
@@ -163,10 +173,12 @@ class Source:
 
 def main() -> None:
     """Publish until stopped."""
-    endpoint, scene, name = sys.argv[1:4]
-    settings = client_settings([endpoint])
+    endpoint, scene, name, given = sys.argv[1:]
+    kind = Kind(**json.loads(given))
+    clock, settings = time.time_ns, client_settings([endpoint])
+    time.time_ns = lambda: clock() + round(kind.ahead_s * 1e9)
     with Component(role="source", name=name, scene=scene, settings=settings) as component:
-        source = Source(component)
+        source = Source(component, kind)
         threading.Thread(target=source.listen, daemon=True).start()
         due = said = time.monotonic()
         while not component.stop.wait(max(0.0, due - time.monotonic())):

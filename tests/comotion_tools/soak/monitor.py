@@ -9,15 +9,16 @@ between is what the service received or knows to be lost. Between them the same 
 
 import time
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from comotion_clients.subscription import Subscription
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, Status
 
 from ..processes import Managed
-from ..system import System
 from .load import BODIES, ID_STEP, KINDS
 
 _FATES = ("fused", "partly_late", "late", "duplicates", "overflow", "waiting")
@@ -32,6 +33,7 @@ class Moment:
     sent: dict[tuple[str, str], int]
     # Batches of these sources that the service counts. What others send, hostile ones too, is none of it.
     received: int
+    fused: int
     lost: int
     waiting: int
     # Of anybody: received and in no fate.
@@ -72,6 +74,7 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
         service=service,
         sent=sent,
         received=sum(account["batches"] for account in counted),
+        fused=sum(account["fused"] for account in counted),
         lost=sum(account["lost"] or 0 for account in counted),
         waiting=sum(account["waiting"] for account in counted),
         unsettled=total["batches"] - settled,
@@ -130,6 +133,8 @@ class Monitor:
         self._statuses = statuses
         self._started_s = started_s
         self.arrived_s: list[float] = []
+        # From the stamp of the last batch in an update to its receipt.
+        self.ages_ms: list[float] = []
         # Updates that were due since the count began, and those that came.
         self._expected, self._counted = 0.0, 0
         self._births: dict[int, int] = {}
@@ -148,9 +153,15 @@ class Monitor:
                 self.status = status
 
     def begin(self) -> None:
-        """Forget gaps and missed updates of the time in which the system was starting."""
+        """Forget gaps, ages and missed updates of the time in which the system was starting."""
         self.findings.gaps.clear()
+        self.ages_ms.clear()
         self._expected, self._counted = 0.0, 0
+
+    @property
+    def last_batch_ms(self) -> list[float]:
+        """Ages of the last batches in updates at receipt: median, 99th percentile and largest, ms."""
+        return [round(float(age), 1) for age in np.percentile(self.ages_ms or [np.nan], (50, 99, 100))]
 
     @property
     def is_sorted_out(self) -> bool:
@@ -171,6 +182,7 @@ class Monitor:
             if seconds > LATE_PERIODS * period_s:
                 findings.gaps.append(Gap(round(at_s, 2), round(seconds, 3)))
         self.arrived_s.append(arrived_s)
+        self.ages_ms.append(1e3 * (arrived_s + time.time() - time.monotonic()) - update.stamp_ns * 1e-6)
         self.last = update
         findings.updates += 1
         findings.missed = max(0, round(self._expected) - self._counted)
@@ -208,40 +220,16 @@ class Monitor:
             self.labels[body] = label
 
 
-class Watched(System):
-    """A system that a monitor watches from its start on; `started_s` is on the monotonic clock."""
-
-    def _begin(self) -> None:
-        self.started_s = time.monotonic()
-        updates, statuses = self.subscribe(HypothesisUpdate), self.subscribe(Status)
-        self.monitor = Monitor(updates, statuses, self.started_s)
-
-    def turn(self) -> None:
-        """Wait for a moment, and take in what has arrived."""
-        super().turn()
-        self.monitor.poll()
-
-
-def votes(update: HypothesisUpdate, sources: Collection[str] = KINDS) -> dict[Body, Counter[int]]:
-    """For each body the labels of its features, of these sources, and how many have each."""
-    counts_of: dict[Body, Counter[int]] = {}
-    for source, name in enumerate(ref.name for ref in update.sources):
-        if name not in sources:
-            continue
-        rows = update.track_source == source
-        bodies = update.track_id[rows] // ID_STEP
-        labels = update.track_hypothesis[rows]
-        for body in range(BODIES):
-            counts = counts_of.setdefault((KINDS[name].space, body), Counter())
-            counts.update(labels[bodies == body].tolist())
-    return counts_of
-
-
 def _labels(update: HypothesisUpdate) -> dict[Body, int]:
     """Hypothesis of each body that its features agree on."""
-    most = (
-        (body, *most_common, counts.total())
-        for body, counts in votes(update).items()
-        for most_common in counts.most_common(1)
-    )
-    return {body: label for body, label, n, of in most if label != UNDETERMINED and n >= _AGREE * of}
+    counts_of: dict[Body, Counter[int]] = {}
+    for source, name in enumerate(ref.name for ref in update.sources):
+        if name in KINDS:
+            rows = update.track_source == source
+            bodies, labels = update.track_id[rows] // ID_STEP, update.track_hypothesis[rows]
+            for body in range(BODIES):
+                counts = counts_of.setdefault((KINDS[name].space, body), Counter())
+                counts.update(labels[bodies == body].tolist())
+    most = {body: counts.most_common(1)[0] for body, counts in counts_of.items() if counts}
+    agreed = {body: label for body, (label, n) in most.items() if n >= _AGREE * counts_of[body].total()}
+    return {body: label for body, label in agreed.items() if label != UNDETERMINED}

@@ -1,10 +1,8 @@
 """Reports a soak: violations, text and JSON."""
 
-import json
 from collections import Counter
 from dataclasses import asdict
 from itertools import groupby
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -100,6 +98,7 @@ def as_json(soak: Soak, seed: int, longest_s: float) -> dict[str, Any]:
         "faults": dict(Counter(fault.kind for _, fault in soak.faults)),
         "updates": findings.updates,
         "missed": findings.missed,
+        "last_batch_ms": soak.last_batch_ms,
         "services": len(findings.sessions),
         "gaps": [[gap.seconds, str(fault or "no fault")] for gap, fault in causes],
         "ids_changed": [list(change) for change in findings.changes],
@@ -109,6 +108,7 @@ def as_json(soak: Soak, seed: int, longest_s: float) -> dict[str, Any]:
         "batches_audited": sum(audited.sent for audited in exact),
         "batches_missing": sum(abs(audited.missing) for audited in exact),
         "batches_unsettled": sum(audited.unsettled for _, audited in soak.audits),
+        "named": sorted(soak.named),
         "usage": {name: _most(samples) for name, samples in soak.usage.items()},
         "violations": violations(soak, longest_s),
     }
@@ -127,9 +127,3 @@ def lines(values: dict[str, Any]) -> list[str]:
         *(f"  {name}, at most: {most}" for name, most in values["usage"].items()),
         *([f"VIOLATION: {text}" for text in values["violations"]] or ["no violation"]),
     ]
-
-
-def save(folder: Path, values: dict[str, Any]) -> list[str]:
-    """Write the figures of :func:`as_json`; returns their text."""
-    (folder / "soak.json").write_text(json.dumps(values, indent=2), encoding="utf-8")
-    return lines(values)

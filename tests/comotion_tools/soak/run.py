@@ -13,19 +13,17 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from comotion_deploy.processes import PYTHON
-from comotion_schemas.transport import SessionSettings
 
 from ..processes import COMOTION, STARTS, Managed, Usage
-from .monitor import Audit, Findings, Moment, Watched, audit, moment
+from . import load
+from .monitor import Audit, Findings, Moment, audit
 from .schedule import HOSTILE, SOURCES, Fault
+from .watched import Watched
 
 SCENE = "soak"
 _ENDS = {"kill": signal.SIGKILL, "restart": signal.SIGTERM}
 _SAMPLE_S = 2.0
-_PAUSED_S = 15.0
 _WINDOW_S = 60.0
-_SETTLE_S = 1.2
-_HOSTILE_S = 4.0
 _RECORDINGS = 3
 
 
@@ -38,46 +36,51 @@ class Soak:
     findings: Findings = field(default_factory=Findings)
     # Of stretches in which accounts must be exact.
     audits: list[tuple[float, Audit]] = field(default_factory=list)
+    # From the stamp of the last batch in an update to its receipt: median, 99th percentile and largest.
+    last_batch_ms: list[float] = field(default_factory=list)
     # By process: when, in its how many-th life, and what it held.
     usage: dict[str, list[tuple[float, int, Usage]]] = field(default_factory=dict)
+    # Kind and source of the problems that the service has named.
+    named: set[tuple[str, str]] = field(default_factory=set)
     # Exit statuses of processes that nobody has ended.
     ended: dict[str, list[int]] = field(default_factory=dict)
 
 
-def system(endpoint: str, scene: str, folder: Path, *, serve: tuple[str, ...] = ()) -> dict[str, Managed]:
-    """Build the processes of a soak, by name, in the order in which they start.
-
-    Logs, state and recording go to the folder; `serve` are further options of ``comotion serve``.
-    """
-    at = ("--connect", endpoint, "--scene", scene)
+def _processes(
+    endpoint: str, folder: Path, features: int | None, serve: tuple[str, ...]
+) -> dict[str, Managed]:
+    """Build the processes of a soak, by name, in the order in which they start."""
+    at = ("--connect", endpoint, "--scene", SCENE)
     record = ("record", str(folder / f"take-{STARTS}.mcap"), "--max-size", "20")
     commands = {
         "router": (*COMOTION, "router", "--listen", endpoint),
         "service": (*COMOTION, "serve", "--state", str(folder / "scene.state"), *serve, *at),
-        **{name: (*PYTHON, "comotion_tools.soak.load", endpoint, scene, name) for name in SOURCES},
+        **{name: load.command(endpoint, SCENE, name, features) for name in SOURCES},
         "recorder": (*COMOTION, *record, *at),
         "viewer": (*COMOTION, "watch", *at),
     }
     return {name: Managed(name, command, folder) for name, command in commands.items()}
 
 
-def hostile(endpoint: str, scene: str, folder: Path, seconds: float, seed: int, *attack: str) -> Managed:
-    """Build the process that attacks a scene for some seconds, as :mod:`.hostile` says."""
-    command = (*PYTHON, "comotion_tools.soak.hostile", endpoint, scene, f"{seconds:g}", str(seed), *attack)
-    return Managed(HOSTILE, command, folder)
-
-
 class Runner(Watched):
     """A running system under faults; a context manager that stops it all, as `stop` does when set.
 
-    Its router listens at the endpoint; `say` is called with lines of progress.
+    Its router listens at the endpoint; logs, state and recording go to the folder; `say` is called with lines
+    of progress. `features` are those of each body in each source, `serve` further options of the service.
     """
 
     def __init__(
-        self, endpoint: str, folder: Path, stop: threading.Event, say: Callable[[str], None]
+        self,
+        endpoint: str,
+        folder: Path,
+        stop: threading.Event,
+        say: Callable[[str], None],
+        *,
+        features: int | None = None,
+        serve: tuple[str, ...] = (),
     ) -> None:
-        super().__init__(system(endpoint, SCENE, folder), SCENE, SessionSettings(connect=(endpoint,)), stop)
-        self._endpoint, self._folder, self.say = endpoint, folder, say
+        super().__init__(_processes(endpoint, folder, features, serve), SCENE, endpoint, stop)
+        self._folder, self.say = folder, say
         if find_spec("mcap") is None:
             del self.processes["recorder"]
             say("no recorder: mcap is not installed")
@@ -92,7 +95,7 @@ class Runner(Watched):
         return time.monotonic() - self.started_s
 
     def __exit__(self, *exception: object) -> None:
-        self.result.seconds = self.now_s
+        self.result.seconds, self.result.last_batch_ms = self.now_s, self.monitor.last_batch_ms
         super().__exit__(*exception)
 
     def settle(self) -> None:
@@ -123,6 +126,8 @@ class Runner(Watched):
     def turn(self) -> None:
         """Look once at everything: start what has ended, and measure."""
         super().turn()
+        problems = self.monitor.status.problems if self.monitor.status else []
+        self.result.named |= {(problem.kind, problem.source or "") for problem in problems}
         for name, process in self.processes.items():
             if process.has_ended():
                 if name not in self._expected:
@@ -141,9 +146,11 @@ class Runner(Watched):
         process = self.processes.get(fault.target)
         if fault.kind == HOSTILE:
             at_s = self.now_s
-            attacker = hostile(self._endpoint, SCENE, self._folder, _HOSTILE_S, len(self.result.faults))
+            words = (f"{fault.lasts_s:g}", str(len(self.result.faults)), fault.target)
+            command = (*PYTHON, "comotion_tools.soak.hostile", self.endpoint, SCENE, *words)
+            attacker = Managed(HOSTILE, command, self._folder)
             attacker.start()
-            self.is_so(attacker.has_ended, 10 * _HOSTILE_S)
+            self.is_so(attacker.has_ended, 10 * fault.lasts_s)
             attacker.end()
             lasted_s = round(self.now_s - at_s, 1)
             self.result.faults[-1] = (round(at_s, 1), replace(fault, lasts_s=lasted_s))
@@ -164,9 +171,9 @@ class Runner(Watched):
         """Close the stretch of exact accounts before a fault that ends it; open one before another fault."""
         ends = fault is None or fault.blurs
         if self._window is not None and (ends or self.now_s - self._window_s > _WINDOW_S):
-            self._close_window(self._moment())
+            self._close_window(self.counted(SOURCES))
         if not ends and self._window is None:
-            self._window, self._window_s = self._moment(opens=True), self.now_s
+            self._window, self._window_s = self.counted(SOURCES, opens=True), self.now_s
 
     def _close_window(self, end: Moment | None) -> None:
         start, self._window = self._window, None
@@ -175,24 +182,6 @@ class Runner(Watched):
             self.result.audits.append((round(self.now_s, 1), audited))
             if audited.missing or audited.unsettled:
                 self.say(f"accounts: {audited.missing} of {audited.sent} batches are missing")
-
-    def _moment(self, *, opens: bool = False) -> Moment | None:
-        """Let all sources pause until the service has counted what they have sent.
-
-        One that `opens` a stretch waits until the service knows of all: what a service learns only now of
-        the time before its start is none of the stretch.
-        """
-        sources, last_moment = [self.processes[name] for name in SOURCES], None
-        end = time.monotonic() + _PAUSED_S
-        with self.paused(sources):
-            while self.is_so(lambda: all(s.account.get("paused") for s in sources), end - time.monotonic()):
-                last, reply = self.monitor.last, self.accounts(_SETTLE_S)
-                now = None if last is None or reply is None else moment(last.session, reply, sources)
-                if now is not None and now == last_moment and not now.waiting and not (opens and now.unheard):
-                    return now
-                last_moment = now
-                self.wait(_SETTLE_S)
-        return None
 
     def _sample(self) -> None:
         """Measure; recordings are there to be written, not to be kept."""

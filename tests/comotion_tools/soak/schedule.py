@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 from comotion_deploy.errors import UserError
 
+from .attacks import ATTACKS, NAME
+
 SOURCES = ("left", "right", "arm", "camera")
 """The well-behaved sources; the first three observe the same bodies."""
 OTHERS = ("router", "service", "recorder", "viewer")
-HOSTILE = "hostile"
+HOSTILE = NAME
 
 KINDS: dict[str, tuple[float, tuple[str, ...]]] = {
     "kill": (3.0, (*SOURCES, *OTHERS)),
@@ -19,14 +21,20 @@ KINDS: dict[str, tuple[float, tuple[str, ...]]] = {
     "loss": (1.0, SOURCES),
     "disorder": (1.0, SOURCES),
     "churn": (1.0, SOURCES),
-    "hostile": (2.0, (HOSTILE,)),
+    HOSTILE: (2.0, (HOSTILE,)),
 }
 """Kinds of faults, their weight, and the processes that they may happen to."""
 _CLOCK_STEPS_S = (-3600.0, -1.0, 1.0, 3600.0)
 # Until all is in its place at the start, and after the last fault.
 LEAD_S, TAIL_S = 8.0, 12.0
 _PAUSE_S = (4.0, 12.0)
-_LASTS_S = {"stop": (1.0, 12.0), "clock": (3.0, 10.0), "loss": (3.0, 8.0), "disorder": (3.0, 8.0)}
+_LASTS_S = {
+    "stop": (1.0, 12.0),
+    "clock": (3.0, 10.0),
+    "loss": (3.0, 8.0),
+    "disorder": (3.0, 8.0),
+    HOSTILE: (4.0, 4.0),
+}
 _BURST = (50, 200)
 
 
@@ -54,15 +62,20 @@ class Fault:
 def draw(seed: int, duration_s: float, kind: str = "", target: str = "") -> list[Fault]:
     """Draw the faults of a soak, or those of a kind or a target alone; the same for the same arguments.
 
+    Of the kind ``none`` there is none. Targets of hostile ones are attacks, too.
+
     Raises
     ------
     UserError
         If no fault is of this kind and target.
     """
     chance, at_s = random.Random(seed), LEAD_S
-    fitting = {name: w for name, (w, t) in KINDS.items() if kind in {"", name} and target in {"", *t}}
+    targets = {name: {"", *of, *(ATTACKS if name == HOSTILE else ())} for name, (_, of) in KINDS.items()}
+    fitting = {name: w for name, (w, _) in KINDS.items() if kind in {"", name} and target in targets[name]}
+    if kind == "none":
+        return []
     if not fitting:
-        raise UserError(f"no fault {kind!r} of {target!r}; kinds are {', '.join(KINDS)}")
+        raise UserError(f"no fault {kind!r} of {target!r}; kinds are none, {', '.join(KINDS)}")
     faults = []
     while at_s < duration_s - TAIL_S:
         (name,) = chance.choices([*fitting], [*fitting.values()])

@@ -15,7 +15,7 @@ from comotion_schemas import HypothesisUpdate
 from ...builders import by_feature as labels
 from ...builders import is_sorted_out
 from ..etcd_server import NEEDS_ETCD
-from ..tracker import until
+from ..waiting import until
 
 pytestmark = NEEDS_ETCD
 SCENES = 2
@@ -43,35 +43,27 @@ def sources(endpoint, track):
         track(endpoint, scene=f"s{k}")
 
 
-class Clients:
-    """A subscriber in each scene."""
-
-    def __init__(self, session, stack):
-        self.of = {
-            f"s{k}": stack.enter_context(Subscription(session, HypothesisUpdate, f"s{k}"))
-            for k in range(SCENES)
-        }
-
-    def until(self, condition):
-        """Wait until every scene has gone on and is sorted out, and `condition` holds; labels by scene."""
-        last = {}
-
-        def is_so():
-            for scene, subscription in self.of.items():
-                if arrived := subscription.drain():
-                    _, last[scene] = arrived[-1]
-            return len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition()
-
-        for subscription in self.of.values():
-            subscription.drain()
-        until(is_so)
-        return {scene: labels(update) for scene, update in last.items()}
-
-
 @pytest.fixture
-def clients(session):
+def settled(session):
+    """Wait until every scene has gone on and is sorted out, and a condition holds; labels by scene."""
     with ExitStack() as stack:
-        yield Clients(session, stack)
+        scenes = [f"s{k}" for k in range(SCENES)]
+        of = {name: stack.enter_context(Subscription(session, HypothesisUpdate, name)) for name in scenes}
+
+        def wait(condition):
+            last = {}
+
+            def is_so():
+                for scene, subscription in of.items():
+                    last.update((scene, update) for _, update in subscription.drain())
+                return len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition()
+
+            for subscription in of.values():
+                subscription.drain()
+            until(is_so)
+            return {scene: labels(update) for scene, update in last.items()}
+
+        yield wait
 
 
 def served_by(client, agents):
@@ -86,25 +78,25 @@ def versions(client, scene):
     return {holder.version for place, holder in read_fleet(client).held().items() if place.scene == scene}
 
 
-def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, sources, clients, capsys):
+def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, sources, settled, capsys):
     client, at = Etcd(etcd.urls), ("--etcd", etcd.urls[0])
     agents = fleet(*"abc")
     assert run(["fleet", "add", "s0", *at, "--", *OPTIONS]) == 0
     for k in range(1, SCENES):
         add_scene(client, f"s{k}", Scene(OPTIONS))
-    before = clients.until(lambda: served_by(client, "abc"))
+    before = settled(lambda: served_by(client, "abc"))
 
     loads = read_fleet(client).loads()
     lost = max("abc", key=lambda name: loads[name])
     agents[lost].kill()
     others = set("abc") - {lost}
-    assert clients.until(lambda: served_by(client, others)) == before
+    assert settled(lambda: served_by(client, others)) == before
 
     # With so few scenes, an agent is drained at once when the new one is there: that moves as much.
     fleet("d")
     drained = min(others)
     assert run(["fleet", *at, "drain", drained]) == 0
-    assert clients.until(lambda: served_by(client, (others | {"d"}) - {drained})) == before
+    assert settled(lambda: served_by(client, (others | {"d"}) - {drained})) == before
     capsys.readouterr()
     assert run(["fleet", "list", "--json", *at]) == 0
     listed = json.loads(capsys.readouterr().out)
@@ -112,7 +104,7 @@ def test_scenes_survive_a_killed_agent_a_new_one_and_a_drain(etcd, fleet, source
 
     changed = Scene((*OPTIONS, "--set", "max_lag=0.2"))
     assert run(["fleet", "add", "s0", "--change", *at, "--", *changed.serve]) == 0
-    assert clients.until(lambda: versions(client, "s0") == {changed.version}) == before
+    assert settled(lambda: versions(client, "s0") == {changed.version}) == before
 
     assert run(["fleet", "remove", "s0", *at]) == 0
     until(lambda: not any(place.scene == "s0" for place in read_fleet(client).holders))

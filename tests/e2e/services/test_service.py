@@ -12,14 +12,13 @@ import pytest
 import zenoh
 
 from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Status, decode_as, encode
-from comotion_schemas.component import Component
-from comotion_schemas.transport import SessionSettings, stream_publisher
+from comotion_schemas.transport import stream_publisher
 
 from ... import builders
 from ...builders import by_feature as labels
 from ...builders import is_sorted_out
 from ..conftest import Service
-from ..tracker import DEADLINE, until
+from ..waiting import DEADLINE, until
 
 KEYS = Keys()
 
@@ -137,13 +136,6 @@ def test_affinities_are_those_of_the_last_update(busy):
     assert msgpack.unpackb(content(ask(busy.session, "affinity")))["space"] == "world"
 
 
-def test_a_source_that_is_there_but_silent_is_reported(busy):
-    with Component(role="source", name="mute", settings=SessionSettings(connect=(busy.endpoint,))):
-        status = busy.statuses.until(lambda s: "no data from mute" in s.message)
-        assert status.state == "degraded"
-    busy.statuses.until(lambda s: "mute" not in s.message)
-
-
 def test_of_services_that_start_together_one_has_the_scene_until_it_stops(start, endpoint, session, listen):
     updates = listen(session, KEYS.hypotheses, "hypotheses")
     both = [start("serve", "--connect", endpoint, "--no-state", ready=False) for _ in range(2)]
@@ -229,9 +221,3 @@ def test_an_overloaded_service_leaves_out_work_and_no_observation(serve, connect
     later = service.statuses.until(lambda s: s.counters["shed"] > status.counters["shed"])
     assert later.counters["fused"] > status.counters["fused"]
     assert later.counters["late"] == later.counters["lost"] == later.counters["overflow"] == 0
-
-
-def test_waiting_for_a_router_can_be_interrupted(start, free_port_endpoint):
-    service = start("serve", "--connect", free_port_endpoint, ready=False)
-    service.wait_line(lambda line: "waiting for a router" in line)
-    assert service.interrupt() == 0

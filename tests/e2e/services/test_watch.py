@@ -1,4 +1,4 @@
-"""`comotion watch` as a user runs it: in a pipe, in a script, in a terminal of 80x24."""
+"""`comotion watch` and `view` as a user runs them: in a pipe, a script, a terminal of 80x24, into a file."""
 
 import fcntl
 import json
@@ -11,8 +11,27 @@ import sys
 import termios
 import threading
 
+import pytest
+
+from comotion_schemas import Keys
+
 from ...command_line import refused
-from ..tracker import DEADLINE
+from ..waiting import DEADLINE
+
+
+def test_a_live_scene_into_a_file(start, endpoint, session, listen, live_scene, tmp_path):
+    pytest.importorskip("rerun", reason="needs the extra view")
+    statuses = listen(session, Keys().streams("status"), "status")
+    process = start("view", "--save", tmp_path / "a.rrd", "--connect", endpoint, "--json")
+    shown = statuses.until(lambda s: s.role == "viewer" and s.counters.get("updates", 0) > 2)
+    assert shown.ages["hypotheses"] < 30
+    assert process.interrupt() == 0
+    result = json.loads(process.output.partition("ready\n")[2])
+    assert result["updates"] > 2
+    assert result["dropped"] == 0
+    command = [sys.executable, "-m", "rerun", "rrd", "print", tmp_path / "a.rrd"]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert "/spaces/world/features/camera" in printed.stdout
 
 
 def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint, live_scene):

@@ -1,6 +1,7 @@
 """Changes of inputs by chance."""
 
 import random
+from collections.abc import Sequence
 
 _NUMBERS = (
     b"0",
@@ -15,19 +16,18 @@ _NUMBERS = (
 _MOST = 8
 
 
-def mutated(inputs, seed):
-    """Endlessly many inputs with a few changes each."""
-    chance = random.Random(seed)
-    while True:
-        data = bytearray(chance.choice(inputs))
-        for _ in range(chance.randint(1, _MOST)):
-            _change(chance, data, inputs)
-        yield bytes(data)
+def mutated(chance: random.Random, inputs: Sequence[bytes]) -> bytes:
+    """One of several inputs, with a few changes."""
+    data = bytearray(chance.choice(inputs))
+    for _ in range(chance.randint(1, _MOST)):
+        _change(chance, data, inputs)
+    return bytes(data)
 
 
-def _change(chance, data, inputs):
+def _change(chance: random.Random, data: bytearray, inputs: Sequence[bytes]) -> None:
     at = chance.randrange(len(data) + 1)
     end = min(len(data), at + chance.randint(1, 16))
+    """Change a few bytes at some place."""
     match chance.randrange(6):
         case 0:
             data[at:end] = bytes(chance.randrange(256) for _ in range(end - at))

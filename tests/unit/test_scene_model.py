@@ -1,4 +1,4 @@
-"""The model behind `comotion watch`, on a clock of the test's own, and how it is drawn."""
+"""The model behind `comotion status` and `watch`, on clocks of the tests' own, and how it is drawn."""
 
 import io
 from dataclasses import replace
@@ -6,12 +6,121 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from comotion_clients.scene_model import SceneModel
+from comotion_clients.scene_model import SILENT_S, SceneModel
+from comotion_clients.status import missing
 from comotion_clients.watch_view import WHOLE, as_json, plain_line, render
 from comotion_schemas import UNDETERMINED, Event, Problem, SourceRef, Twist
 
 from .. import builders
-from ..builders import SESSION, S, status
+from ..builders import SESSION, S
+
+NOW = 1_000_000.0
+
+
+def status(name, role="source", at=NOW, **changes):
+    usual = {"stamp_ns": round(at * 1e9), "version": "1", "host": "h"}
+    return builders.status(name, role, **(usual | changes))
+
+
+@pytest.fixture
+def model():
+    """A scene with a service and a source at 30 Hz, both well."""
+    found = SceneModel("cell")
+    add(found, status("fusion", "service", rates={"cam": 30.0}))
+    add(found, status("cam"))
+    return found
+
+
+def add(model, one, ahead=0.0, trip=0.002):
+    """A component whose clock is ahead, and its Status, which takes half of a round trip."""
+    model.on_presence(one.role, one.component, alive=True)
+    model.on_status(replace(one, stamp_ns=round((NOW + ahead) * 1e9)), NOW + trip / 2, NOW + trip / 2)
+    model.on_cache_answer(one.component, trip)
+
+
+def rows(model):
+    return {row.name: row for row in model.status(NOW).components}
+
+
+def test_who_only_says_that_it_is_the_service_is_not_believed(model):
+    said = {"rates": {"cam": 1e9}, "problems": [{"kind": "limit", "since_ns": 0, "text": "pay"}]}
+    for liar in ("cam", "ghost"):
+        model.on_status(status(liar, "service", NOW + 9, **said), NOW, NOW)
+    assert "pay" not in model.status(NOW).problems
+    assert (rows(model)["cam"].role, rows(model)["cam"].rate_hz) == ("source", 30.0)
+
+
+@pytest.mark.parametrize("ahead", [-0.08, -0.005, 0.0, 0.012, 0.08])
+@pytest.mark.parametrize("service_ahead", [0.0, 0.3, -2.0])
+def test_clocks_are_told_against_the_service_within_the_error_stated(ahead, service_ahead):
+    model = SceneModel("cell")
+    add(model, status("fusion", "service", rates={"cam": 30.0}), ahead=service_ahead)
+    add(model, status("cam"), ahead=service_ahead + ahead)
+    row = rows(model)["cam"]
+    assert abs(row.clock_s - ahead) <= row.clock_error_s + 1e-6
+    assert row.clock_error_s < 0.005
+    # Half a frame at 30 Hz is 16.7 ms.
+    warned = any("the clock of source cam" in problem for problem in model.status(NOW).problems)
+    assert warned == (abs(ahead) == 0.08)
+
+
+def test_a_component_that_falls_silent_is_said_and_one_that_leaves_is_not(model):
+    add(model, status("other"))
+    model.on_presence("source", "other", alive=False)
+    found = model.status(NOW + SILENT_S + 1)
+    assert found.overall == "stalled"
+    assert [row.name for row in found.components] == ["fusion", "cam"]
+    assert "source cam is silent" in found.problems
+
+
+def test_a_scene_without_a_speaking_service_is_stalled(model):
+    assert SceneModel("cell").status(NOW).overall == "stalled"
+    add(model, status("fusion", "service", replica="standby"))
+    found = model.status(NOW)
+    assert found.overall == "stalled"
+    assert "none speaks" in found.problems[0]
+
+
+def test_replicas_are_shown_with_their_epoch(model):
+    add(model, status("fusion", "service", replica="active", epoch=7))
+    assert "service fusion has no standby" in model.status(NOW).problems
+    add(model, status("fusion-b", "service", replica="standby"))
+    assert model.status(NOW).problems == []
+    assert (rows(model)["fusion"].replica, rows(model)["fusion"].epoch) == ("active", 7)
+    add(model, status("fusion-b", "service", replica="active", epoch=8))
+    assert "several services speak" in model.status(NOW).problems[0]
+
+
+def test_links_clocks_and_versions_are_said_before_their_effects(model):
+    add(model, status("slow", state="stalled", version="0.9"))
+    add(model, status("ahead"), ahead=2.0)
+    link = {"whatami": "router"}
+    for name, dials, sessions in (("a", 2, [link]), ("b", 0, [link]), ("c", 0, [])):
+        model.on_router({"zid": name, "metadata": {"name": name, "dials": dials}, "sessions": sessions})
+    beginnings = (
+        "router a reaches 1 of the 2 routers",
+        "router c reaches no other router",
+        "the clock of source ahead",
+        "versions differ",
+        "source slow is stalled",
+    )
+    problems = model.status(NOW).problems
+    assert len(problems) == len(beginnings)
+    assert all(one.startswith(words) for one, words in zip(problems, beginnings, strict=True))
+
+
+def test_what_is_expected_and_missing_is_a_problem(model):
+    found = missing(model.status(NOW), ("cam", "door"))
+    assert (found.overall, found.problems) == ("degraded", ["door is not there"])
+
+
+@pytest.mark.parametrize(
+    "described",
+    [{}, {"sessions": 3, "locators": "x", "metadata": []}, {"sessions": [1]}, {"metadata": {"dials": "x"}}],
+)
+def test_a_router_that_says_nonsense_is_shown_as_far_as_possible(model, described):
+    model.on_router(described)
+    assert len(model.status(NOW).routers) == 1
 
 
 def update(seq=0, hypotheses=2, events=()):
@@ -44,20 +153,12 @@ def sources(model, now):
     return {row.name: row for row in model.snapshot(now).sources}
 
 
-@pytest.mark.parametrize("rate", [1.0, 15.0, 200.0])
-def test_a_source_has_its_rate_and_age(rate):
-    model = SceneModel("lab")
-    publish(model, "a", rate, 0, 10)
-    row = sources(model, 10.0)["a"]
-    assert row.rate == pytest.approx(rate)
-    assert row.age == pytest.approx(1 / rate)
-    assert row.state == "ok"
-
-
 def test_a_source_stalls_comes_back_leaves_is_forgotten_and_comes_again():
     model = SceneModel("lab")
     model.on_presence("source", "a", alive=True, now=0.0)
     seq = publish(model, "a", 10, 0, 5)
+    row = sources(model, 5.0)["a"]
+    assert (row.rate, row.age) == (pytest.approx(10), pytest.approx(0.1))
     assert sources(model, 5.85)["a"].state == "ok"
     stalled = sources(model, 6.0)["a"]
     assert (stalled.state, stalled.rate) == ("stalled", 0.0)
@@ -73,7 +174,7 @@ def test_a_source_stalls_comes_back_leaves_is_forgotten_and_comes_again():
 
 def test_a_source_that_left_before_this_client_came_is_gone_and_one_that_hangs_is_stalled():
     model = SceneModel("lab")
-    model.on_status(status(ages={"left": 5.0, "hangs": 5.0}))
+    model.on_status(builders.status(ages={"left": 5.0, "hangs": 5.0}))
     model.on_presence("source", "hangs", alive=True, now=0.0)
     states = {name: row.state for name, row in sources(model, 1.0).items()}
     assert states == {"left": "gone", "hangs": "stalled"}
@@ -90,7 +191,7 @@ def test_the_service_is_absent_then_speaks_then_falls_silent():
     assert (service.state, service.seq) == ("ok", 9)
     assert service.rate == pytest.approx(10.0)
     assert service.lag == pytest.approx(0.02)
-    model.on_status(status(state="degraded", message="2 late"))
+    model.on_status(builders.status(state="degraded", message="2 late"))
     assert model.snapshot(1.0).service.state == "degraded"
     assert model.snapshot(3.0).service.state == "silent"
     model.on_presence("service", "fusion", alive=False, now=3.0)
@@ -129,7 +230,9 @@ def busy(sources, hypotheses, events):
         model.on_batch(builders.batch(f"a-source-with-a-very-long-name-{k}"), 0.0, 0)
     changes = tuple(Event(stamp_ns=k, kind="merged", hypothesis=0, others=[1, k + 2]) for k in range(events))
     model.on_update(update(0, hypotheses, changes), 0.0)
-    model.on_status(status(state="degraded", message="no data from " + "x" * 300, rejected={"malformed": 7}))
+    model.on_status(
+        builders.status(state="degraded", message="no data from " + "x" * 300, rejected={"malformed": 7})
+    )
     return model.snapshot(0.5)
 
 
@@ -153,7 +256,7 @@ def test_problems_are_shown_whole_where_there_is_no_screen():
     model = SceneModel("demo")
     text = "cam: its stamps are 3600.0 s ahead of this machine; " + "synchronise the clocks, " * 8 + "end"
     problem = Problem(source="cam", kind="clock-ahead", since_ns=0, text=text)
-    model.on_status(status(state="degraded", problems=[problem]))
+    model.on_status(builders.status(state="degraded", problems=[problem]))
     model.on_update(update(hypotheses=30), 0.0)
     snapshot = model.snapshot(0.0)
     assert f"clock-ahead: {text}" in plain_line(snapshot)
