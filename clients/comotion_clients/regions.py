@@ -2,7 +2,7 @@
 
 Regions grow from the labelled features and meet where the image changes most (watershed, Meyer 1992, of
 OpenCV). A body has features wherever it has texture; so what is farther from all features of a body than
-these are from one another belongs to the background, the hypothesis with features in most parts of the image.
+these are from one another belongs to the background, the hypothesis whose features have the largest extent.
 """
 
 import cv2
@@ -15,8 +15,6 @@ NOBODY = -1
 _EDGE_PX = 640
 # Blur of the image, and half the side of the square that a feature is a seed of, px.
 _BLUR_PX, _SEED_PX = 1.0, 1
-# Cells of the longer edge, by which the background is known.
-_GRID = 12
 # Reach of a body beyond its features: times the distance to the second neighbour that most of them have.
 _REACH, _MOST_HAVE = 2.5, 0.75
 
@@ -68,9 +66,7 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
     Squares around features, and the background where no feature of another hypothesis is near.
     """
     bodies = [places[index == k] for k in range(int(index.max()) + 1)]
-    # In how many cells of a grid over the image they lie.
-    cells = [np.unique((body * _GRID // max(shape)).astype(int), axis=0) for body in bodies]
-    background = int(np.argmax([len(occupied) for occupied in cells]))
+    background = int(np.argmax([np.ptp(body, axis=0).prod() for body in bodies]))
     seeds, open_ = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
     for k, body in enumerate(bodies):
         if k != background:

@@ -124,6 +124,15 @@ def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
     assert overlap(regions(image, pixels, np.repeat([7, 3], [20, 9])) == 7, body) > 0.9
 
 
+def test_a_wall_with_few_features_at_its_ends_is_the_background():
+    image, disc = picture()
+    on_disc = np.argwhere(disc)[::7, ::-1]
+    wall = [[x + dx, y + dy] for x in (4, 150) for y in (4, 110) for dx in (0, 4) for dy in (0, 4)]
+    pixels = np.vstack([wall, on_disc]).astype(np.float32)
+    found = regions(image, pixels, np.repeat([3, 7], [len(wall), len(on_disc)]))
+    assert overlap(found == 7, disc) > 0.9
+
+
 @pytest.mark.parametrize("count", [1, 2, 30])
 def test_one_wrong_feature_does_not_spread_over_the_picture(count):
     image, disc = picture()
