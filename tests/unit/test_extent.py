@@ -72,6 +72,16 @@ def test_lost_members_stay_and_those_of_others_leave():
     assert min(taken.half) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("count", [6, 400])
+def test_a_wrong_member_that_was_lost_does_not_stretch_the_box(count):
+    body, rng = Body(), np.random.default_rng(0)
+    points = np.vstack([CORNERS, rng.uniform(-HALF, HALF, (count, 3)), [[3.0, 0.0, 0.0]]])
+    for stamp_ns in (0, S):
+        body.box(stamp_ns, points)
+    box = body.box(2 * S, CORNERS, keys=range(8))
+    np.testing.assert_allclose(np.sort(box.half), np.sort(HALF), rtol=0.05)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_without_a_pose_a_box_is_upright_and_moves_with_its_members(dim):
     body, points = Body(dim), np.random.default_rng(0).uniform(100, 160, (12, dim))

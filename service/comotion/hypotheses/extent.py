@@ -1,22 +1,25 @@
 """Boxes of hypotheses: the extent of the members ever seen.
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
-feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
-no pose is known there is nothing to keep points in: the box is upright, and its sides follow the current
-members.
+feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Points
+far from all others do not count: a wrong member would stretch the box for ever. Where no pose is known there
+is nothing to keep points in: the box is upright, and its sides follow the current members.
 """
 
 from itertools import product
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box
 
-from ..arrays import Floats, Ints
+from ..arrays import Bools, Floats, Ints
 from ..rigid.kernels.rotation import quaternion
 from .records import Record
 
+# Times the usual distance to the second neighbour from which on a point is far from all others.
+_FAR = 8.0
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
 _MAX_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
@@ -60,11 +63,19 @@ def _points(record: Record) -> Floats:
     present = members.present
     lost = np.flatnonzero(~present & members.lasted)
     if len(lost) > _MAX_POINTS:
-        far = lost[_farthest(members.points[lost])]
+        near = lost[_near_others(members.points[lost])]
+        far = near[_farthest(members.points[near])]
         rows = np.isin(np.arange(len(present)), np.setdiff1d(lost, far), invert=True)
         record.members = members.of(rows)
         lost = far
-    return np.concatenate([members.shown, members.points[lost]])
+    points = np.concatenate([members.shown, members.points[lost]])
+    return points[_near_others(points)]
+
+
+def _near_others(points: Floats) -> Bools:
+    """Which points [m, dim] are not far from all others, bool [m]."""
+    apart, _ = cKDTree(points).query(points, k=[min(3, len(points))])
+    return np.asarray(apart[:, 0] <= _FAR * np.median(apart))
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}
