@@ -2,7 +2,7 @@
 
 Regions grow from the labelled features and meet where the image changes most (watershed, Meyer 1992, of
 OpenCV). A body has features wherever it has texture; so what is farther from all features of a body than
-these are from one another belongs to the background, the hypothesis with features in most parts of the image.
+these are from one another belongs to the background, the hypothesis whose features have the largest extent.
 """
 
 import cv2
@@ -15,14 +15,8 @@ NOBODY = -1
 _EDGE_PX = 640
 # Blur of the image, and half the side of the square that a feature is a seed of, px.
 _BLUR_PX, _SEED_PX = 1.0, 1
-# Cells of the longer edge, by which the background is known.
-_GRID = 12
-# Times the usual distance to the second neighbour from which on a feature of a body is away from the others,
-# and features that a body needs for that.
-_FAR, _LEAST_FEATURES = 4.0, 5
-# Reach of a body beyond its features: times the distance to the second neighbour that most of them have, and
-# limits as shares of the longer edge.
-_REACH, _MOST_HAVE, _LEAST_REACH, _MOST_REACH = 2.5, 0.75, 0.02, 0.3
+# Reach of a body beyond its features: times the distance to the second neighbour that most of them have.
+_REACH, _MOST_HAVE = 2.5, 0.75
 
 Floats = NDArray[np.float64]
 
@@ -72,14 +66,11 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
     Squares around features, and the background where no feature of another hypothesis is near.
     """
     bodies = [places[index == k] for k in range(int(index.max()) + 1)]
-    # In how many cells of a grid over the image they lie.
-    cells = [np.unique((body * _GRID // max(shape)).astype(int), axis=0) for body in bodies]
-    background = int(np.argmax([len(occupied) for occupied in cells]))
+    background = int(np.argmax([np.ptp(body, axis=0).prod() for body in bodies]))
     seeds, open_ = np.zeros(shape, np.int32), np.zeros(shape, np.bool_)
     for k, body in enumerate(bodies):
         if k != background:
-            bodies[k] = body[~_far(body)]
-            open_ |= _near(shape, bodies[k])
+            open_ |= _near(shape, body)
     seeds[~open_] = background + 1
     # Bodies last: they have fewer features than the background.
     for k in sorted(range(len(bodies)), key=lambda body: body != background):
@@ -89,25 +80,11 @@ def _seeds(shape: tuple[int, ...], places: Floats, index: NDArray[np.intp]) -> N
     return seeds
 
 
-def _spacing(places: Floats) -> Floats:
-    """Distance of each point [n, 2] to its second neighbour, if there are as many, [n]."""
-    apart, _ = cKDTree(places).query(places, k=[min(3, len(places))])
-    return np.asarray(apart[:, 0])
-
-
-def _far(places: Floats) -> NDArray[np.bool_]:
-    """Which features of a body are away from all others, bool [n]: they are probably wrong."""
-    if len(places) < _LEAST_FEATURES:
-        return np.zeros(len(places), np.bool_)
-    spacing = _spacing(places)
-    return np.asarray(spacing > _FAR * np.median(spacing))
-
-
 def _near(shape: tuple[int, ...], places: Floats) -> NDArray[np.bool_]:
     """Pixels within the reach of a body's features [n, 2], bool [H, W]."""
     away = np.full(shape, 255, np.uint8)
     away[places[:, 1].astype(int), places[:, 0].astype(int)] = 0
-    # Of two features nobody knows how dense they are.
-    spacing = np.quantile(_spacing(places), _MOST_HAVE) if len(places) > 2 else np.inf
-    reach = np.clip(_REACH * spacing, _LEAST_REACH * max(shape), _MOST_REACH * max(shape))
+    # The second neighbour, if there are as many.
+    apart, _ = cKDTree(places).query(places, k=[min(3, len(places))])
+    reach = _REACH * np.quantile(apart, _MOST_HAVE)
     return np.asarray(cv2.distanceTransform(away, cv2.DIST_L2, 3) < reach)

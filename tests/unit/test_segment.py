@@ -104,16 +104,44 @@ def overlap(one, other):
     return (one & other).sum() / (one | other).sum()
 
 
-def test_regions_end_at_the_edges_of_the_image_and_one_wrong_feature_has_none_of_its_own():
+def test_regions_end_at_the_edges_of_the_image():
     image, disc = picture()
-    pixels, labels = features(disc, 120)
+    pixels, labels = features(disc, 60)
     labels[:5] = -1
-    pixels[-1], labels[-1] = (10, 110), 7
     found = regions(image, pixels, labels)
     assert set(np.unique(found)) == {3, 7}
-    assert not (found[90:, :30] == 7).any()
     assert overlap(found == 3, ~disc) > 0.95
     assert overlap(found == 7, disc) > 0.9
+
+
+def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
+    image, body = np.full((120, 160, 3), 90, np.uint8), np.zeros((120, 160), bool)
+    body[40:80, 10:50] = True
+    image[body] = 200
+    on_body = np.random.default_rng(0).uniform([14, 44], [46, 76], (20, 2))
+    background = np.array([[x, y] for x in (4, 60, 155) for y in (4, 60, 115)])
+    pixels = np.vstack([on_body, background]).astype(np.float32)
+    assert overlap(regions(image, pixels, np.repeat([7, 3], [20, 9])) == 7, body) > 0.9
+
+
+def test_a_wall_with_few_features_at_its_ends_is_the_background():
+    image, disc = picture()
+    on_disc = np.argwhere(disc)[::7, ::-1]
+    wall = [[x + dx, y + dy] for x in (4, 150) for y in (4, 110) for dx in (0, 4) for dy in (0, 4)]
+    pixels = np.vstack([wall, on_disc]).astype(np.float32)
+    found = regions(image, pixels, np.repeat([3, 7], [len(wall), len(on_disc)]))
+    assert overlap(found == 7, disc) > 0.9
+
+
+@pytest.mark.parametrize("count", [1, 30])
+def test_one_wrong_feature_does_not_spread_over_the_picture(count):
+    image, disc = picture()
+    pixels, labels = features(disc, 120)
+    on_disc = np.flatnonzero(labels == 7)
+    labels[on_disc[count:]] = -1
+    pixels[on_disc[0]] = (10, 110)
+    wrong = regions(image, pixels, labels)[:, :60] == 7
+    assert wrong.sum() < 30**2
 
 
 def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):

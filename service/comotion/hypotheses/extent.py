@@ -1,14 +1,15 @@
 """Boxes of hypotheses: the extent of the members ever seen.
 
 A point of a body is kept in the axes of the body, b = R^T (x - t) with its pose since birth. A point whose
-feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Where
-no pose is known there is nothing to keep points in: the box is that of the current members without those far
-from all others, of which one alone would stretch it across an image.
+feature is seen moves with it; one whose feature was a member for long enough when it was lost remains. Points
+far from all others do not count: a wrong member would stretch the box for ever. Where no pose is known there
+is nothing to keep points in: the box is upright, and its sides follow the current members.
 """
 
 from itertools import product
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box
@@ -17,6 +18,8 @@ from ..arrays import Bools, Floats, Ints
 from ..rigid.kernels.rotation import quaternion
 from .records import Record
 
+# Times the usual distance to the second neighbour from which on a point is far from all others.
+_FAR = 8.0
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
 _MAX_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
@@ -25,11 +28,6 @@ _SMALLER = 0.9
 _SEEK_NS = 500_000_000
 # rad; step of the search for the smallest box.
 _STEP = np.pi / 60
-# Without a pose: share of the members that may lie far from the others on each side, and how far beyond the
-# others a member counts, in their extent.
-_FAR_SHARE, _BEYOND = 0.1, 2.0
-# Fewer members have no far ones.
-_MIN_TOGETHER = 5
 
 
 def box_of(record: Record, *, seek: bool = True) -> Box:
@@ -42,6 +40,10 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
     seek
         Whether the axes may be sought, which takes most of the time.
     """
+    if not record.posed:
+        low, high = record.sides
+        upright = 0.0 if len(low) == 2 else [0.0, 0.0, 0.0, 1.0]
+        return Box(center=((low + high) / 2).tolist(), half=((high - low) / 2).tolist(), rotation=upright)
     points, (R, t) = _points(record), record.pose
     axes = np.eye(len(t)) if record.axes is None else record.axes
     if seek and record.seen_ns >= record.sought_ns + _SEEK_NS:
@@ -59,29 +61,21 @@ def _points(record: Record) -> Floats:
     """Points of the body, float64 [m, dim] in its axes: its members, and those that were lost."""
     members = record.members
     present = members.present
-    shown = present & members.sure if (present & members.sure).any() else present
-    if not record.posed:
-        points = members.points[shown]
-        return points[_together(points)]
     lost = np.flatnonzero(~present & members.lasted)
     if len(lost) > _MAX_POINTS:
-        far = lost[_farthest(members.points[lost])]
+        near = lost[_near_others(members.points[lost])]
+        far = near[_farthest(members.points[near])]
         rows = np.isin(np.arange(len(present)), np.setdiff1d(lost, far), invert=True)
         record.members = members.of(rows)
         lost = far
-    return np.concatenate([members.points[shown], members.points[lost]])
+    points = np.concatenate([members.shown, members.points[lost]])
+    return points[_near_others(points)]
 
 
-def _together(points: Floats) -> Bools:
-    """Which points [m, dim] are not far from the others along any axis, bool [m]; all where each is."""
-    if len(points) < _MIN_TOGETHER:
-        return np.ones(len(points), np.bool_)
-    far = max(round(_FAR_SHARE * len(points)), 1)
-    ranked = np.sort(points, axis=0)
-    low, high = ranked[far], ranked[-1 - far]
-    slack = _BEYOND * (high - low).max()
-    near = ((points >= low - slack) & (points <= high + slack)).all(axis=1)
-    return np.asarray(near if near.any() else ~near)
+def _near_others(points: Floats) -> Bools:
+    """Which points [m, dim] are not far from all others, bool [m]."""
+    apart, _ = cKDTree(points).query(points, k=[min(3, len(points))])
+    return np.asarray(apart[:, 0] <= _FAR * np.median(apart))
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}

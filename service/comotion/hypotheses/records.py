@@ -15,8 +15,8 @@ from ..partition import NO_HYPOTHESIS, PoseReference
 _LAST_MEMBERS_NS = 2_000_000_000
 # ns; a lost feature that was a member for less says nothing about the body.
 _LASTING_NS = 500_000_000
-# s; the place about which a body moves is a mean over so long.
-_PLACE = 5.0
+# s; the place about which a body moves, and the sides of a box without a pose, are means over so long.
+_PLACE, _SIDES = 5.0, 0.25
 _NEVER = 2**62
 
 
@@ -116,6 +116,12 @@ class Members:
         return np.asarray(self.since != _NEVER)
 
     @property
+    def shown(self) -> Floats:
+        """Points of those that are seen and members more likely than not, else of all that are seen."""
+        sure = self.present & self.sure
+        return self.points[sure if sure.any() else self.present]
+
+    @property
     def last(self) -> "Members":
         """Those that were seen within the last two seconds."""
         return self.of(self.seen >= self.seen.max(initial=0) - _LAST_MEMBERS_NS)
@@ -151,6 +157,8 @@ class Record:
         Of now, or as it was last seen; none where nothing is known, as of how it has turned out of sight.
     axes, sought_ns
         float64 [dim, dim], axes of its box as columns, in those of the body; when they were sought last.
+    sides
+        float64 [2, dim], lower and upper sides of its box in the axes of the space, while it has no pose.
     description
         As it was published last; None before it is confirmed.
     static
@@ -170,6 +178,7 @@ class Record:
     members: Members = field(default_factory=Members.none)
     axes: Floats | None = None
     sought_ns: int = -_NEVER
+    sides: Floats = field(default_factory=lambda: np.zeros((2, 0)))
     description: Hypothesis | None = None
     static: bool = False
     place: Floats = field(default_factory=lambda: np.zeros(0))
@@ -198,8 +207,8 @@ class Record:
     def see(self, stamp_ns: int, hypothesis: int, current: Current, *, posed: bool) -> None:
         """Take in its current members, with the reference brought up to date where it is `posed`."""
         rows = current.members[hypothesis]
-        positions = current.positions[rows]
-        self._settle(positions.mean(0), (stamp_ns - self.seen_ns) * 1e-9)
+        positions, seconds = current.positions[rows], max(stamp_ns - self.seen_ns, 0) * 1e-9
+        self._settle(positions.mean(0), seconds)
         self.seen_ns = stamp_ns
         previous = self.members if posed == self.posed else Members.none()
         self.posed = posed
@@ -207,6 +216,8 @@ class Record:
         since = np.where(current.sure[rows], stamp_ns, _NEVER)
         now = Members(current.keys[rows], (positions - t) @ R, np.full(len(rows), stamp_ns), since)
         self.members = previous.followed_by(now, current.keys, posed=posed)
+        if not posed:
+            self._reach(previous, seconds)
 
     def heir(self, keys: Stamps, labels: Labels) -> int | None:
         """Hypothesis that most of the last members belong to now; None if more of them are lost.
@@ -236,10 +247,23 @@ class Record:
         """Follow the place with a centroid float64 [dim], so many seconds after the last."""
         if not len(self.place):
             self.place = now
-        share = 1 - float(np.exp(-max(seconds, 0.0) / _PLACE))
+        share = 1 - float(np.exp(-seconds / _PLACE))
         way = now - self.place
         self.place = self.place + share * way
         self.spread = (1 - share) * (self.spread + share * float(way @ way) / len(way))
+
+    def _reach(self, previous: Members, seconds: float) -> None:
+        """Carry the sides along with the members, and let them follow the outermost of these.
+
+        So a wrong member that soon leaves hardly moves them.
+        """
+        sides, members = np.array([self.members.shown.min(0), self.members.shown.max(0)]), self.members
+        at = find(members.keys, previous.keys)
+        kept = (at >= 0) & members.present
+        if kept.any():
+            carried = self.sides + np.median(members.points[kept] - previous.points[at[kept]], axis=0)
+            sides = carried + (1 - np.exp(-seconds / _SIDES)) * (sides - carried)
+        self.sides = sides
 
 
 def majority(labels: Labels, least: int) -> int | None:

@@ -28,6 +28,8 @@ _ROW = 18  # px
 _LEGEND_ROWS = 12
 # A hypothesis with fewer features in the image has neither id nor box there.
 _SHOWN = 3
+# Share of the features of a body that may be above its id: a wrong one would take it along.
+_TOP = 0.05
 _EDGES = [
     (a, b) for a, b in product(range(8), repeat=2) if a < b and (a ^ b).bit_count() == 1
 ]  # corners of a cuboid that differ in one coordinate
@@ -91,13 +93,13 @@ class Annotator:
         return blue, green, red
 
     def _bodies(self, tracks: Tracks, labels: NDArray[np.uint32]) -> dict[int, tuple[int, int]]:
-        """Hypotheses that are seen, without the background, and the top of their features, px."""
+        """Hypotheses that are seen, without the background, and where most of their features begin, px."""
         shown, counts = np.unique(labels[labels != UNDETERMINED], return_counts=True)
         tops = {}
         for number in shown[counts >= _SHOWN].tolist():
             if self._palette.colour(number) != BACKGROUND:
                 across, down = tracks.pixels[labels == number].T
-                tops[number] = (round(float(np.median(across))), round(float(down.min())))
+                tops[number] = (round(float(np.median(across))), round(float(np.quantile(down, _TOP))))
         return tops
 
     def _draw_features(self, canvas: Image, tracks: Tracks, labels: NDArray[np.uint32]) -> None:
