@@ -208,3 +208,11 @@ def test_a_body_before_a_carried_camera_is_found_and_kept_where_it_stops():
     (wall,) = background - {UNDETERMINED}
     assert wall != body
     assert sum(labels[k] == wall for labels in found.values() for k in range(WALL)) > 0.9 * WALL * len(found)
+
+
+def test_a_window_may_grow_before_a_carried_camera():
+    fusion = Fusion()
+    play(
+        fusion, Carried(), path(180, 0), ids=lambda n: np.arange(WALL + HAND) + 100 * (max(n - 130, 0) // 20)
+    )
+    assert not fusion.faults.take()

@@ -97,7 +97,7 @@ class Belief:
 
     def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
         """Take in the motion up to an instant."""
-        self._admit(window, window.slots())
+        self.admit(window)
         rest, labels = rest_gain(recent), self.labels(recent.slots)
         votes = nearest_votes(recent.position, labels, len(self.bodies), _PLACE * recent.reach)
         self._place(recent.slots, votes)
@@ -155,8 +155,9 @@ class Belief:
         compared = np.flatnonzero(shared.sum(axis=1) >= _GOING_ON).tolist()
         self._together.vote({column: int(shared[column].argmax()) for column in compared})
 
-    def _admit(self, window: Window, slots: Slots) -> None:
+    def admit(self, window: Window) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""
+        slots = window.slots()
         extra = window.capacity - len(self._keys)
         if extra:
             self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-np.inf)

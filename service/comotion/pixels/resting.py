@@ -120,6 +120,7 @@ class RestingCamera:
         """Motion relative to that of the background; and note whether that shows it at rest."""
         background = np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
+            self._belief.admit(window)
             background = self._belief.labels(recent.slots) == BACKGROUND
         recent = self._steadying.steadied(recent, window.key, background)
         if self._steadying.spread < _SMOOTH_PX2:
