@@ -147,6 +147,17 @@ def test_what_came_to_rest_stays_a_body_when_one_with_most_of_the_features_enter
     assert len({*found[68].values(), *found[179].values()} - {UNDETERMINED}) == 3
 
 
+def test_a_large_body_that_creeps_is_no_sign_of_a_camera_that_moves():
+    scene = Scene()
+    scene.hand = scene.rng.uniform([100, 100], [400, 400], (90, 2))
+    shift = path(45, 30)
+    shift[:, 0] += 0.05 * np.arange(75)
+    found = play(Fusion(), scene, shift, ids=lambda _: np.arange(WALL + 90))
+    (background,) = wall_of(found[44])
+    assert background not in {found[50][k] for k in range(WALL, WALL + 90)}
+    assert wall_of(found[74]) == {background}
+
+
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_noise_makes_no_bodies(noise):
     found = play(Fusion(), Scene(noise), path(150, 0))

@@ -143,11 +143,8 @@ def _judged(recent: Recent, evidence: float) -> float:
     cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
-    still = _still(recent, scale)
-    share = float((np.bincount(cell, still[seen]) / np.bincount(cell)).mean())
-    change = (
-        _FALL if _shifted(recent, scale, still) else min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
-    )
+    share = float((np.bincount(cell, _at_rest(recent, scale)[seen]) / np.bincount(cell)).mean())
+    change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
     return min(max(evidence + change, -_MOST), _MOST)
 
 
@@ -158,15 +155,21 @@ def _still(recent: Recent, scale: int) -> Bools:
     return np.asarray(recent.seen[scale] & (square < _GATE * 2 * variance))
 
 
-def _shifted(recent: Recent, scale: int, still: Bools) -> bool:
-    """Whether what looks at rest, bool [n], has moved in common over a time scale: so does a slow camera."""
+def _at_rest(recent: Recent, scale: int) -> Bools:
+    """Whether each trajectory has rested over a time scale, bool [n].
+
+    Before a slow camera all look still, and have moved in common. So, if those that look still have, only
+    those rest that are nearer to their place than to that motion: what is behind a large slow body.
+    """
+    still = _still(recent, scale)
     rows = np.flatnonzero(still)
-    if not len(rows):
-        return False
-    common = np.median(recent.displacement[scale, rows], axis=0)
-    # The variance of a median is that of a mean times pi / 2.
-    variance = np.pi * float(np.median(recent.variance[rows] + recent.tolerance[scale, rows])) / len(rows)
-    return bool((common**2).sum() > _DRIFT_PX**2 + _GATE * 2 * variance)
+    if len(rows):
+        common = np.median(recent.displacement[scale, rows], axis=0)
+        # The variance of a median is that of a mean times pi / 2.
+        variance = np.pi * float(np.median(recent.variance[rows] + recent.tolerance[scale, rows])) / len(rows)
+        if common @ common > _DRIFT_PX**2 + _GATE * 2 * variance:
+            still &= recent.displacement[scale] @ common < common @ common / 2
+    return still
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:
