@@ -27,7 +27,7 @@ class Camera(Command):
         metavar="HZ",
     )
     max_features: int = setting(400, "Features in the image.", min=1)
-    respawn_every: int = setting(15, "Frames between two searches for new corners.", min=1, metavar="FRAMES")
+    respawn_every: int = setting(5, "Frames between two searches for new corners.", min=1, metavar="FRAMES")
     tracker: list[str] | None = setting(
         None,
         "Set a tracker parameter, e.g. fb_absolute=0.5, likeness=0.9; may be repeated. "

@@ -16,8 +16,8 @@ class TrackerConfig(BaseModel):
 
     max_features: Annotated[int, Field(ge=1, le=30_000)] = 400
     """Most features in the image; the limit 30 000 is that of one call of cv2.remap."""
-    respawn_every: Annotated[int, Field(ge=1)] = 15
-    """Frames between two searches for new corners."""
+    respawn_every: Annotated[int, Field(ge=1)] = 5
+    """Frames between two searches for new corners: on a hand a feature lives for half a second."""
     spawn_limit: Annotated[int, Field(ge=1)] | None = None
     """Most new features per search; None: up to `max_features`. The thesis uses 100."""
     distance: Annotated[int, Field(ge=1)] = 8

@@ -28,7 +28,7 @@ _MIN_GAIN = 0.1  # smallest contrast relative to the template that still scales 
 class Columns:
     """A dataclass of columns with a row per feature: arrays, or other columns."""
 
-    def __getitem__(self, keep: NDArray[np.bool_]) -> Self:
+    def __getitem__(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
         return type(self)(**{name: column[keep] for name, column in vars(self).items()})
 
     def __add__(self, new: Self) -> Self:

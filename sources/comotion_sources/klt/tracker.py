@@ -93,9 +93,9 @@ class Tracker:
         self._config = config or TrackerConfig()
         self._intrinsics = intrinsics
         self._next_id = 0
-        self._features = self._born(
-            np.zeros((1, 1), np.uint8), np.empty((0, 2), np.float32), np.empty((0, 3))
-        )
+        nowhere = np.empty((0, 2), np.float32)
+        templates = extract(np.zeros((1, 1), np.uint8), nowhere, self._config.window)
+        self._features = self._born(nowhere, np.empty((0, 3)), templates)
         self._grey: Image | None = None
         self._stamp_ns: int | None = None
         self._frames = 0
@@ -162,15 +162,16 @@ class Tracker:
         if self._intrinsics is not None and frame.depth is None:
             return
         pixels = new_corners(grey, self._features.pixels, self._config)
-        noise = _GREY_NOISE * np.sqrt(extract(grey, pixels, self._config.window).variance_scale)
+        templates = extract(grey, pixels, self._config.window)
+        noise = _GREY_NOISE * np.sqrt(templates.variance_scale)
         points = self._points(frame, pixels)
         lifted = np.isfinite(points[:, 2]) | (self._intrinsics is None)
         free = self._config.max_features - len(self._features.ids)
         free = min(free, self._config.spawn_limit or free)
         chosen = np.flatnonzero((noise < self._config.corner_sigma) & lifted)[:free]
-        self._features += self._born(grey, pixels[chosen], points[chosen])
+        self._features += self._born(pixels[chosen], points[chosen], templates[chosen])
 
-    def _born(self, grey: Image, pixels: Pixels, points: Floats) -> _Features:
+    def _born(self, pixels: Pixels, points: Floats, templates: Templates) -> _Features:
         first, count = self._next_id, len(pixels)
         self._next_id += count
         return _Features(
@@ -178,7 +179,7 @@ class Tracker:
             pixels=pixels,
             points=points,
             missing=np.zeros(count, np.int64),
-            templates=extract(grey, pixels, self._config.window),
+            templates=templates,
         )
 
     def _tracks(self, stamp_ns: int, kept: int, ended: Ids) -> Tracks:
