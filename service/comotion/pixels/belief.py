@@ -25,7 +25,7 @@ BACKGROUND = 0
 
 # nat; limit of the evidence on either side, most that is kept against a body by what is on no body, and most
 # that neighbours are worth for a newborn trajectory.
-_MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 1.0, 2.0
+_MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 0.5, 2.0
 # Share of the reach within which these neighbours lie: features behind a body at rest do not join it.
 _PLACE = 0.25
 # nat; of the members of a new body.
