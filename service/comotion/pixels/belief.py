@@ -184,8 +184,7 @@ class Belief:
         moves = np.linalg.norm(step, axis=1) >= _AT_REST_PX
         for column, body in self._living():
             members = labels == column
-            # Members by place alone do not show how the body moves: another may pass before it.
-            fit = group_gain(recent, members & self._seen[recent.slots]) or group_gain(recent, members)
+            fit = group_gain(recent, members)
             if fit is None:
                 continue
             # Any hypothesis may explain what rests: that is evidence for a body only near its members.
