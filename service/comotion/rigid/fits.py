@@ -46,12 +46,14 @@ class Fits:
         self._frames, self._config = frames, config
         self._seen, self._outlier = outlier_costs(frames, config)
         self._bodies: dict[bytes, Body] = {}
-        self._fitted_by_rows: dict[tuple[bytes, bool], Fitted] = {}
+        self._fitted: dict[tuple[bytes, bool], Fitted] = {}
 
     def of(self, rows: list[Ints], *, still: bool) -> list[Fitted]:
         """The static body, and one for each of `rows` intp [m] with m > 1; `still`: settled."""
-        groups = [np.zeros(0, np.intp), *(group for group in rows if len(group) > 1)]
-        return [self._fitted(group, still=still) for group in groups]
+        wanted = {(group.tobytes(), still): group for group in rows if len(group) > 1}
+        wanted = {(b"", False): np.zeros(0, np.intp)} | wanted
+        self._fit({key: group for key, group in wanted.items() if key not in self._fitted})
+        return [self._fitted[key] for key in wanted]
 
     def costs(self, fitted: list[Fitted]) -> Costs:
         """What all trajectories cost under some bodies, with those that slide on one."""
@@ -68,16 +70,20 @@ class Fits:
             squared=np.stack([body.squared for body in fitted], 1),
         )
 
-    def _fitted(self, rows: Ints, *, still: bool) -> Fitted:
-        key = rows.tobytes(), still
-        if key not in self._fitted_by_rows:
-            frames, config, body = self._frames, self._config, self._body(rows)
-            costed = settled(frames, body, config) if still else body
-            soft = deformation(frames, costed, config)
-            cost, squared = body_costs_of(frames, [costed], np.array([soft]), config)
-            owners = np.unique(frames.owner[rows])
-            self._fitted_by_rows[key] = Fitted(body, costed, owners, soft, cost[:, 0], squared[:, 0])
-        return self._fitted_by_rows[key]
+    def _fit(self, groups: dict[tuple[bytes, bool], Ints]) -> None:
+        if not groups:
+            return
+        frames, config = self._frames, self._config
+        bodies = [self._body(rows) for rows in groups.values()]
+        costed = [
+            settled(frames, body, config) if still else body
+            for body, (_, still) in zip(bodies, groups, strict=True)
+        ]
+        soft = np.array([deformation(frames, body, config) for body in costed])
+        cost, squared = body_costs_of(frames, costed, soft, config)
+        for k, (key, rows) in enumerate(groups.items()):
+            columns = float(soft[k]), cost[:, k], squared[:, k]
+            self._fitted[key] = Fitted(bodies[k], costed[k], np.unique(frames.owner[rows]), *columns)
 
     def _body(self, rows: Ints) -> Body:
         key = rows.tobytes()

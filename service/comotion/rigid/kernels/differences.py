@@ -103,10 +103,10 @@ def _contrast(times: Stamps, positions: Floats, m: int, gap: int, contrast: Floa
     first, second, third = times[m + 1] - times[m], times[m + 2] - times[m + 1], times[m + 3] - times[m + 2]
     if min(first, second, third) <= 0 or max(first, second, third) > gap:
         return False
-    # In units of the middle step; the scale of the coefficients cancels.
+    # In units of the middle step, and times the product of all differences: the scale cancels.
     a, c = first / second, third / second
-    c0, c1 = -1 / (a * (a + 1) * (a + 1 + c)), 1 / (a * (1 + c))
-    c2, c3 = -1 / ((a + 1) * c), 1 / ((a + 1 + c) * (1 + c) * c)
+    whole = a + 1 + c
+    c0, c1, c2, c3 = -c * (1 + c), c * (a + 1) * whole, -a * (1 + c) * whole, a * (a + 1)
     norm = 1 / np.sqrt(c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3)
     for d in range(positions.shape[1]):
         x0, x1, x2, x3 = positions[m, d], positions[m + 1, d], positions[m + 2, d], positions[m + 3, d]

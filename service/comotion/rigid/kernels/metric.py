@@ -15,15 +15,3 @@ def quadratic(m: Floats, a: float, b: float, c: float) -> float:
     """The square of a vector under a metric [6]."""
     across = m[1] * a * b + m[2] * a * c + m[4] * b * c
     return float(m[0] * a * a + m[3] * b * b + m[5] * c * c + 2.0 * across)
-
-
-@compiled()
-def squared_length(m: Floats, R: Floats, a: float, b: float, c: float, is_round: bool) -> float:
-    """The square of a vector in the frame of a body, under a metric [6] of the axes of the space.
-
-    `R` [9 or more] is the rotation of the body, row by row.
-    """
-    if is_round:
-        return a * a + b * b + c * c
-    u, v = R[0] * a + R[1] * b + R[2] * c, R[3] * a + R[4] * b + R[5] * c
-    return quadratic(m, u, v, R[6] * a + R[7] * b + R[8] * c)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...arrays import Floats
 from ...compiled import compiled
-from .metric import is_round_metric, squared_length
+from .metric import is_round_metric, quadratic
 from .records import PoseArrays
 from .rotation import closed_form, newton_rotation, planar_rotation, rotation_matrix
 
@@ -297,13 +297,17 @@ def _collect(
     """Add a frame's points, in the body's frame, to the weighted sums [4, m] of the template."""
     y0, y1, y2, b0, b1, b2 = y[0], y[1], y[2], b[0], b[1], b[2]
     s0, s1, s2, s3 = sums[0], sums[1], sums[2], sums[3]
-    flat = R.copy().ravel()
     for i in range(len(w)):
         z0, z1, z2 = y0[i] - t[0], y1[i] - t[1], y2[i] - t[2]
         x0 = R[0, 0] * z0 + R[1, 0] * z1 + R[2, 0] * z2
         x1 = R[0, 1] * z0 + R[1, 1] * z1 + R[2, 1] * z2
         x2 = R[0, 2] * z0 + R[1, 2] * z1 + R[2, 2] * z2
-        r2 = squared_length(metric[i], flat, x0 - b0[i], x1 - b1[i], x2 - b2[i], is_round)
+        e0, e1, e2 = x0 - b0[i], x1 - b1[i], x2 - b2[i]
+        if is_round:
+            r2 = e0 * e0 + e1 * e1 + e2 * e2
+        else:
+            u, v = R[0, 0] * e0 + R[0, 1] * e1 + R[0, 2] * e2, R[1, 0] * e0 + R[1, 1] * e1 + R[1, 2] * e2
+            r2 = quadratic(metric[i], u, v, R[2, 0] * e0 + R[2, 1] * e1 + R[2, 2] * e2)
         a = w[i] * inverse[i]
         a /= 1.0 + soft * in_template[i] * r2 * a
         s0[i] += a * x0
