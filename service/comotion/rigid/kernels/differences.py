@@ -55,7 +55,7 @@ def difference_covariances(
         step = max((seen - 3) // most, 1)
         k = 0
         for m in range(stop[i] - 4, stop[i] - seen - 1, -step):
-            if k < most and _contrast(times, positions, m, gap[i], contrasts[k]):
+            if k < most and _contrast(times, positions, m, gap[i], contrasts, k):
                 k += 1
         count[n] = k / _OVERLAP[min(step, 4) - 1]
         if k > 0:
@@ -95,8 +95,8 @@ def _mean_square(contrasts: Floats, squares: Floats, mean: Floats) -> None:
 
 
 @compiled()
-def _contrast(times: Stamps, positions: Floats, m: int, gap: int, contrast: Floats) -> bool:
-    """The normalised third divided difference of observations m to m + 3, to [dim].
+def _contrast(times: Stamps, positions: Floats, m: int, gap: int, contrasts: Floats, k: int) -> bool:
+    """The normalised third divided difference of observations m to m + 3, to row k of [n, dim].
 
     False, and nothing is written, if they do not follow one another without a gap.
     """
@@ -110,5 +110,5 @@ def _contrast(times: Stamps, positions: Floats, m: int, gap: int, contrast: Floa
     norm = 1 / np.sqrt(c0 * c0 + c1 * c1 + c2 * c2 + c3 * c3)
     for d in range(positions.shape[1]):
         x0, x1, x2, x3 = positions[m, d], positions[m + 1, d], positions[m + 2, d], positions[m + 3, d]
-        contrast[d] = norm * (c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3)
+        contrasts[k, d] = norm * (c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3)
     return True

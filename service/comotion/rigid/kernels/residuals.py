@@ -260,29 +260,27 @@ def recent_residuals(
         Out: float64 [P] each, sum of the squared distances in tolerances, and number of frames.
     """
     y, w, tolerance, _, metric = arrays
-    (first, split), x, mean = span, np.zeros(3), np.zeros(3)
+    (first, split), x = span, np.zeros(3)
     for i in range(len(body)):
         k = body[i]
         if k < 0:
             continue
-        total, mean[:] = 0.0, 0.0
+        total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
         for f in range(first, split):
             a = w[i, f] * poses[k, f, 12]
             if a > 0:
                 _in_body(y[i, f], poses[k, f], x)
-                total += a
-                mean += a * x
+                total, m0, m1, m2 = total + a, m0 + a * x[0], m1 + a * x[1], m2 + a * x[2]
         if total == 0.0:
             continue
-        mean /= total
         variance = (tolerance[i] + soft[k]) * (1.0 + 1.0 / total)
         for f in range(split, w.shape[1]):
             a, p = w[i, f] * poses[k, f, 12], poses[k, f]
             if a > 0:
                 _in_body(y[i, f], p, x)
-                x -= mean
-                e0, e1 = p[0] * x[0] + p[1] * x[1] + p[2] * x[2], p[3] * x[0] + p[4] * x[1] + p[5] * x[2]
-                d2 = quadratic(metric[i], e0, e1, p[6] * x[0] + p[7] * x[1] + p[8] * x[2])
+                u, v, z = x[0] - m0 / total, x[1] - m1 / total, x[2] - m2 / total
+                e0, e1 = p[0] * u + p[1] * v + p[2] * z, p[3] * u + p[4] * v + p[5] * z
+                d2 = quadratic(metric[i], e0, e1, p[6] * u + p[7] * v + p[8] * z)
                 squared[i] += a * d2 / variance
                 count[i] += 1.0
 
