@@ -33,10 +33,19 @@ _SPACING_POINTS = 256
 
 @dataclass(frozen=True)
 class Assignment:
-    """`labels` intp [N], column of the body or :data:`OUTLIER`; `cost` float64 [N, 1 + K], outlier first."""
+    """The body of each of N trajectories.
+
+    Attributes
+    ----------
+    labels, cost
+        Intp [N], column of the body or :data:`OUTLIER`; float64 [N, 1 + K], outlier first.
+    spacing
+        Median squared distance of neighbours, in which densities are smooth.
+    """
 
     labels: Ints
     cost: Floats
+    spacing: float
 
 
 @dataclass(frozen=True)
@@ -85,19 +94,17 @@ def assign(
     stays = np.flatnonzero(own_columns >= 0)
     evidence[stays, own_columns[stays] + 1] -= config.stay
     labels = np.asarray(np.argmin(evidence, 1) - 1)
-    margin = _margin(evidence)
+    weight, x = _weight(frames), np.ascontiguousarray(position[:, : frames.dim])
+    margin, spacing = _margin(evidence), _spacing(x[weight > 0])
     unclear = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _CLEAR)
     if not len(unclear):
-        return Assignment(labels, evidence)
-    weight = _weight(frames)
-    x = np.ascontiguousarray(position[:, : frames.dim])
-    distance = _spacing(x[weight > 0])
+        return Assignment(labels, evidence, spacing)
     # In the first round a trajectory has weight in its body only as far as its evidence is clear.
     counted = weight * (1 - np.exp(-margin))
     cost = evidence
     for _ in range(_ROUNDS):
         prior = np.maximum(
-            _log_prior(x, unclear, labels, counted, body.shape[1], distance), -config.prior_floor
+            _log_prior(x, unclear, labels, counted, body.shape[1], spacing), -config.prior_floor
         )
         cost = evidence.copy()
         cost[unclear, 1:] -= config.prior_weight * prior
@@ -105,7 +112,7 @@ def assign(
         if np.array_equal(new_labels, labels):
             break
         labels, counted = new_labels, weight
-    return Assignment(labels, cost)
+    return Assignment(labels, cost, spacing)
 
 
 def joined(
@@ -126,14 +133,14 @@ def joined(
     labels = np.append(result.assignment.labels, np.full(len(frames.key) - known_count, OUTLIER))
     labels[rejoining] = OUTLIER
     x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
-    weight = _weight(frames)
-    prior = _log_prior(x, joining, labels, weight, len(bodies), _spacing(x[weight > 0]))
+    spacing = result.assignment.spacing
+    prior = _log_prior(x, joining, labels, _weight(frames), len(bodies), spacing)
     cost = np.zeros((len(labels), 1 + len(bodies)))
     cost[:known_count] = result.assignment.cost
     cost[joining] = np.column_stack([evidence.outlier, evidence.body])[joining]
     cost[joining, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
     labels[joining] = np.argmin(cost[joining], 1) - 1
-    return SearchResult(bodies, Assignment(labels, cost), evidence)
+    return SearchResult(bodies, Assignment(labels, cost, spacing), evidence)
 
 
 def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labels: Ints) -> Floats:
