@@ -59,7 +59,7 @@ RULES: dict[str, Rule] = {
     "gross": Rule("gross errors are left out", {"resampling.resample": _with_errors}),
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
     "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
-    "clear_members": Rule("price of leaving for clear members", {"method.carried_costs": _no_costs}),
+    "clear_members": Rule("price of leaving for clear members", {"search.carried_costs": _no_costs}),
     "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
@@ -67,7 +67,7 @@ RULES: dict[str, Rule] = {
     "contradiction": Rule("nats that speak against a body", {"belief._CONTRARY": 0.0}),
     "supported": Rule(
         "in large scenes, a body is worth its price by its own trajectories",
-        {"method.supported": lambda _scene, owners, *_: list(range(len(owners)))},
+        {"search.supported": lambda _scene, owners, *_: list(range(len(owners)))},
     ),
     "uncovered": Rule("more than an outlier where a body has no pose", {"costs._UNCOVERED_SHARE": 0.5}),
     "place": Rule("spatial prior", parameters={"prior_weight": 0.0}),
@@ -75,7 +75,7 @@ RULES: dict[str, Rule] = {
         "features that slide",
         {"fits.with_sliders": lambda _f, _b, body, *_: (body, np.zeros(body.shape, np.bool_))},
     ),
-    "arrivals": Rule("newborn amid newborn wait", {"method.undecided": lambda _scene, labels: labels}),
+    "arrivals": Rule("newborn amid newborn wait", {"search.undecided": lambda _scene, labels: labels}),
     "settled": Rule("one pose for each rest", {"fits.settled": lambda _frames, body, _config: body}),
 }
 """By name."""

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.rigid import method
+from comotion.rigid import method, search
 from comotion.rigid import subset as subsets
 from comotion.rigid.subset import choose_subset
 from comotion_experiments.offline import run_offline
@@ -36,7 +36,7 @@ def test_a_subset_finds_what_everybody_would(scene, monkeypatch):
     # Fewer than the features of the scene, so that a subset of them is searched.
     monkeypatch.setattr(subsets, "SUBSET_ROWS", 40)
     chosen = []
-    monkeypatch.setattr(method, "choose_subset", lambda *a: chosen.append(choose_subset(*a)) or chosen[-1])
+    monkeypatch.setattr(search, "choose_subset", lambda *a: chosen.append(choose_subset(*a)) or chosen[-1])
     assert np.nanmean(score()) > np.nanmean(everybody) - 0.02
     assert sum(not subset.unexplained.all() for subset in chosen) > len(chosen) / 2
 

@@ -22,15 +22,16 @@ from .kernels.records import PoseArrays
 from .kernels.residuals import recent_residuals
 from .procrustes import Body, static_body
 from .resampling import extended
+from .subset import is_small
 from .tracks import Tracks
 
 # Shares of the window: a result is held for the first; twice as long as the previous one where it confirms
-# that, but at most for the second.
-_HELD_SHARE, _MOST_HELD = 0.04, 0.12
+# that, but at most for the second; in a large scene where a few of each body show nothing new, for the third.
+_HELD_SHARE, _MOST_HELD, _MOST_CHECKED = 0.04, 0.12, 0.3
 # A fit confirms the previous one if at most this share of the trajectories changes its body.
 _CHANGED_SHARE = 0.02
 # A result is held until this share of the trajectories is new.
-_NEW_SHARE = 0.05
+_NEW_SHARE = 0.1
 # s before the new frames from which the place of a trajectory in its body is averaged.
 _REFERENCE_TIME = 1.0
 # Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
@@ -43,16 +44,23 @@ _FALSE_ALARMS = 20.0
 class Fit:
     """The result of a fit, and for how long it may be carried over.
 
-    It was fitted at `fitted_ns`, when `judged` trajectories were old enough (:func:`judged`); it may be held
-    for the share `holds` of the window.
+    It was fitted at `fitted_ns`, when `judged` trajectories were old enough (:func:`judged`). New bodies were
+    last searched at `checked_ns`, and are again after the share `holds` of the window.
     """
 
     tracks: Tracks
     frames: Frames
     result: SearchResult
     fitted_ns: int
+    checked_ns: int
     judged: int
     holds: float = _HELD_SHARE
+
+    @property
+    def due(self) -> bool:
+        """Whether new bodies are to be searched."""
+        stamps = self.frames.stamps
+        return bool(stamps[-1] >= self.checked_ns + self.holds * (stamps[-1] - stamps[0]))
 
 
 def held(
@@ -68,7 +76,8 @@ def held(
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
+    share = last.holds if is_small(frames) else _MOST_CHECKED
+    longest_ns = share * (frames.stamps[-1] - frames.stamps[0])
     if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
         return None
     tracks = last.tracks.joined(now)

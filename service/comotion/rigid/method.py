@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps
-from ..config import FusionConfig, RigidConfig
-from ..matching import continued, largest_total
+from ..arrays import Floats, Labels, Slots, Stamps
+from ..config import FusionConfig
+from ..matching import largest_total
 from ..partition import (
     NO_HYPOTHESIS,
     BodyMotion,
@@ -40,34 +40,18 @@ from ..partition import (
 )
 from ..trajectories.window import Window
 from .anchored import anchored_motions
-from .arrivals import undecided
-from .assignment import (
-    SearchResult,
-    assign,
-    cheapest,
-    posterior,
-    predicted_positions,
-    same_body,
-    without_sliders,
-)
-from .belief import Belief, carried_costs
-from .candidates import cluster_rows
+from .assignment import SearchResult, posterior, same_body
+from .belief import Belief
 from .continuation import Fit, held, holding, judged
-from .costs import Costs, excess_costs
-from .fits import Fits, Fitted
+from .costs import excess_costs
+from .fits import Fits
+from .frames import Frames
 from .motions import describe_bodies
 from .noise import NoiseEstimates
 from .registration import Registration
 from .resampling import make_frames
-from .selection import STATIC, membership_prices, select, supported
-from .subset import (
-    Scene,
-    Subset,
-    choose_subset,
-    extended_rows,
-    known_rows,
-    unexplained,
-)
+from .search import follow, has_news, search
+from .subset import Scene, unexplained
 from .tracks import Tracks, read_tracks
 
 # Share of the window after which bodies are searched even if the known ones explain all trajectories, and
@@ -115,7 +99,8 @@ class RigidMethod(Method):
         if not len(tracks.key):
             return self._nothing()
         self._learn(previous)
-        fit = self._held(window, tracks, stamp_ns) or self._fitted(window, tracks, stamp_ns, previous)
+        fit = self._held(window, tracks, stamp_ns, previous)
+        fit = fit or self._fitted(window, tracks, stamp_ns, previous)
         self._last, tracks, labels = fit, fit.tracks, fit.result.assignment.labels
         described = describe_bodies(tracks, fit.frames, fit.result)  # 10
         chosen = np.searchsorted(tracks.key, window.key[current])
@@ -154,26 +139,35 @@ class RigidMethod(Method):
             self._registration.load(state["offsets"])
             self._belief.load(state["belief"])
 
-    def _held(self, window: Window, now: Tracks, stamp_ns: int) -> Fit | None:
+    def _held(self, window: Window, now: Tracks, stamp_ns: int, previous: Previous) -> Fit | None:
         """The last result carried over, or None where it does not explain the new observations."""
         if self._last is None:
             return None
         outlying_keys = np.array(sorted(self._searched_for), np.int64)
-        return held(self._last, window, now, stamp_ns, outlying_keys, self._config)
+        fit = held(self._last, window, now, stamp_ns, outlying_keys, self._config)
+        if fit is None or not (fit.due and self.searching):
+            return fit
+        hypotheses = np.where(
+            fit.tracks.stop > fit.tracks.start, previous.labels[fit.tracks.slot], NO_HYPOTHESIS
+        )
+        scene = self._scene(fit.tracks, fit.frames, hypotheses, previous)
+        return None if has_news(scene, fit.result, self._config) else replace(fit, checked_ns=stamp_ns)
+
+    def _scene(self, tracks: Tracks, frames: Frames, hypotheses: Labels, previous: Previous) -> Scene:
+        static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
+        return self._belief.scene(frames, tracks.newest, hypotheses, static, self._config.min_life)
 
     def _fitted(self, window: Window, tracks: Tracks, stamp_ns: int, previous: Previous) -> Fit:
         """The result of steps 2 to 9."""
         tracks = self._registration.correct(tracks)  # 2
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
-        static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
-        hypotheses = previous.labels[tracks.slot]
-        scene = self._belief.scene(frames, tracks.newest, hypotheses, static, self._config.min_life)
+        scene = self._scene(tracks, frames, previous.labels[tracks.slot], previous)
         result, due = self._grouped(scene)  # 5 to 9
         if due:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
         holds = holding(self._last, frames, result.assignment.labels)
-        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config), holds)
+        return Fit(tracks, frames, result, stamp_ns, stamp_ns, judged(frames, self._config), holds)
 
     def _learn(self, previous: Previous) -> None:
         if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
@@ -211,97 +205,3 @@ class RigidMethod(Method):
         self._last, self._chances = None, np.zeros((0, 1))
         no_slots = np.zeros(0, np.intp)
         return Partition(no_slots, no_slots, np.zeros(0, np.bool_), np.zeros(0), np.zeros((0, self._dim)))
-
-
-def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
-    """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    return _decided(scene, _compare_all(scene, fits, known_rows(scene), config))
-
-
-def search(
-    scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools, excess: Floats, config: RigidConfig
-) -> SearchResult:
-    """Find the bodies of a scene: steps 5 to 9.
-
-    `outlying` bool [N] and `excess` float64 [N] describe what the known bodies do not explain. Bodies are
-    found in the subset. Where no cluster is a body, the followed ones stand; else all trajectories are
-    compared with what was found. In a small scene bodies are fitted to the trajectories that were assigned to
-    them, twice.
-    """
-    subset = choose_subset(scene, outlying, excess)
-    count, labels, new = _first_bodies(scene, fits, subset, config)
-    if not (new or outlying.any()):
-        return followed
-    if not scene.small:
-        rows = extended_rows(scene, subset, labels, count)
-        return _decided(scene, _compare_all(scene, fits, rows, config))
-    result = _compare_all(scene, fits, _assigned_rows(scene, count, labels), config)
-    labels = without_sliders(result.assignment.labels, result.evidence)
-    rows = _assigned_rows(scene, len(result.bodies), labels)
-    return _decided(scene, _compare_all(scene, fits, rows, config))
-
-
-def _decided(scene: Scene, result: SearchResult) -> SearchResult:
-    """The result, with newborn features as outliers that may be a lost body's return (:mod:`.arrivals`)."""
-    labels = undecided(scene, result.assignment.labels)
-    return replace(result, assignment=replace(result.assignment, labels=labels))
-
-
-def _first_bodies(scene: Scene, fits: Fits, subset: Subset, config: RigidConfig) -> tuple[int, Ints, bool]:
-    """How many bodies the subset has, the cheapest for each of its trajectories [n], and if any is new."""
-    part = scene if scene.small else scene.of(subset.tracks)
-    fits = fits if scene.small else Fits(part.frames, config)
-    previous_rows, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
-    fitted = fits.of(previous_rows + clusters, still=False)  # 6
-    chosen, costs = select(part, fitted, fits.costs(fitted), config)  # 7, 8
-    labels = without_sliders(cheapest(costs.body, costs.outlier), costs)
-    return len(chosen), labels, max(chosen) > len(previous_rows)
-
-
-def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
-    """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
-    fitted = fits.of(rows, still=True)  # 6
-    costs = fits.costs(fitted)  # 7
-    if not scene.small:
-        columns = supported(scene, fitted, costs, config)
-        fitted, costs = [fitted[k] for k in columns], costs.of(columns)
-    chosen, chosen_costs = select(scene, fitted, costs, config)  # 8
-    return _assigned(scene, [fitted[k] for k in chosen], chosen_costs, config)  # 9
-
-
-def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
-    """Assign every trajectory to one of the bodies that were selected."""
-    frames, hypotheses, bodies = scene.frames, scene.hypotheses, [body.body for body in fitted]
-    cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
-    rough = cheapest(cost + prices, evidence.outlier)
-    own = _own_columns(hypotheses, continued(hypotheses, rough, len(bodies), largest_total))
-    # A resting member of a resting body looks like the background: its membership has a price here too.
-    resting = np.array([body.costed.rests for body in fitted])
-    cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
-    position = predicted_positions(frames, scene.newest, bodies, rough)
-    return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
-
-
-def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
-    """Rows of the trajectories that are assigned to each of `count` bodies but the static one.
-
-    Also those of separate hypotheses at rest: a body that is dropped later may displace them.
-    """
-    frames = scene.frames
-    # Newborn members would determine poses where few other members are left.
-    not_newborn = scene.judged | (scene.hypotheses != NO_HYPOTHESIS)
-    informative = not_newborn & frames.informative
-    groups = [frames.rows_of((labels == k) & informative) for k in range(1, count)]
-    for hypothesis in np.unique(scene.hypotheses[scene.resting]).tolist():
-        rows = frames.rows_of((scene.hypotheses == hypothesis) & informative)
-        if not any(np.array_equal(rows, group) for group in groups):
-            groups.append(rows)
-    return groups
-
-
-def _own_columns(hypotheses: Labels, heirs: dict[int, int]) -> Ints:
-    """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
-    columns = np.full(len(hypotheses), -1, np.intp)
-    for k, hypothesis in heirs.items():
-        columns[hypotheses == hypothesis] = k
-    return columns

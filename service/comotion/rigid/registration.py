@@ -14,7 +14,7 @@ from .explanations import Groups, Offset, View, explained
 from .frames import Frames
 from .kernels.resampling import spread
 from .procrustes import fit_body
-from .subset import SUBSET_ROWS, representatives
+from .subset import is_small, representatives
 from .tracks import Tracks
 
 # Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
@@ -67,9 +67,8 @@ class Registration:
         self._learned_ns, self._learned_of = now_ns, sources.tolist()
         if self.reference is None or self.reference not in sources:
             self.reference = int(sources[np.argmax(counts)])
-        large = len(frames.owner) > SUBSET_ROWS
         groups = {s: _moving_groups(tracks, frames, labels, s) for s in sources.tolist()}
-        if large:
+        if not is_small(frames):
             frames, groups = _excerpt(frames, groups)
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
         extent, pivot = tracks.extent, np.median(tracks.newest, 0)
@@ -100,9 +99,9 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
     for k in range(1, int(labels.max(initial=0)) + 1):
         members = (labels == k) & (tracks.source == source) & (frames.life >= _LEAST_LIFE)
         if members.sum() >= frames.dim:
-            large = len(frames.owner) > SUBSET_ROWS
-            chosen = representatives(frames, tracks.newest, members, _REPRESENTATIVES) if large else members
-            rows = frames.rows_of(chosen)
+            if not is_small(frames):
+                members = representatives(frames, tracks.newest, members, _REPRESENTATIVES)
+            rows = frames.rows_of(members)
             if _moves(frames, rows):
                 groups[k] = rows
     return groups

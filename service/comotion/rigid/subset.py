@@ -71,7 +71,7 @@ class Scene:
     @property
     def small(self) -> bool:
         """Whether all trajectories are searched."""
-        return len(self.frames.owner) <= SUBSET_ROWS
+        return is_small(self.frames)
 
     def of(self, tracks: Ints) -> "Scene":
         """Some of the trajectories, intp [n] ascending."""
@@ -90,6 +90,11 @@ class Subset:
 
     tracks: Ints
     unexplained: Bools
+
+
+def is_small(frames: Frames) -> bool:
+    """Whether a scene is searched as a whole."""
+    return len(frames.owner) <= SUBSET_ROWS
 
 
 def choose_subset(scene: Scene, outlying: Bools, excess: Floats) -> Subset:

@@ -1,0 +1,125 @@
+"""Finds the bodies of a scene and assigns the trajectories to them: steps 5 to 9 of :mod:`.method`."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import Bools, Floats, Ints, Labels
+from ..config import RigidConfig
+from ..matching import continued, largest_total
+from ..partition import NO_HYPOTHESIS
+from .arrivals import undecided
+from .assignment import SearchResult, assign, cheapest, predicted_positions, without_sliders
+from .belief import carried_costs
+from .candidates import cluster_rows
+from .costs import Costs, excess_costs
+from .fits import Fits, Fitted
+from .selection import STATIC, membership_prices, select, supported
+from .subset import Scene, Subset, choose_subset, extended_rows, known_rows, unexplained
+
+
+def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
+    """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
+    return _decided(scene, _compare_all(scene, fits, known_rows(scene), config))
+
+
+def search(
+    scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools, excess: Floats, config: RigidConfig
+) -> SearchResult:
+    """Find the bodies of a scene: steps 5 to 9.
+
+    `outlying` bool [N] and `excess` float64 [N] describe what the known bodies do not explain. Bodies are
+    found in the subset. Where no cluster is a body, the followed ones stand; else all trajectories are
+    compared with what was found. In a small scene bodies are fitted to the trajectories that were assigned to
+    them, twice.
+    """
+    subset = choose_subset(scene, outlying, excess)
+    count, labels, new = _first_bodies(scene, fits if scene.small else None, subset, config)
+    if not (new or outlying.any()):
+        return followed
+    if not scene.small:
+        rows = extended_rows(scene, subset, labels, count)
+        return _decided(scene, _compare_all(scene, fits, rows, config))
+    result = _compare_all(scene, fits, _assigned_rows(scene, count, labels), config)
+    labels = without_sliders(result.assignment.labels, result.evidence)
+    rows = _assigned_rows(scene, len(result.bodies), labels)
+    return _decided(scene, _compare_all(scene, fits, rows, config))
+
+
+def _decided(scene: Scene, result: SearchResult) -> SearchResult:
+    """The result, with newborn features as outliers that may be a lost body's return (:mod:`.arrivals`)."""
+    labels = undecided(scene, result.assignment.labels)
+    return replace(result, assignment=replace(result.assignment, labels=labels))
+
+
+def has_news(scene: Scene, result: SearchResult, config: RigidConfig) -> bool:
+    """Whether a few trajectories of each body, and those that none explains, have a new body."""
+    labels = result.assignment.labels
+    excess = excess_costs(result.evidence, labels, config)
+    subset = choose_subset(scene, unexplained(scene, labels, excess), excess)
+    return _first_bodies(scene, None, subset, config)[2]
+
+
+def _first_bodies(
+    scene: Scene, fits: Fits | None, subset: Subset, config: RigidConfig
+) -> tuple[int, Ints, bool]:
+    """How many bodies the subset has, the cheapest for each of its trajectories [n], and if any is new.
+
+    `fits` are those of the scene, if it is searched as a whole.
+    """
+    part = scene.of(subset.tracks) if fits is None else scene
+    fits = fits or Fits(part.frames, config)
+    previous_rows, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
+    fitted = fits.of(previous_rows + clusters, still=False)  # 6
+    chosen, costs = select(part, fitted, fits.costs(fitted), config)  # 7, 8
+    labels = without_sliders(cheapest(costs.body, costs.outlier), costs)
+    return len(chosen), labels, max(chosen) > len(previous_rows)
+
+
+def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
+    """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
+    fitted = fits.of(rows, still=True)  # 6
+    costs = fits.costs(fitted)  # 7
+    if not scene.small:
+        columns = supported(scene, fitted, costs, config)
+        fitted, costs = [fitted[k] for k in columns], costs.of(columns)
+    chosen, chosen_costs = select(scene, fitted, costs, config)  # 8
+    return _assigned(scene, [fitted[k] for k in chosen], chosen_costs, config)  # 9
+
+
+def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
+    """Assign every trajectory to one of the bodies that were selected."""
+    frames, hypotheses, bodies = scene.frames, scene.hypotheses, [body.body for body in fitted]
+    cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
+    rough = cheapest(cost + prices, evidence.outlier)
+    own = _own_columns(hypotheses, continued(hypotheses, rough, len(bodies), largest_total))
+    # A resting member of a resting body looks like the background: its membership has a price here too.
+    resting = np.array([body.costed.rests for body in fitted])
+    cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
+    position = predicted_positions(frames, scene.newest, bodies, rough)
+    return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
+
+
+def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
+    """Rows of the trajectories that are assigned to each of `count` bodies but the static one.
+
+    Also those of separate hypotheses at rest: a body that is dropped later may displace them.
+    """
+    frames = scene.frames
+    # Newborn members would determine poses where few other members are left.
+    not_newborn = scene.judged | (scene.hypotheses != NO_HYPOTHESIS)
+    informative = not_newborn & frames.informative
+    groups = [frames.rows_of((labels == k) & informative) for k in range(1, count)]
+    for hypothesis in np.unique(scene.hypotheses[scene.resting]).tolist():
+        rows = frames.rows_of((scene.hypotheses == hypothesis) & informative)
+        if not any(np.array_equal(rows, group) for group in groups):
+            groups.append(rows)
+    return groups
+
+
+def _own_columns(hypotheses: Labels, heirs: dict[int, int]) -> Ints:
+    """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
+    columns = np.full(len(hypotheses), -1, np.intp)
+    for k, hypothesis in heirs.items():
+        columns[hypotheses == hypothesis] = k
+    return columns
