@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Labels, Slots, Stamps
 from ..config import FusionConfig
-from ..matching import largest_total
 from ..partition import (
     NO_HYPOTHESIS,
     BodyMotion,
