@@ -28,12 +28,12 @@ class Explained(NamedTuple):
     motion: float
 
 
-def rest_gain(recent: Recent) -> Floats:
-    """Gain under rest, float64 [n]: the least over all time scales, 0 if seen in none."""
-    square = (recent.displacement**2).sum(axis=2)
-    variance = 2 * (recent.variance + _DRIFT_PX[:, None] ** 2 + recent.tolerance)
-    gain = np.where(recent.seen, np.clip(1 - square / (GATE * variance), WORST, 1), 1.0)
-    return np.where(recent.seen.any(axis=0), gain.min(axis=0), 0.0)
+def rest_gain(recent: Recent, scales: int = len(_DRIFT_PX)) -> Floats:
+    """Gain under rest, float64 [n]: the least over the first time scales, 0 if seen in none."""
+    square, seen = (recent.displacement[:scales] ** 2).sum(axis=2), recent.seen[:scales]
+    variance = 2 * (recent.variance + _DRIFT_PX[:scales, None] ** 2 + recent.tolerance[:scales])
+    gain = np.where(seen, np.clip(1 - square / (GATE * variance), WORST, 1), 1.0)
+    return np.where(seen.any(axis=0), gain.min(axis=0), 0.0)
 
 
 def group_gain(recent: Recent, members: Bools) -> Explained | None:
@@ -52,7 +52,7 @@ def group_gain(recent: Recent, members: Bools) -> Explained | None:
         return None
     # Before a camera that moves, rest is explained with more tolerance than a motion.
     if recent.tolerance.any():
-        rest = rest_gain(recent)
+        rest = rest_gain(recent, _BODY_SCALES)
         if np.median(rest[members]) > _RESTS:
             return Explained(rest, 0.0)
     return Explained(gain, motion)

@@ -24,9 +24,9 @@ _STEP_NS = 100_000_000
 _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
-# Before a camera that moves, the background is followed in windows longer than this: in shorter ones the
-# structure of all of it tells more. And px² of variance that it may have about a smooth motion.
-_LONG_NS, _SMOOTH_PX2 = 4_500_000_000, 1.0
+# Before a camera that moves, the background is followed in windows longer than this, or once all but a share
+# has been one hypothesis for so many steps: else the structure of the whole window tells more.
+_LONG_NS, _DIVIDED, _UNDIVIDED_STEPS = 4_500_000_000, 0.03, 10
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
@@ -56,7 +56,7 @@ class RestingCamera:
     def __init__(self, config: PixelsConfig) -> None:
         self._config = config
         self.carried = False
-        self._steps = 0
+        self._steps, self._undivided = 0, 0
         # That the camera rests, and that the background does once its motion is subtracted.
         self._evidence, self._steady = 0.0, 0.0
         self._steadying = Steadying()
@@ -79,14 +79,18 @@ class RestingCamera:
         """
         last = min(stamp_ns, stamps[-1])
         first = stamps[0] if self._stamp_ns is None else max(self._stamp_ns, last - window.span_ns)
+        _, sizes = np.unique(labels[labels >= 0], return_counts=True)
+        undivided = sizes.max(initial=0) > (1 - _DIVIDED) * sizes.sum()
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
+        self._undivided = self._undivided + count if undivided else 0
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
             self._evidence = _judged(recent, self._evidence)
             self.carried = self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent)
-                if self._steady < 0 or instant - stamps[0] < _LONG_NS:
+                early = self._undivided < _UNDIVIDED_STEPS and instant - stamps[0] < _LONG_NS
+                if self._steady < 0 or (early and self._belief is None):
                     self._belief = None
                     continue
             self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
@@ -123,7 +127,7 @@ class RestingCamera:
             self._belief.admit(window)
             background = self._belief.labels(recent.slots) == BACKGROUND
         recent = self._steadying.steadied(recent, window.key, background)
-        if self._steadying.spread < _SMOOTH_PX2:
+        if self._steadying.rigid:
             self._steady = _judged(recent, self._steady)
         else:
             self._steady = max(self._steady + _FALL, -_MOST)

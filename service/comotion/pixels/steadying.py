@@ -1,52 +1,70 @@
-"""Subtracts the motion of the background from that of all trajectories, before a camera that moves.
+"""Subtracts from all motion what the background at rest would show, before a camera that moves.
 
-The background moves by a smooth field, plus the parallax of what is nearer or farther than its surroundings.
-Parallax lies along lines through one point, the epipole (Irani and Anandan 1998), and a trajectory has the
-same share of it at any time. So what rests in the world needs little tolerance across these lines, and along
-them as much as it has needed before. All constants were chosen on made-up scenes of docs/research/pixels.md.
+The background is one rigid structure: a depth of each trajectory, and a camera at each of the past instants
+(resection and intersection in turns, as in projective factorisation; Hartley and Zisserman 2004, chapter 18).
+A trajectory has the same depth at any time, so that parallax of what is near is no motion, while what moves
+contradicts the epipolar geometry, or the depth it had. Neither focal length nor the camera's path is known:
+the structure is projective. All constants were chosen on made-up scenes of docs/research/pixels.md.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from .gains import rest_gain
+from .medians import median
 from .recent import Recent
 
 # Trajectories of the background without which its motion is unknown.
 _LEAST_BACKGROUND = 12
-# Columns and rows of the grid of bumps that the field has beside its quadratic part; ridges of the linear
-# part, of the quadratic one and of the bumps, in trajectories; rounds of reweighting, the first two plain.
-_GRID, _RIDGES = (6, 4), (1e-3, 1e-2, 0.1)
-_ROUNDS, _PLAIN_ROUNDS = 5, 2
-# px²; smallest typical squared residual that weights refer to. Rounds of the fit of the epipole.
-_LEAST_TYPICAL, _EPIPOLE_ROUNDS = 0.05, 4
-# Standard deviations of the noise up to which a residual tells more about the epipole, the longer it is.
-_CLEAR = 5.0
-# Share of the background whose parallax is the usual one: others may move.
-_QUANTILE = 0.8
-_CHI2_MEDIAN, _CHI2_QUANTILE, _CHI2_MEDIAN_2D = chdtri(1, 0.5), chdtri(1, 1 - _QUANTILE), chdtri(2, 0.5)
-# Squared parallax of a newborn trajectory, in the usual one, which is also the most; how fast it follows what
-# is seen, per step, and over which time scale; and what it is multiplied by for a tolerance.
-_NEWBORN, _FOLLOWS, _SCALE, _TOLERANCE = 4.0, 0.15, 1, 2.0
+# Rounds of fits of cameras and depths where no structure is carried on, from random depths; of reweighting in
+# each.
+_FIRST_ROUNDS, _REWEIGHTED = 8, 4
+# px²; smallest typical squared residual that weights refer to. Ridge of a camera, per trajectory.
+_LEAST_TYPICAL, _RIDGE = 0.05, 1e-5
+# px²; variance of a displacement about the structure from which on the background is not rigid, and the time
+# scale of it.
+_RIGID_PX2, _SCALE = 1.0, 1
+# In squared depths of the background: precision of a newborn trajectory's, the most that is kept of one, and
+# its share that is kept from step to step.
+_NEWBORN, _MOST, _KEPT = 0.25, 400.0, 0.5
+# Of a camera, up to a factor.
+_PARAMETERS = 11
+_CHI2_MEDIAN_2D = chdtri(2, 0.5)
+
+
+class _Views(NamedTuple):
+    """n trajectories now, float64 [n, 2], and at S past instants, [S, n, 2]; seen, and in use, bool [S, n].
+
+    Places are in the extent of the background. The variance of a displacement is [n], its floor that of
+    typical squared residuals.
+    """
+
+    place: Floats
+    past: Floats
+    seen: Bools
+    used: Bools
+    variance: Floats
+    floor: float
 
 
 class Steadying:
-    """Follows the parallax of each slot of a window.
+    """Follows the depth of each slot of a window.
 
     Attributes
     ----------
-    spread
-        px²; variance of a coordinate of the background about its smooth motion over a quarter of a second, at
-        the last call; infinite where that is unknown.
+    rigid
+        Whether the background was one rigid structure at the last call.
     """
 
     def __init__(self) -> None:
-        self.spread = np.inf
+        self.rigid = False
         self._keys: Stamps = np.zeros(0, np.int64)
-        # Squared, in that of the background.
-        self._parallax: Floats = np.zeros(0)
+        # By slot: inverse depth less a plane, in the root mean square of all, and its precision.
+        self._depth, self._precision = np.zeros((2, 0))
 
     def steadied(self, recent: Recent, keys: Stamps, members: Bools) -> Recent:
         """Displacements relative to those of the background, with its variance about them.
@@ -60,90 +78,103 @@ class Steadying:
         members
             bool [n]; the background.
         """
-        own, self.spread = self._parallax_of(recent.slots, keys), np.inf
+        lost, self.rigid = not self.rigid, False
+        depth, precision = self._carried(recent.slots, keys)
         displacement, tolerance = recent.displacement.copy(), np.full(recent.seen.shape, np.inf)
-        for scale, seen in enumerate(recent.seen):
-            rows = np.flatnonzero(seen & members)
-            if len(rows) < _LEAST_BACKGROUND:
-                continue
-            start = recent.position - displacement[scale]
-            residual = displacement[scale] - _field(start, displacement[scale], rows)
-            # Of a displacement, which has the noise of both its ends.
-            noise = 2 * float(np.median(recent.variance[rows]))
-            along, across = _squares(start, residual, rows, noise)
-            usual = _variance(along[rows], _QUANTILE, _CHI2_QUANTILE, noise)
-            least = _variance(along[rows], 0.5, _CHI2_MEDIAN, noise)
-            rigid = _variance(across[rows], 0.5, _CHI2_MEDIAN, noise)
-            share = along / np.maximum(along + across, 1e-12)
-            tolerance[scale] = share * np.maximum(least, _TOLERANCE * own * usual) + (1 - share) * rigid
-            displacement[scale] = residual
-            if scale == _SCALE:
-                self.spread = float(np.median(along[rows] + across[rows])) / _CHI2_MEDIAN_2D
-                if usual > 0:
-                    own[rows] += _FOLLOWS * (np.minimum(along[rows] / (usual + noise), _NEWBORN) - own[rows])
-        self._parallax[recent.slots] = own
+        scales = np.flatnonzero((recent.seen & members).sum(axis=1) >= _LEAST_BACKGROUND)
+        if not len(scales):
+            return replace(recent, tolerance=tolerance)
+        views, extent = _views(recent, scales, members)
+        start = np.random.default_rng(0).standard_normal(len(depth)) if lost else depth
+        fitted, weight = start, views.used.astype(np.float64)
+        for _ in range(_FIRST_ROUNDS if lost else 1):
+            cameras, weight, typical = _cameras(views, fitted, weight)
+            fitted, information = _depths(views, cameras, fitted, start, precision, typical)
+        at_rest = _project(cameras, views.place, fitted)[0]
+        square = ((at_rest - views.past) ** 2).sum(axis=2) * extent**2
+        spread = median(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
+        noise = median(np.where(views.used, 2 * recent.variance, np.nan), 1)
+        # At least what the noise of the background does to its cameras.
+        least = noise * _PARAMETERS / (2 * views.used.sum(axis=1))
+        tolerance[scales] = np.maximum(spread - noise, least)[:, None] / 2
+        self.rigid = bool((spread[scales == _SCALE] < _RIGID_PX2).any())
+        displacement[scales] = (at_rest - views.past) * extent
+        rests = rest_gain(replace(recent, displacement=displacement, tolerance=tolerance)) > 0
+        # What moves keeps its depth, so that its motion is that of its body.
+        rests |= lost
+        depth, precision = np.where(rests, fitted, start), np.where(rests, information, precision)
+        displacement[scales] = (_project(cameras, views.place, depth)[0] - views.past) * extent
+        self._keep(recent.slots, views.place, depth, precision, members)
         return replace(recent, displacement=displacement, tolerance=tolerance)
 
-    def _parallax_of(self, slots: Slots, keys: Stamps) -> Floats:
+    def _carried(self, slots: Slots, keys: Stamps) -> tuple[Floats, Floats]:
         extra = len(keys) - len(self._keys)
         self._keys = np.append(self._keys, np.full(extra, -1))
-        self._parallax = np.append(self._parallax, np.zeros(extra))
+        self._depth, self._precision = (np.append(x, np.zeros(extra)) for x in (self._depth, self._precision))
         fresh = slots[self._keys[slots] != keys[slots]]
-        self._parallax[fresh], self._keys[fresh] = _NEWBORN, keys[fresh]
-        return self._parallax[slots]
+        self._depth[fresh], self._precision[fresh], self._keys[fresh] = 0.0, 0.0, keys[fresh]
+        return self._depth[slots], np.clip(_KEPT * self._precision[slots], _NEWBORN, _MOST)
+
+    def _keep(self, slots: Slots, place: Floats, depth: Floats, precision: Floats, members: Bools) -> None:
+        """Depths up to a plane and a factor, which cameras make up for."""
+        plane = np.column_stack([np.ones(len(place)), place])
+        weight = np.where(members, precision / (1 + precision), 0.0)
+        depth = depth - plane @ np.linalg.lstsq(plane * weight[:, None], depth * weight, rcond=None)[0]
+        square = max(float((weight * depth**2).sum() / weight.sum()), 1e-12)
+        self._depth[slots], self._precision[slots] = depth / np.sqrt(square), precision * square
 
 
-def _variance(squares: Floats, share: float, expected: float, noise: float) -> float:
-    """Variance beyond the noise, by a quantile of squares, which is `expected` at variance 1."""
-    return max(float(np.quantile(squares, share)) / expected - noise, 0.0)
+def _views(recent: Recent, scales: Ints, members: Bools) -> tuple[_Views, float]:
+    """Places in the extent of the background, and that extent in px."""
+    own = recent.position[members]
+    centre = own.mean(axis=0)
+    extent = max(float(np.sqrt(((own - centre) ** 2).mean())), 1.0)
+    place, seen = (recent.position - centre) / extent, recent.seen[scales]
+    past = place - recent.displacement[scales] / extent
+    variance, floor = 2 * recent.variance / extent**2, _LEAST_TYPICAL / extent**2
+    return _Views(place, past, seen, seen & members, variance, floor), extent
 
 
-def _field(start: Floats, step: Floats, rows: Ints) -> Floats:
-    """Displacement of the background at places [n, 2], by the steps [n, 2] of its `rows` intp [m]."""
-    design, ridge = _terms(start, rows)
-    own, target = design[rows], step[rows]
-    square = ((target - np.median(target, axis=0)) ** 2).sum(axis=1)
-    coefficients = np.zeros((design.shape[1], 2))
-    plain, every = np.flatnonzero(ridge != _RIDGES[2]), np.arange(len(ridge))
-    for k in range(_ROUNDS):
-        typical = max(float(np.median(square)) / _CHI2_MEDIAN_2D, _LEAST_TYPICAL)
-        weighted = own.T * (1 + square / (4 * typical)) ** -2
-        used = plain if k < _PLAIN_ROUNDS else every
-        left = weighted[used] @ own[:, used] + np.diag(ridge[used])
-        coefficients[used] = np.linalg.solve(left, weighted[used] @ target)
-        square = ((target - own @ coefficients) ** 2).sum(axis=1)
-    return np.asarray(design @ coefficients)
+def _cameras(views: _Views, depth: Floats, weight: Floats) -> tuple[Floats, Floats, Floats]:
+    """Cameras [S, 3, 4] by depths [n], linear and reweighted; weights [S, n], typical squared residuals [S].
 
-
-def _terms(place: Floats, rows: Ints) -> tuple[Floats, Floats]:
-    """Terms of a field at places [n, 2], float64 [n, T], and the ridge of each: quadratic, then the bumps."""
-    low, high = place[rows].min(axis=0), place[rows].max(axis=0)
-    # Beyond the background the field goes on for a tenth of its extent.
-    x, y = np.clip(2 * (place - low) / np.maximum(high - low, 1.0) - 1, -1.2, 1.2).T
-    columns, lines = (grid.ravel() for grid in np.meshgrid(*(np.linspace(-1, 1, count) for count in _GRID)))
-    width, height = (2 / (count - 1) for count in _GRID)
-    distance = ((x[:, None] - columns) / width) ** 2 + ((y[:, None] - lines) / height) ** 2
-    design = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y, np.exp(-0.5 * distance)])
-    return design, np.repeat([0.0, *_RIDGES], [1, 2, 3, len(columns)])
-
-
-def _squares(start: Floats, residual: Floats, rows: Ints, noise: float) -> tuple[Floats, Floats]:
-    """Squares of residuals [n, 2] along the lines through the epipole of `rows`, and across them, [n] each.
-
-    The epipole is the point that the residuals point to or from, by reweighted least squares.
+    What is far from the plane has less weight than its leverage: it would bend the cameras to its own motion.
     """
-    centre = start[rows].mean(axis=0)
-    place = (start - centre) / max(float(np.sqrt(((start[rows] - centre) ** 2).sum(axis=1).mean())), 1.0)
-    length = np.linalg.norm(residual, axis=1) + 1e-12
-    strength = np.minimum(length / np.sqrt(max(noise, _LEAST_TYPICAL)), _CLEAR) / length
-    normal = residual[:, ::-1] * [-1.0, 1.0]
-    equations = (np.column_stack([normal, -(normal * place).sum(axis=1)]) * strength[:, None])[rows]
-    weight, across = np.ones(len(rows)), length**2
-    for _ in range(_EPIPOLE_ROUNDS):
-        epipole = np.linalg.eigh((equations.T * weight) @ equations)[1][:, 0]
-        toward = epipole[:2] - place * epipole[2]
-        toward /= np.linalg.norm(toward, axis=1, keepdims=True) + 1e-12
-        across = (normal * toward).sum(axis=1) ** 2
-        typical = max(float(np.median(across[rows])) / _CHI2_MEDIAN, _LEAST_TYPICAL / 2)
-        weight = (1 + across[rows] / (4 * typical)) ** -2
-    return np.maximum(length**2 - across, 0.0), across
+    scene = np.column_stack([views.place, np.ones(len(depth)), depth])
+    target = views.past.mT
+    rows = np.zeros((*target.shape, _PARAMETERS))
+    rows[:, 0, :, :4] = rows[:, 1, :, 4:8] = scene
+    rows[..., 8:] = -target[..., None] * scene[:, [0, 1, 3]]
+    rows, target = rows.reshape(len(target), -1, _PARAMETERS), target.reshape(len(target), -1, 1)
+    identity = np.eye(_PARAMETERS)[0] + np.eye(_PARAMETERS)[5]
+    for _ in range(_REWEIGHTED):
+        total = weight / (1 + depth**2)
+        weighted = (rows * np.tile(total, 2)[..., None]).mT
+        normal = weighted @ rows
+        ridge = _RIDGE * total.sum(axis=1)[:, None, None] * np.eye(_PARAMETERS)
+        change = np.linalg.solve(normal + ridge, weighted @ target - normal @ identity[:, None])[..., 0]
+        cameras = np.insert(identity + change, 10, 1.0, axis=1).reshape(-1, 3, 4)
+        square = ((_project(cameras, views.place, depth)[0] - views.past) ** 2).sum(axis=2)
+        typical = median(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
+        scale = 4 * np.maximum(typical, views.floor)[:, None]
+        weight = views.used * (1 + square / scale) ** -2
+    return cameras, weight, typical
+
+
+def _depths(
+    views: _Views, cameras: Floats, depth: Floats, prior: Floats, precision: Floats, typical: Floats
+) -> tuple[Floats, Floats]:
+    """Depths [n] by cameras, a step of Gauss and Newton from some, and their precisions [n]."""
+    image, slope = _project(cameras, views.place, depth)
+    weight = views.seen / np.maximum(views.variance + typical[:, None] / 2, views.floor)
+    information = precision + (weight * (slope**2).sum(axis=2)).sum(axis=0)
+    gradient = (weight * (slope * (views.past - image)).sum(axis=2)).sum(axis=0)
+    return depth + (gradient + precision * (prior - depth)) / information, information
+
+
+def _project(cameras: Floats, place: Floats, depth: Floats) -> tuple[Floats, Floats]:
+    """Images [S, n, 2] of places [n, 2] at depths [n], and their derivatives by these."""
+    image = np.column_stack([place, np.ones(len(depth)), depth]) @ cameras.mT
+    scale = np.maximum(image[..., 2:], 0.1)
+    image = image[..., :2] / scale
+    return image, (cameras[:, None, :2, 3] - image * cameras[:, None, 2:, 3]) / scale

@@ -1,0 +1,66 @@
+"""What moves, and what only has parallax, before a camera that moves."""
+
+import numpy as np
+import pytest
+
+from comotion.pixels.gains import rest_gain
+from comotion.pixels.recent import SCALES_NS, Recent
+from comotion.pixels.steadying import Steadying
+
+# Features of the ground, of what stands near the camera, and of a box that may move.
+GROUND, NEAR, BOX = 120, 60, 20
+N = GROUND + NEAR + BOX
+STEPS, NOISE_PX = 40, 0.2
+
+
+def scene(rng):
+    ground = rng.uniform([-1, -0.7, 2.0], [1, 0.7, 2.2], (GROUND, 3))
+    near = rng.uniform([-0.3, -0.3, 0.8], [0.1, 0.3, 1.2], (NEAR, 3))
+    return np.concatenate([ground, near, rng.uniform([0.4, -0.1, 1.7], [0.7, 0.2, 2.0], (BOX, 3))])
+
+
+def eye(seconds):
+    """Where a camera in the hand is, m."""
+    t = np.asarray(seconds)
+    return np.stack([0.2 * np.sin(1.3 * t), 0.1 * np.sin(2.1 * t + 1), 0.15 * np.sin(0.9 * t)], axis=-1)
+
+
+def image(points, seconds, shift):
+    points = points - eye(seconds)
+    points[-BOX:] += shift(seconds)
+    return 500 * points[:, :2] / points[:, 2:] + [320, 240]
+
+
+def gains(shift):
+    """Gains of rest after each step of a tenth of a second, [STEPS, N], all being background."""
+    rng = np.random.default_rng(0)
+    points, steadying, gain = scene(rng), Steadying(), []
+    everything = np.ones(N, np.bool_)
+    for now in 3 + 0.1 * np.arange(STEPS):
+        places = [
+            image(points, now - ago, shift) + rng.normal(0, NOISE_PX, (N, 2))
+            for ago in (0, *(scale * 1e-9 for scale in SCALES_NS))
+        ]
+        displacement = places[0] - np.array(places[1:])
+        seen = np.ones((len(SCALES_NS), N), np.bool_)
+        recent = Recent(
+            np.arange(N), places[0], displacement, seen, np.full(N, NOISE_PX**2), np.zeros(seen.shape)
+        )
+        gain.append(rest_gain(steadying.steadied(recent, np.arange(N), everything)))
+    return np.array(gain)
+
+
+def test_parallax_of_what_is_near_is_no_motion():
+    gain = gains(lambda seconds: np.zeros(3))
+    assert (gain[5:] > 0).mean() > 0.99
+
+
+@pytest.mark.parametrize("way", [(0.3, 0, 0), (0, 0.3, 0), (0, 0, 0.6)])
+def test_what_moves_is_off_the_background_within_two_steps(way):
+    def shift(seconds):
+        return np.multiply(way, np.clip(seconds - 5, 0, 1))
+
+    gain = gains(shift)
+    assert (gain[5:20, -BOX:] > 0).mean() > 0.99
+    assert (gain[22:28, -BOX:] < 0).mean() > 0.9
+    assert (gain[22:28, :-BOX] > 0).mean() > 0.99
