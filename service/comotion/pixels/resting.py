@@ -25,8 +25,8 @@ _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # Before a camera that moves, the background is followed in windows longer than this, or once all but a share
-# has been one hypothesis for so many steps: else the structure of the whole window tells more.
-_LONG_NS, _DIVIDED, _UNDIVIDED_STEPS = 4_500_000_000, 0.03, 10
+# has been one hypothesis for so many steps, and little undetermined: else the whole window tells more.
+_LONG_NS, _DIVIDED, _UNLABELLED, _UNDIVIDED_STEPS = 4_500_000_000, 0.03, 0.1, 10
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
@@ -81,16 +81,17 @@ class RestingCamera:
         first = stamps[0] if self._stamp_ns is None else max(self._stamp_ns, last - window.span_ns)
         _, sizes = np.unique(labels[labels >= 0], return_counts=True)
         undivided = sizes.max(initial=0) > (1 - _DIVIDED) * sizes.sum()
+        undivided &= sizes.sum() > (1 - _UNLABELLED) * len(window.slots())
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         self._undivided = self._undivided + count if undivided else 0
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
             self._evidence = _judged(recent, self._evidence)
-            self.carried = self._evidence < 0
+            began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent)
                 early = self._undivided < _UNDIVIDED_STEPS and instant - stamps[0] < _LONG_NS
-                if self._steady < 0 or (early and self._belief is None):
+                if self._steady < 0 or (early and not began):
                     self._belief = None
                     continue
             self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
