@@ -61,9 +61,9 @@ def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
         FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None}),
     )
     assert found["lost"] == 0
-    assert found["final_nmi"] == offline.summary.final_nmi == 1.0
+    assert found["final_nmi"] == offline.run.summary.final_nmi == 1.0
     # Updates fall on other instants; the one at which the bodies part weighs a twentieth.
-    assert found["mean_nmi"] == pytest.approx(offline.summary.mean_nmi, abs=0.1)
+    assert found["mean_nmi"] == pytest.approx(offline.run.summary.mean_nmi, abs=0.1)
     # The wait at the end, with no source left, is not scored.
     stamps = [row["stamp_ns"] for row in found["over_time"]]
     assert stamps == sorted(set(stamps))
