@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box
 
-from ..arrays import Bools, Floats, Ints
+from ..arrays import Floats, Ints
 from ..rigid.kernels.rotation import quaternion
 from .records import Record
 
@@ -46,11 +46,15 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
         return Box(center=((low + high) / 2).tolist(), half=((high - low) / 2).tolist(), rotation=upright)
     points, (R, t) = _points(record), record.pose
     axes = np.eye(len(t)) if record.axes is None else record.axes
-    if seek and record.seen_ns >= record.sought_ns + _SEEK_NS:
-        axes, record.sought_ns = _best_axes(points, axes), record.seen_ns
+    due = seek and record.seen_ns >= record.sought_ns + _SEEK_NS
+    if due or not record.spacing:
+        apart = _apart(points)
+        record.spacing = float(np.median(apart))
+    if due:
+        near = points[apart <= _FAR * record.spacing]
+        axes, record.sought_ns = _best_axes(near, axes), record.seen_ns
     record.axes = axes
-    along = points @ axes
-    low, high = along.min(0), along.max(0)
+    low, high = _sides(points @ axes, _FAR * record.spacing)
     turn = R @ axes
     center = turn @ ((low + high) / 2) + t
     rotation = float(np.arctan2(turn[1, 0], turn[0, 0])) if len(t) == 2 else quaternion(turn).tolist()
@@ -63,19 +67,31 @@ def _points(record: Record) -> Floats:
     present = members.present
     lost = np.flatnonzero(~present & members.lasted)
     if len(lost) > _MAX_POINTS:
-        near = lost[_near_others(members.points[lost])]
+        apart = _apart(members.points[lost])
+        near = lost[apart <= _FAR * np.median(apart)]
         far = near[_farthest(members.points[near])]
         rows = np.isin(np.arange(len(present)), np.setdiff1d(lost, far), invert=True)
         record.members = members.of(rows)
         lost = far
-    points = np.concatenate([members.shown, members.points[lost]])
-    return points[_near_others(points)]
+    return np.concatenate([members.shown, members.points[lost]])
 
 
-def _near_others(points: Floats) -> Bools:
-    """Which points [m, dim] are not far from all others, bool [m]."""
+def _apart(points: Floats) -> Floats:
+    """Distance of points [m, dim] to the second neighbour, if there are as many, float64 [m]."""
     apart, _ = cKDTree(points).query(points, k=[min(3, len(points))])
-    return np.asarray(apart[:, 0] <= _FAR * np.median(apart))
+    return np.asarray(apart[:, 0])
+
+
+def _sides(along: Floats, far: float) -> tuple[Floats, Floats]:
+    """Least and largest coordinates [dim] of points [m, dim] that are not as far from all others."""
+    while True:
+        ends = np.unique([along.argmin(0), along.argmax(0)])
+        square = ((along[ends, None] - along) ** 2).sum(axis=2)
+        second = min(2, len(along) - 1)
+        alone = np.partition(square, second, axis=1)[:, second] > far**2
+        if not alone.any():
+            return along.min(0), along.max(0)
+        along = np.delete(along, ends[alone], axis=0)
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}

@@ -155,8 +155,9 @@ class Record:
         Whether its pose was known when it was last seen.
     members
         Of now, or as it was last seen; none where nothing is known, as of how it has turned out of sight.
-    axes, sought_ns
-        float64 [dim, dim], axes of its box as columns, in those of the body; when they were sought last.
+    axes, spacing, sought_ns
+        float64 [dim, dim], axes of its box as columns, in those of the body; the usual distance of its points
+        to the second neighbour; when both were sought last.
     sides
         float64 [2, dim], lower and upper sides of its box in the axes of the space, while it has no pose.
     description
@@ -177,6 +178,7 @@ class Record:
     posed: bool = False
     members: Members = field(default_factory=Members.none)
     axes: Floats | None = None
+    spacing: float = 0.0
     sought_ns: int = -_NEVER
     sides: Floats = field(default_factory=lambda: np.zeros((2, 0)))
     description: Hypothesis | None = None
