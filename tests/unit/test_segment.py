@@ -114,14 +114,11 @@ def test_regions_end_at_the_edges_of_the_image():
     assert overlap(found == 7, disc) > 0.9
 
 
-def test_a_wall_without_features_is_not_the_bodys_that_is_nearest():
-    image, body = np.full((120, 160, 3), 90, np.uint8), np.zeros((120, 160), bool)
-    body[40:80, 10:50] = True
-    image[body] = 200
+def test_a_body_does_not_spread_over_a_wall_without_edges():
     on_body = np.random.default_rng(0).uniform([14, 44], [46, 76], (20, 2))
-    background = np.array([[x, y] for x in (4, 60, 155) for y in (4, 60, 115)])
-    pixels = np.vstack([on_body, background]).astype(np.float32)
-    assert overlap(regions(image, pixels, np.repeat([7, 3], [20, 9])) == 7, body) > 0.9
+    pixels = np.vstack([on_body, [[155, 4], [155, 60], [115, 115]]]).astype(np.float32)
+    found = regions(np.full((120, 160), 90, np.uint8), pixels, np.repeat([7, 3], [20, 3]))
+    assert (found[:, 80:] == 3).all()
 
 
 def test_a_wall_with_few_features_at_its_ends_is_the_background():
@@ -131,17 +128,6 @@ def test_a_wall_with_few_features_at_its_ends_is_the_background():
     pixels = np.vstack([wall, on_disc]).astype(np.float32)
     found = regions(image, pixels, np.repeat([3, 7], [len(wall), len(on_disc)]))
     assert overlap(found == 7, disc) > 0.9
-
-
-@pytest.mark.parametrize("count", [1, 30])
-def test_one_wrong_feature_does_not_spread_over_the_picture(count):
-    image, disc = picture()
-    pixels, labels = features(disc, 120)
-    on_disc = np.flatnonzero(labels == 7)
-    labels[on_disc[count:]] = -1
-    pixels[on_disc[0]] = (10, 110)
-    wrong = regions(image, pixels, labels)[:, :60] == 7
-    assert wrong.sum() < 30**2
 
 
 def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
