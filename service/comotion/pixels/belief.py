@@ -30,8 +30,8 @@ _MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 0.5, 2.0
 _PLACE = 0.25
 # nat; of the members of a new body.
 _FIRST = 1.0
-# ns; a body is shown once it has lasted for so long.
-_LASTED_NS = 280_000_000
+# ns; a body is shown once its age times its members is so much: few members take longer to be sure of.
+_LASTED_NS = 3_000_000_000
 # Steps from one comparison of pairs of bodies to the next.
 _MERGE_EVERY = 3
 # ns; a body is dropped if it could not be shown, or had no member, for so long.
@@ -226,7 +226,7 @@ class Belief:
             age_ns, size = stamp_ns - body.born_ns, int(sizes[column])
             if size:
                 body.seen_ns = stamp_ns
-            lasts = age_ns >= _LASTED_NS and size >= _GOING_ON
+            lasts = age_ns * size >= _LASTED_NS and size >= _GOING_ON
             body.shown |= lasts and body.farthest > _LEAST_MOTION_PX
             fades = not body.shown and (age_ns > _GONE_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
