@@ -72,6 +72,12 @@ def test_lost_members_stay_and_those_of_others_leave():
     assert min(taken.half) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_members_that_are_all_farther_apart_than_those_before_have_a_box():
+    body = Body()
+    body.box(0, 0.01 * CORNERS)
+    np.testing.assert_allclose(body.box(S // 10, CORNERS[[0, 7]], keys=[8, 9]).half, HALF, atol=1e-9)
+
+
 @pytest.mark.parametrize("count", [6, 400])
 def test_a_wrong_member_that_was_lost_does_not_stretch_the_box(count):
     body, rng = Body(), np.random.default_rng(0)

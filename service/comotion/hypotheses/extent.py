@@ -83,15 +83,20 @@ def _apart(points: Floats) -> Floats:
 
 
 def _sides(along: Floats, far: float) -> tuple[Floats, Floats]:
-    """Least and largest coordinates [dim] of points [m, dim] that are not as far from all others."""
-    while True:
-        ends = np.unique([along.argmin(0), along.argmax(0)])
-        square = ((along[ends, None] - along) ** 2).sum(axis=2)
-        second = min(2, len(along) - 1)
+    """Least and largest coordinates [dim] of points [m, dim] that are not as far from all others.
+
+    Of all, where more than half are: then the body has other points than those that `far` was measured on.
+    """
+    near = along
+    while 2 * len(near) >= len(along):
+        ends = np.unique([near.argmin(0), near.argmax(0)])
+        square = ((near[ends, None] - near) ** 2).sum(axis=2)
+        second = min(2, len(near) - 1)
         alone = np.partition(square, second, axis=1)[:, second] > far**2
         if not alone.any():
-            return along.min(0), along.max(0)
-        along = np.delete(along, ends[alone], axis=0)
+            return near.min(0), near.max(0)
+        near = np.delete(near, ends[alone], axis=0)
+    return along.min(0), along.max(0)
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}
