@@ -4,8 +4,8 @@ import numpy as np
 
 from ...arrays import Bools, Floats
 from ...compiled import compiled
+from .frame_pose import frame_pose
 from .metric import quadratic
-from .procrustes import frame_pose
 from .records import PoseArrays
 
 # Poses in every frame gain by fitting noise. One pose for all may cost more than their expected gain by this
