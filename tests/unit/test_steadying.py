@@ -57,10 +57,7 @@ def test_parallax_of_what_is_near_is_no_motion():
 
 @pytest.mark.parametrize("way", [(0.3, 0, 0), (0, 0.3, 0), (0, 0, 0.6)])
 def test_what_moves_is_off_the_background_within_two_steps(way):
-    def shift(seconds):
-        return np.multiply(way, np.clip(seconds - 5, 0, 1))
-
-    gain = gains(shift)
+    gain = gains(lambda seconds: np.multiply(way, np.clip(seconds - 5, 0, 1)))
     assert (gain[5:20, -BOX:] > 0).mean() > 0.99
     assert (gain[22:28, -BOX:] < 0).mean() > 0.9
     assert (gain[22:28, :-BOX] > 0).mean() > 0.99
