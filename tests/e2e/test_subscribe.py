@@ -65,10 +65,9 @@ def test_a_storm_of_statuses_of_one_component_displaces_no_other(session, endpoi
         session.put(KEYS.stream("status", "quiet"), encode(status("quiet", "source")))
         assert next(statuses).component == "quiet"
         blocking = zenoh.CongestionControl.BLOCK
-        for _ in range(500):
-            key = KEYS.stream("status", "loud")
-            session.put(key, encode(status("loud", "source")), congestion_control=blocking)
-        session.put(KEYS.stream("status", "last"), encode(status("last", "source")))
+        for component in ["loud"] * 500 + ["last"]:
+            key = KEYS.stream("status", component)
+            session.put(key, encode(status(component, "source")), congestion_control=blocking)
         while (found := next(statuses)).component != "last":
             assert found.component == "loud"
         assert statuses.counters.received < 100
