@@ -2,7 +2,6 @@
 
 import math
 import re
-import textwrap
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -135,7 +134,6 @@ def run_scene(scene: Scene, config: FusionConfig) -> dict[str, float]:
     }
 
 
-_WIDTH = 110
 # NaN where a metric does not apply.
 _COLUMNS = (
     Column("nmi_apart", "NMI", 3),
@@ -145,27 +143,15 @@ _COLUMNS = (
     Column("ids", "ids", 1),
     Column("spurious", "spurious", 0),
 )
-_OPENING = """Made by `comotion dev reproduce stress`. Scenes that are not clean: trackers restart,
-features drift, bodies rest. {seeds}{part} All scenes are made up; the parameters of each family are in
-`comotion_experiments.stress`. The thesis method has equal weights and the σ_switch that suits the scene's
-noise. Every cell is a mean over seeds{both}."""
-_BOTH = " of the default method; NMI also of the thesis method"
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """For a document and a terminal."""
-    seeds = list(dict.fromkeys(row["seed"] for row in rows))
     families = [FAMILIES[name] for name in dict.fromkeys(row["case"] for row in rows)]
-    odd = all(seed % 2 for seed in seeds)
-    role = "even ones are for development" if odd else "not all odd: those that are even are for development"
-    opening = _OPENING.format(
-        seeds=f"Seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))} ({role}).",
-        part=f" Here are {len(families)} of {len(FAMILIES)} families."
-        if len(families) < len(FAMILIES)
-        else "",
-        both=_BOTH if len({row["setting"] for row in rows}) > 1 else "",
-    )
-    parts: dict[str, str | Table] = {"opening": textwrap.fill(" ".join(opening.split()), _WIDTH)}
+    parts: dict[str, str | Table] = {
+        "seeds": ", ".join(str(seed) for seed in dict.fromkeys(row["seed"] for row in rows)),
+        "part": f"{len(families)} of {len(FAMILIES)}",
+    }
     for group in dict.fromkeys(family.group for family in families):
         of_group = [family for family in families if family.group == group]
         parts[group] = _table(rows, of_group)
