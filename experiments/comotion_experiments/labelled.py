@@ -79,12 +79,8 @@ class GivenTracks:
             first = min(frames, len(recording))
             text = "%s has %d frames, the video %d: the first %d are used"
             _log.warning(text, recording.name, len(recording), frames, first)
-        count = recording.positions.shape[1]
         (stream,) = recording_streams(recording)
         self._frames = list(stream)
-        first = np.argmax(np.isfinite(recording.positions[..., 0]), axis=0)
-        ids = np.arange(count) if recording.ids is None else recording.ids
-        self._births = dict(zip(ids.tolist(), first.tolist(), strict=True))
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -92,15 +88,15 @@ class GivenTracks:
     def at(self, number: int, frame: Frame) -> Tracks:
         """The features of a frame, by its number."""
         tracked = self._frames[number]
-        ids = tracked.ids.tolist()
+        count = len(tracked.ids)
         return Tracks(
             stamp_ns=frame.stamp_ns,
             ids=tracked.ids,
             pixels=tracked.positions.astype(np.float32),
-            pixel_sigma=np.full(len(ids), np.nan) if tracked.sigma is None else tracked.sigma,
+            pixel_sigma=np.full(count, np.nan) if tracked.sigma is None else tracked.sigma,
             points=None,
             sigma=None,
-            born=np.array([self._births[identity] == number for identity in ids], np.bool_),
+            born=np.zeros(count, np.bool_),  # where truth is to be read: there is none
             ended=tracked.ended,
         )
 
