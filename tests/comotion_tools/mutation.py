@@ -25,9 +25,9 @@ def mutated(chance: random.Random, inputs: Sequence[bytes]) -> bytes:
 
 
 def _change(chance: random.Random, data: bytearray, inputs: Sequence[bytes]) -> None:
+    """Change a few bytes at some place."""
     at = chance.randrange(len(data) + 1)
     end = min(len(data), at + chance.randint(1, 16))
-    """Change a few bytes at some place."""
     match chance.randrange(6):
         case 0:
             data[at:end] = bytes(chance.randrange(256) for _ in range(end - at))

@@ -21,6 +21,7 @@ Examples:
   comotion dev bench --features 1000 --rate 15,30,60 --json
   comotion dev bench --pixels --sources 1 --method comotion --features 500,1000   # one plain camera
 """
+    out = Path("out/bench")
 
     features: str | None = option(None, "Numbers of features. Default: 500,1000,3000,5000; quick 200,500.")
     method: list[str] | None = option(None, "Method; may be repeated. Default: comotion and thesis.")
@@ -29,7 +30,6 @@ Examples:
     sources: int = option(3, "Sources of the scene.", min=1, max=64)
     pixels: bool = option(False, "Plain cameras: a space in px for each of the sources.")
     quick: bool = option(False, "Small numbers, few updates.")
-    out: Path = option(Path("out/bench"), "Where bench.md and bench.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Measure the core and print the result."""

@@ -12,7 +12,7 @@ class Experiment(Json, Tool):
     """What all experiments have in common: a folder for their results, and how these are printed."""
 
     log_level = "warning"
-    out: Path
+    out: Path = option(Path(), "Where its page and its values (.json) go.", metavar="DIR", file_okay=False)
 
     def report(self, name: str, text: str, values: object) -> None:
         """Write the page of an experiment, in Markdown, and its values, as JSON, and show it."""
@@ -45,14 +45,12 @@ Examples:
   comotion dev reproduce accuracy --data recordings/mocap --out docs/research
   comotion dev reproduce accuracy --quick
 """
+    out = Path("accuracy")
 
     data: Path | None = option(None, "Folder of labelled .npz recordings. Default: none.", metavar="DIR")
     seeds: str | None = setting(None, "Seeds of simulated scenes, e.g. 0-4 or 0,3. Default: 0-4, quick 0.")
     quick: bool = option(False, "One seed, the scenes of the thesis.")
     part: list[str] | None = option(None, "scores or motion; may be repeated. Default: both.", metavar="PART")
-    out: Path = option(
-        Path("accuracy"), "Where accuracy.md and accuracy.json go.", metavar="DIR", file_okay=False
-    )
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -86,15 +84,13 @@ Examples:
   comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
   comotion dev reproduce ablation --rule looseness=0.01 --rule looseness=0.04   # a parameter
 """
+    out = Path("ablation")
 
     rule: list[str] | None = option(
         None, "Rule to leave out, or PARAMETER=VALUE; may be repeated. Default: each rule.", metavar="NAME"
     )
     seeds: str = setting("1,3", "Seeds, e.g. 1,3 or 0-4.")
     data: list[Path] | None = option(None, "Folder of labelled recordings; may be repeated.", metavar="DIR")
-    out: Path = option(
-        Path("ablation"), "Where ablation.md and ablation.json go.", metavar="DIR", file_okay=False
-    )
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -123,13 +119,13 @@ Examples:
 
 A family's name also stands for all that begin with it: cover for cover_1s and cover_3s.
 """
+    out = Path("stress")
 
     seeds: str | None = setting(
         None, "Seeds, e.g. 1,3 or 0-4. Default: 1,3,5,7,9, quick 1; even ones are for development."
     )
     method: list[str] | None = option(None, "comotion or thesis; may be repeated. Default: both.")
     quick: bool = option(False, "One seed.")
-    out: Path = option(Path("stress"), "Where stress.md and stress.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -154,9 +150,9 @@ Examples:
 
 The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall01.npz.
 """
+    out = Path("pixels")
 
     data: Path = option(..., "Folder of the recordings.", env="COMOTION_DATA", metavar="DIR")
-    out: Path = option(Path("pixels"), "Where pixels.md and pixels.json go.", metavar="DIR", file_okay=False)
 
     def run(self) -> None:
         """Run it and write the report."""
@@ -176,12 +172,10 @@ Examples:
   comotion dev reproduce carried --seeds 10-13
   comotion dev reproduce carried --kind hand --seeds 10
 """
+    out = Path("carried")
 
     kind: list[str] | None = option(None, "How the camera is carried; may be repeated. Default: all.")
     seeds: str = option("10-13", "Seeds; those below 10 are for development.")
-    out: Path = option(
-        Path("carried"), "Where carried.md and carried.json go.", metavar="DIR", file_okay=False
-    )
 
     def run(self) -> None:
         """Run it and write the report."""
