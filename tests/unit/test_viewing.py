@@ -215,14 +215,20 @@ def test_a_port_in_use_is_an_error_that_names_it(taken):
             pass
 
 
-def test_every_shape_arrives_in_the_file(tmp_path):
-    picture = ScenePicture("lab")
-    with sink.RerunSink(file=tmp_path / "a.rrd") as shown:
+def test_every_shape_of_a_recording_arrives_in_the_file(tmp_path, capsys):
+    pytest.importorskip("mcap")
+    import rerun_cli
+
+    from comotion_clients.recording.file import RecordingFile
+
+    with RecordingFile(tmp_path / "a.mcap", scene="lab") as file:
         for k in range(1, 6):
-            moments = feed(picture, k)
-            shown.arrange(picture.layout)
-            shown.show(moments)
-    told = printed(tmp_path / "a.rrd")
+            for key, message in recorded(k).items():
+                file.add(f"comotion/@v1/lab/{key}", k * S, encode(message), message)
+    assert run(["view", str(tmp_path / "a.mcap"), "--save", str(tmp_path / "a.rrd")]) == 0
+    assert "5 updates" in capsys.readouterr().err
+    command = [Path(rerun_cli.__file__).with_name("rerun"), "rrd", "print", "-v", tmp_path / "a.rrd"]
+    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     expected = [
         "/cameras/a/image", "/cameras/a/features", "/lags/a", "/legend/dots", "/log", "/rates/a",
         "/scores/plane/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
@@ -231,43 +237,12 @@ def test_every_shape_arrives_in_the_file(tmp_path):
     assert [path for path in expected if path not in told] == []
 
 
-def test_a_recording_is_shown(tmp_path, capsys):
-    pytest.importorskip("mcap")
-    from comotion_clients.recording.file import RecordingFile
-
-    with RecordingFile(tmp_path / "a.mcap", scene="lab") as file:
-        for k in range(1, 6):
-            for key, message in (("obs/a", seen(k)), ("hypotheses", found(k))):
-                file.add(f"comotion/@v1/lab/{key}", k * S, encode(message), message)
-    assert run(["view", str(tmp_path / "a.mcap"), "--save", str(tmp_path / "a.rrd")]) == 0
-    assert "5 updates" in capsys.readouterr().err
-    assert "/spaces/plane/features/a" in printed(tmp_path / "a.rrd")
-
-
-def printed(path):
-    import rerun_cli
-
-    command = [Path(rerun_cli.__file__).with_name("rerun"), "rrd", "print", "-v", path]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
-
-
-def feed(picture, k):
+def recorded(k):
+    """Messages of second k by their keys."""
     image = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
-    truth = TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={})
     jpeg = {"encoding": "jpeg", "image": image, "ids": [10], "pixels": [[1, 2]]}
-    preview = Preview(source="a", session=SESSION, stamp_ns=k * S, **jpeg)
-    messages = (seen(k), truth, preview, found(k))
-    moments = [moment for message in messages for moment in picture.on_message(message, float(k), k * S)]
-    return moments + picture.tick(k + 0.5)
-
-
-def seen(k):
-    return builders.batch("a", k, k * S, np.full((2, 2), k), space="plane", ids=[10, 11])
-
-
-def found(k):
     pose, twist = Pose(translation=[0.0, 0.0], rotation=0.1), Twist(linear=[1.0, 0.0], angular=1.0)
-    return builders.update(
+    update = builders.update(
         [1, UNDETERMINED],
         seq=k,
         stamp_ns=k * S,
@@ -276,3 +251,9 @@ def found(k):
         hypotheses=[hypothesis(1, space="plane", centroid=[float(k), float(k)], pose=pose, twist=twist)],
         events=[Event(stamp_ns=k * S, kind="born", hypothesis=1, others=[])],
     )
+    return {
+        "obs/a": builders.batch("a", k, k * S, np.full((2, 2), k), space="plane", ids=[10, 11]),
+        "truth/a": TruthBatch(source="a", session=SESSION, ids=[10, 11], objects=[0, 1], names={}),
+        "preview/a": Preview(source="a", session=SESSION, stamp_ns=k * S, **jpeg),
+        "hypotheses": update,
+    }
