@@ -41,19 +41,8 @@ DOOR = Joint(
     sigma_position=0.01,
 )
 # A drawer in the door: its chain is longer.
-DRAWER = Joint(
-    parent=2,
-    child=3,
-    space="world",
-    kind="prismatic",
-    confidence=0.98,
-    axis=[0.0, 1.0, 0.0],
-    point=[1.2, 0.5, 0.3],
-    position=0.1,
-    rate=0.0,
-    lower=0.0,
-    upper=0.3,
-)
+SLIDE = {"kind": "prismatic", "axis": [0.0, 1.0, 0.0], "point": [1.2, 0.5, 0.3]}
+DRAWER = replace(DOOR, parent=2, child=3, position=0.1, rate=0.0, upper=0.3, sigma_position=None, **SLIDE)
 FREE = Joint(parent=1, child=4, space="world", kind="free", confidence=1.0)
 
 

@@ -71,11 +71,10 @@ def test_arrays_come_back_with_shape_and_dtype_and_can_be_written_to():
     found["arrays"]["matrix"][0, 0] = 9
 
 
-def signed(values: bytes, arrays: bytes = b"") -> bytes:
+def signed(values: bytes, version: int = saving.FORMAT) -> bytes:
     """A snapshot whose checksums are right, whatever is in it."""
-    digest = hashlib.blake2b(values + arrays, digest_size=16).digest()
-    header = struct.pack("<8sIQ16s", b"comotion", saving.FORMAT, len(values), digest)
-    return header + values + arrays
+    digest = hashlib.blake2b(values, digest_size=16).digest()
+    return struct.pack("<8sIQ16s", b"comotion", version, len(values), digest) + values
 
 
 GOOD = dump({"rows": np.arange(9), "plain": "text"})
@@ -92,6 +91,7 @@ GOOD = dump({"rows": np.arange(9), "plain": "text"})
         (signed(b"\xc1"), "damaged"),
         (signed(msgpack.packb({"a": {"__array__": ["<f8", [1 << 60], 0]}})), "damaged"),
         (signed(b"\x91" * 5000), "damaged"),
+        (signed(b"", 3), f"format 3, expected {saving.FORMAT}"),
     ],
 )
 def test_what_is_no_snapshot_is_a_clear_error(data, words):
@@ -104,11 +104,3 @@ def test_every_changed_byte_is_found():
         damaged = GOOD[:k] + bytes([GOOD[k] ^ 1]) + GOOD[k + 1 :]
         with pytest.raises(ValueError, match="snapshot"):
             load(damaged, unchanged)
-
-
-def test_another_version_is_said(monkeypatch):
-    monkeypatch.setattr(saving, "FORMAT", 3)
-    older = dump({})
-    monkeypatch.undo()
-    with pytest.raises(ValueError, match=f"format 3, expected {saving.FORMAT}"):
-        load(older, unchanged)
