@@ -42,6 +42,8 @@ def test_recordings_and_scenes_are_evaluated(recording):
     assert all(r.run.summary.final_nmi == 1.0 for r in results)
     # The two markers without a label are grouped but never scored.
     assert results[2].run.summary.mean_objects == 2
+    (compared,) = evaluate_inputs(inputs[2:], CONFIG, comparator=True)
+    assert compared.compared["spectral, K given"] == 1.0
     scenes = by_file(results)[scene]["mean_nmi"]
     assert scenes == pytest.approx((results[0].run.summary.mean_nmi + results[1].run.summary.mean_nmi) / 2)
 
