@@ -17,16 +17,11 @@ NAN, INF = float("nan"), float("inf")
 ABSENT = object()
 
 
-def u8(*values):
-    return np.array(values, "<u8").tobytes()
+def column(kind, *values):
+    return np.array(values, kind).tobytes()
 
 
-def i8(*values):
-    return np.array(values, "<i8").tobytes()
-
-
-def f4(*values):
-    return np.array(values, "<f4").tobytes()
+u8, i8, f4 = (partial(column, kind) for kind in ("<u8", "<i8", "<f4"))
 
 
 def golden(name):

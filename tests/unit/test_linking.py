@@ -105,7 +105,7 @@ def linked_bodies(update):
 
 
 def fused(view):
-    return Fusion(FusionConfig(linking={"cameras": {} if view is None else {"plain/pixels": view}}))
+    return Fusion(FusionConfig(linking={"cameras": {"plain/pixels": view}}))
 
 
 @pytest.fixture(scope="module")
@@ -182,11 +182,9 @@ def test_distortion_is_undone():
 
 
 def test_without_calibration_or_poses_there_are_no_links():
-    update = run(fused(None), messages(camera(), seconds=2.0))
-    assert all(h.linked is None for h in update.hypotheses)
-    config = FusionConfig(method="thesis", linking={"cameras": {"plain/pixels": camera()}})
-    update = run(Fusion(config), messages(camera(), seconds=1.0))
-    assert all(h.linked is None for h in update.hypotheses)
-    config = FusionConfig(linking={"cameras": {"plain/pixels": camera(frame="elsewhere"), "world": camera()}})
-    update = run(Fusion(config), messages(camera(), seconds=2.0))
-    assert all(h.linked is None for h in update.hypotheses)
+    elsewhere = {"plain/pixels": camera(frame="elsewhere"), "world": camera()}
+    cases = ("comotion", {}), ("thesis", {"plain/pixels": camera()}), ("comotion", elsewhere)
+    for method, cameras in cases:
+        fusion = Fusion(FusionConfig(method=method, linking={"cameras": cameras}))
+        update = run(fusion, messages(camera(), seconds=2.0))
+        assert all(h.linked is None for h in update.hypotheses)
