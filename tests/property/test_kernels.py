@@ -1,4 +1,6 @@
-"""Compiled code against its readable twins in tests/reference: rigid bodies and interpolation."""
+"""Compiled code against readable twins: rigid bodies, those in tests/reference, and interpolation."""
+
+from bisect import bisect_right
 
 import numpy as np
 import pytest
@@ -14,7 +16,6 @@ from comotion.rigid.procrustes import Body, align
 from comotion.trajectories.window import Window
 
 from ..reference import rigid as plain
-from ..reference.interpolation import segment
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 few = settings(max_examples=25)
@@ -125,9 +126,9 @@ def test_states_are_those_of_the_segments(series, stamps, gap):
     states = window.states_at(slots, np.array(stamps))
     for n, times in enumerate(series):
         for t, stamp in enumerate(stamps):
-            left, right, share = segment(times, stamp, gap, 0)
-            assert states.held[t, n] == (left >= 0)
-            assert states.observed[t, n] == (stamp in times)
-            if left >= 0:
-                x = [(1 - share) * k * k + share * m * m for k, m in [(times[left], times[right])]]
-                np.testing.assert_allclose(states.position[t, n], [*x, -stamp], rtol=1e-12, atol=1e-12)
+            newest, observed = bisect_right(times, stamp) - 1, stamp in times
+            inside = 0 <= newest < len(times) - 1 and times[newest + 1] - times[newest] <= gap
+            assert (states.observed[t, n], states.held[t, n]) == (observed, observed or inside)
+            if observed or inside:
+                expected = [np.interp(stamp, times, np.square(times)), -stamp]
+                np.testing.assert_allclose(states.position[t, n], expected, rtol=1e-12, atol=1e-12)
