@@ -28,21 +28,20 @@ def row_cost(y, w, v, poses, soft, cap, unposed, spectrum=(1.0, 0.0, 0.0), metri
     memory = (own * spectrum[2] + more * soft[1]) / max(own + more, 1e-300)
     mixed = spectrum[0], own + more, memory
     squared = squared_innovations(np.flatnonzero(used), x - b, w, v, mixed, turned)
-    wider = np.log(innovation_variances(w, mixed) / innovation_variances(w, spectrum))[used]
+    wider = np.log(filtered(w, mixed)[0] / filtered(w, spectrum)[0])[used]
     return missing + 0.5 * (np.minimum(squared / v, cap * 3) + 3 * wider).sum(), squared.mean()
 
 
-def innovation_variances(w, spectrum):
-    """Variances of the innovations [F], times the weights; NaN where nothing is observed."""
+def filtered(w, spectrum):
+    """Variances of the innovations [F], times the weights, NaN where nothing is observed; and gains [F]."""
     white, slow, memory = spectrum
-    variance, found = slow, np.full(len(w), np.nan)
+    variance, found, gains = slow, np.full(len(w), np.nan), np.zeros(len(w))
     for f in range(len(w)):
-        gain = 0.0
         if w[f] > 0:
             found[f] = w[f] * variance + white
-            gain = w[f] * variance / found[f]
-        variance = memory**2 * (1 - gain) * variance + (1 - memory**2) * slow
-    return found
+            gains[f] = w[f] * variance / found[f]
+        variance = memory**2 * (1 - gains[f]) * variance + (1 - memory**2) * slow
+    return found, gains
 
 
 def squared_innovations(at, x, w, v, spectrum, metrics):
@@ -50,17 +49,11 @@ def squared_innovations(at, x, w, v, spectrum, metrics):
 
     The gain is that of all observed frames; an outlier moves the state less.
     """
-    white, slow, memory = spectrum
-    state, variance, found = np.zeros(3), slow, []
+    (variances, gains), state, found = filtered(w, spectrum), np.zeros(3), []
     for f in range(len(w)):
-        gain, precision = 0.0, 0.0
-        if w[f] > 0:
-            gain = variance / (variance + white / w[f])
-            precision = 1 / (variance + white / w[f])
         if f in at:
-            error = x[list(at).index(f)] - state
-            found.append(precision * (error @ metrics[list(at).index(f)] @ error))
-            state = state + gain / (1 + found[-1] / (SOFT * 3 * v)) * error
-        state = memory * state
-        variance = memory**2 * (1 - gain) * variance + (1 - memory**2) * slow
+            error, metric = x[len(found)] - state, metrics[len(found)]
+            found.append(w[f] / variances[f] * (error @ metric @ error))
+            state = state + gains[f] / (1 + found[-1] / (SOFT * 3 * v)) * error
+        state = spectrum[2] * state
     return np.array(found)
