@@ -111,10 +111,8 @@ class BlankFrames(RecordedCamera):
         width, height = (np.clip(np.ceil((extent + 1) / 2), 8, _LARGEST_PX / 2).astype(int) * 2).tolist()
         self._shape, self._times = (height, width, 3), recording.times
 
-    def __iter__(self) -> Iterator[Frame]:
+    def _read(self) -> Iterator[Frame]:
         for t in self._times.tolist():
-            if self._closed:
-                return
             yield Frame(round(t * 1e9), np.zeros(self._shape, np.uint8))
 
 

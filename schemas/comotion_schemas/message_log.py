@@ -5,7 +5,7 @@ import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import lz4.frame
 import zstandard
@@ -14,7 +14,7 @@ from mcap.summary import Summary
 
 from .codec import DecodeError, Message, decode_on
 from .errors import RecordingError
-from .keys import DEFAULT_SCENE, Kind, kind_of, publisher_of
+from .keys import DEFAULT_SCENE, Kind, StreamKind, kind_of, publisher_of
 from .recording import MESSAGE_ENCODING
 from .types import is_name
 
@@ -60,7 +60,7 @@ class MessageLog:
     start_ns, end_ns
         Receipt of the first and of the last message, nanoseconds since the Unix epoch.
     sources
-        Sorted names of the publishers of observations, truth, joint states and previews.
+        Publishers of observations, truth, joint states and previews, and which of these each has sent.
     invalid
         Number of invalid payloads that :meth:`decoded` has left out so far.
 
@@ -98,8 +98,10 @@ class MessageLog:
             and is_name(publisher_of(channel.topic))
         }
         self.scene = next((key.split("/")[2] for key in self._topics), DEFAULT_SCENE)
-        streams = {"obs", "truth", "joints", "preview"}
-        self.sources = sorted({publisher_of(key) for key, kind in self._topics.items() if kind in streams})
+        self.sources: dict[str, set[StreamKind]] = {}
+        for key, kind in sorted(self._topics.items(), key=lambda topic: publisher_of(topic[0])):
+            if kind not in {"hypotheses", "status"}:
+                self.sources.setdefault(publisher_of(key), set()).add(cast("StreamKind", kind))
 
     @property
     def seconds(self) -> float:

@@ -6,22 +6,18 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack, cast
+from typing import Unpack
 
 from comotion_schemas.component import Where, new_session_id
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import StreamKind
 from comotion_schemas.terminal import keyboard, reporting
 from comotion_schemas.text import counted
 
-from .player import KINDS, Log, Player, Progress
+from .player import Log, Player, Progress
 from .recordings import Recording
 from .schedule import Schedule
 from .source import Source
 from .streams import Stream, StreamLog
-
-if TYPE_CHECKING:
-    from comotion_schemas.message_log import MessageLog
 
 _TERMINAL_LINE_S, _PLAIN_LINE_S = 0.2, 5.0  # between two lines of progress
 _BAR = 40  # characters of the bar on a terminal
@@ -99,12 +95,8 @@ def play_streams(
     ValueError
         If the name of the scene or a source is not valid.
     """
-    session = new_session_id()
-    sources = [
-        Source(stream.name, rate=stream.rate * schedule.speed, message=message, session_id=session, **where)
-        for stream in streams
-    ]
-    play(StreamLog(streams, session), sources, schedule, shown_as=shown_as)
+    sources = [Source(s.name, rate=s.rate * schedule.speed, message=message, **where) for s in streams]
+    play(StreamLog(streams, new_session_id()), sources, schedule, shown_as=shown_as)
 
 
 def replay_recording(
@@ -152,25 +144,12 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
     from comotion_schemas.message_log import MessageLog
 
     with MessageLog(path) as log:
-        sources = _recorded_sources(log, f"replays {path.stem}", where)
+        if not log.sources:
+            raise KnownError(f"{path}: it holds no message of a source")
+        message = f"replays {path.stem}"
+        sources = [Source(name, kinds=kinds, message=message, **where) for name, kinds in log.sources.items()]
         _log.info("%s: %.1f s; as %s", path.name, log.seconds, ", ".join(source.name for source in sources))
         play(log, sources, schedule, shown_as=path.stem)
     if left_out := sum(source.overruns for source in sources):
         _log.warning("%s left out: late, or invalid and so without a stamp", counted(left_out, "message"))
 
-
-def _recorded_sources(log: "MessageLog", message: str, where: Where) -> list[Source]:
-    """Sources of a recorded scene, each with the session of its first message."""
-    kinds: dict[str, set[StreamKind]] = {}
-    sessions: dict[str, str | None] = {}
-    for logged in log.messages(KINDS):
-        if logged.name not in sessions:
-            first = logged.decode()
-            sessions[logged.name] = None if first is None else first.session
-        kinds.setdefault(logged.name, set()).add(cast("StreamKind", logged.kind))
-    if not kinds:
-        raise KnownError(f"{log.path}: it holds no message of a source")
-    return [
-        Source(name, kinds=kinds[name], message=message, session_id=sessions[name], **where)
-        for name in sorted(kinds)
-    ]

@@ -45,8 +45,6 @@ class Source:
         One line for Status that describes the source.
     feature_names
         Names of features by id, as of the links of a robot; what they move with is called by them.
-    session_id
-        16 hexadecimal digits; None: random.
     where
         Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
@@ -71,13 +69,10 @@ class Source:
         rate: float = 0.0,
         message: str = "",
         feature_names: Mapping[int, str] | None = None,
-        session_id: str | None = None,
         **where: Unpack[Where],
     ) -> None:
         self.name = name
-        self.component = Component(
-            role="source", name=name, status=self._status, session_id=session_id, **where
-        )
+        self.component = Component(role="source", name=name, status=self._status, **where)
         self._kinds = sorted(kinds)
         self._publishers: dict[StreamKind, Publisher] = {}
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)

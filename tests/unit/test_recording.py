@@ -246,7 +246,7 @@ def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, m
     assert series.counts.invalid == {"malformed": 4, "limit": 6}
     assert len(read(series.path)) == 5
     with MessageLog(series.path) as log:
-        assert log.sources == ["simulator-1"]
+        assert log.sources == {"simulator-1": {"truth"}}
         assert [m.payload for m in log.messages()] == [SCENE[0].payload]
 
 

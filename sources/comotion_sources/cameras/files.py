@@ -26,17 +26,10 @@ class RecordedCamera(Camera):
     def __init__(self, rate: float | None, frames: int | None) -> None:
         super().__init__(rate, frames)
         self.counters["unreadable"] = 0
-        self._closed = False
-
-    def close(self) -> None:
-        """Let an iteration end at its next frame."""
-        self._closed = True
 
     def _images(self, files: Iterable[Path]) -> Iterator[tuple[int, Path, Image]]:
-        """Yield number, path and image of all files that can be read, until the camera is closed."""
+        """Yield number, path and image of all files that can be read."""
         for number, path in enumerate(files):
-            if self._closed:
-                return
             image = read_image(path)
             if image is None:
                 self.counters["unreadable"] += 1
@@ -71,34 +64,25 @@ class VideoFile(RecordedCamera):
             round(count) if 0 < count < 1e9 else None,
         )
 
-    def __iter__(self) -> Iterator[Frame]:
-        capture = self._open()
-        try:
-            yield from self._frames(capture)
-        finally:
-            capture.release()
-
     def _open(self) -> cv2.VideoCapture:
         capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             raise InputError(f"{self._path}: not a readable video")
         return capture
 
-    def _frames(self, capture: cv2.VideoCapture) -> Iterator[Frame]:
+    def _read(self) -> Iterator[Frame]:
+        capture = self._open()
         expected = capture.get(cv2.CAP_PROP_FRAME_COUNT)
         period_ns = 1e9 / (self.rate or DEFAULT_RATE)
         count, last = 0, -1
-        while not self._closed:
-            ok, image = capture.read()
-            if not ok:
-                break
+        while (read := capture.read())[0]:
             media_ns = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6
             # Broken containers repeat time stamps although the frames differ.
             valid = math.isfinite(media_ns) and media_ns > last
             stamp = round(media_ns) if valid else last + round(period_ns)
             count, last = count + 1, stamp
-            yield Frame(stamp, np.asarray(image, np.uint8))
-        if not self._closed and expected > count + 1:
+            yield Frame(stamp, np.asarray(read[1], np.uint8))
+        if expected > count + 1:
             self.counters["unreadable"] += int(expected) - count
             _log.warning("%s: ended after %d of %d frames", self._path, count, int(expected))
 
@@ -125,7 +109,7 @@ class ImageFiles(RecordedCamera):
         timed = not rate and all(re.fullmatch(r"\d+\.\d+", path.stem) for path in self._files)
         self._stamps = [stamp_ns(path.stem) for path in self._files] if timed else None
 
-    def __iter__(self) -> Iterator[Frame]:
+    def _read(self) -> Iterator[Frame]:
         for number, _, image in self._images(self._files):
             stamp = round(number * 1e9 / (self.rate or DEFAULT_RATE))
             yield Frame(stamp if self._stamps is None else self._stamps[number], image)

@@ -6,7 +6,8 @@ An Intel RealSense camera, with depth registered to colour, needs pyrealsense2.
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
+from queue import Empty, Queue
 from typing import Any
 
 import cv2
@@ -55,53 +56,43 @@ class LiveCamera(Camera):
         self.counters["skipped"] = 0
         self._what = what
         self._device = device
-        self._newest: Frame | None = None
-        self._closed = False
-        self._lost: str | None = None
-        self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+        # The newest frame; at last, why there are no more.
+        self._waiting = Queue[Frame | str]()
+        self._thread = threading.Thread(target=self._follow, name="camera", daemon=True)
         self._thread.start()
-
-    def __iter__(self) -> Iterator[Frame]:
-        while (frame := self._next()) is not None:
-            yield frame
 
     def close(self) -> None:
         """Stop reading, free the device, and end an iteration that waits for a frame."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
+        super().close()
+        self._waiting.put("closed")
         self._thread.join(_JOIN_S)
 
-    def _next(self) -> Frame | None:
-        with self._changed:
-            changed = self._changed.wait_for(lambda: self._newest or self._closed or self._lost, _SILENCE_S)
-            if self._closed:
-                return None
-            if self._newest is not None:
-                frame, self._newest = self._newest, None
-                return frame
-            if not changed:
-                raise InputError(f"{self._what}: no frame for {_SILENCE_S:g} s")
-            raise InputError(f"{self._what}: {self._lost}")
+    def _read(self) -> Iterator[Frame]:
+        while not self.closed.is_set():
+            try:
+                newest = self._waiting.get(timeout=_SILENCE_S)
+            except Empty:
+                newest = f"no frame for {_SILENCE_S:g} s"
+            if isinstance(newest, Frame):
+                yield newest
+            elif not self.closed.is_set():
+                raise InputError(f"{self._what}: {newest}")
 
-    def _read(self) -> None:
+    def _follow(self) -> None:
         lost = "the camera stopped delivering frames"
         try:
             # Free it in this thread: OpenCV crashes if another thread reads the capture meanwhile.
             with closing(self._device):
                 for frame in self._device:
-                    if self._closed:
+                    if self.closed.is_set():
                         break
-                    with self._changed:
-                        self.counters["skipped"] += self._newest is not None
-                        self._newest = frame
-                        self._changed.notify_all()
+                    with suppress(Empty):
+                        self._waiting.get_nowait()
+                        self.counters["skipped"] += 1
+                    self._waiting.put(frame)
         except Exception as error:  # drivers raise many types; the iterating thread reports all of them
             lost = " ".join(str(error).split())[:300] or type(error).__name__
-        with self._changed:
-            self._lost = lost
-            self._changed.notify_all()
+        self._waiting.put(lost)
 
 
 def captured(capture: Any, clock: Callable[[], int] = time.time_ns) -> Generator[Frame]:

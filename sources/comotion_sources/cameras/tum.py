@@ -69,7 +69,7 @@ class TumFolder(RecordedCamera):
         self.extrinsics = _read_still_pose(folder / "groundtruth.txt")
         self.objects = _read_names(folder / "objects.txt")
 
-    def __iter__(self) -> Iterator[Frame]:
+    def _read(self) -> Iterator[Frame]:
         for number, path, image in self._images(path for _, path in self._listed):
             stamp = self._listed[number][0]
             depth = self._depth(stamp, image.shape[:2])

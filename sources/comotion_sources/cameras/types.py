@@ -1,5 +1,6 @@
 """The base of all cameras, and what they yield."""
 
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -55,6 +56,8 @@ class Camera:
         Names of the true objects by number; empty without truth.
     counters
         Frames that were left out, by reason.
+    closed
+        Set when the stream is to end.
     """
 
     live = False
@@ -66,12 +69,21 @@ class Camera:
     def __init__(self, rate: float | None = None, frames: int | None = None) -> None:
         self.rate, self.frames = rate, frames
         self.counters: dict[str, int] = {}
+        self.closed = threading.Event()
 
     def __iter__(self) -> Iterator[Frame]:
+        for frame in self._read():
+            if self.closed.is_set():
+                return
+            yield frame
+
+    def _read(self) -> Iterator[Frame]:
+        """Yield the frames, for a camera that is not closed meanwhile."""
         raise NotImplementedError
 
     def close(self) -> None:
         """End the stream and free the device; it may be called at any time and repeatedly."""
+        self.closed.set()
 
     def attach(self, component: Component) -> None:
         """Follow the state of a scene, as a simulated camera does; called once, before the first frame."""

@@ -12,7 +12,6 @@ In both modes the time of the scene is the stamp modulo the period.
 """
 
 import logging
-import threading
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -139,7 +138,6 @@ class WorkcellCamera(Camera):
         self.extrinsics = None if self.viewpoint.carried else self.viewpoint.extrinsics
         self.objects = self.scene.objects
         self.counters["skipped"] = 0
-        self._closed = threading.Event()
         self._states = Timed[Vector](lambda a, b, share: a + share * (b - a), _KEPT_NS, _GAP_NS)
         self._session = ""
         # A joint that the last message lacked.
@@ -152,19 +150,17 @@ class WorkcellCamera(Camera):
         key = component.keys.stream("joints", self.spec.follow)
         self._inbox = Inbox(component.session, key, "joints")
 
-    def __iter__(self) -> Iterator[Frame]:
+    def _read(self) -> Iterator[Frame]:
         if self.live:
             yield from self._follow()
             return
         for index in range(round((self.spec.duration or self.scene.period) * self.spec.rate)):
-            if self._closed.is_set():
-                return
             t = index / self.spec.rate
             yield self._frame(self.scene.configuration(t), round(t * 1e9))
 
     def close(self) -> None:
         """End the stream."""
-        self._closed.set()
+        super().close()
         inbox, self._inbox = self._inbox, None
         if inbox is not None:
             inbox.close()
@@ -174,7 +170,7 @@ class WorkcellCamera(Camera):
         period_ns = round(1e9 / self.spec.rate)
         index = time.time_ns() // period_ns + 1
         last = None if self.spec.duration is None else index + round(self.spec.duration * self.spec.rate)
-        while not self._closed.is_set() and (last is None or index < last):
+        while not self.closed.is_set() and (last is None or index < last):
             stamp = index * period_ns
             state = self._await(stamp)
             if state is not None:
@@ -192,7 +188,7 @@ class WorkcellCamera(Camera):
     def _await(self, stamp_ns: int) -> Vector | None:
         """Wait for the joint states around a stamp; None if they are missing, or at the end."""
         warn_at, warned = time.monotonic() + _WARN_AFTER_S, False
-        while not self._closed.is_set() and (inbox := self._inbox) is not None:
+        while not self.closed.is_set() and (inbox := self._inbox) is not None:
             for message in inbox.messages():
                 self._take(cast("JointStates", message))
             newest = self._states.newest_ns
