@@ -150,6 +150,5 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
         sources = [Source(name, kinds=kinds, message=message, **where) for name, kinds in log.sources.items()]
         _log.info("%s: %.1f s; as %s", path.name, log.seconds, ", ".join(source.name for source in sources))
         play(log, sources, schedule, shown_as=path.stem)
-    if left_out := sum(source.overruns for source in sources):
+    if left_out := sum(source.counters["overruns"] for source in sources):
         _log.warning("%s left out: late, or invalid and so without a stamp", counted(left_out, "message"))
-

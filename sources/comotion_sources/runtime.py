@@ -107,9 +107,8 @@ class SourcePublisher(Source):
         self._drop_invalid = drop_invalid
         # Whether the first positions were looked at.
         self._judged = False
-        session = self.component.session_id
         self.builder = MessageBuilder(
-            source=name, session=session, space=space, unit=unit, dim=dim, moving=moving
+            source=name, session=self.session_id, space=space, unit=unit, dim=dim, moving=moving
         )
 
     @property
@@ -120,7 +119,7 @@ class SourcePublisher(Source):
     def new_session(self) -> None:
         """Start a new session: all trajectories end, and ids and sequence numbers start again."""
         self._begin_session(new_session_id())
-        self.builder = replace(self.builder, session=self.component.session_id)
+        self.builder = replace(self.builder, session=self.session_id)
 
     def observe(
         self,

@@ -1,26 +1,27 @@
-"""One source of a scene: its messages on their keys, with its presence and Status."""
+"""One source of a scene: its messages on their keys, with its Status, and what it receives of others."""
 
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack
 from itertools import islice
-from typing import Self, Unpack
+from typing import Any, Self, Unpack
 
-from comotion_schemas import Message, ObservationBatch, TruthBatch, metrics
+import zenoh
+
+from comotion_schemas import DecodeError, Message, ObservationBatch, TruthBatch, decode_on, metrics
 from comotion_schemas.component import Component, Rates, StatusFields, Where
-from comotion_schemas.keys import StreamKind
+from comotion_schemas.keys import Kind, StreamKind
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.text import shown
 from comotion_schemas.transport import (
     Publisher,
     SessionSettings,
+    declare_subscriber,
     open_session,
     stream_publisher,
 )
-
-from .received import Arrival, Inbox
 
 _MOST_LOGGED = 20  # different texts of rejected input in the log
 _MOST_NAMES, _NAME_LENGTH = 256, 80
@@ -30,8 +31,79 @@ STALLED_S = 1.0
 """A source without a batch for this time, or 3 periods if longer, reports the state ``stalled``."""
 
 
-class Source:
-    """One source of a scene: its presence, the publishers of its streams, its counters and its Status.
+Arrival = tuple[str, bytes, int]
+"""Key, payload, and time of receipt in ns since the Unix epoch."""
+
+
+class Inbox:
+    """Keeps the samples of a key expression until they are taken; Zenoh's thread never waits.
+
+    Parameters
+    ----------
+    session
+        The session to receive in.
+    key, kind
+        The key expression, and the kind of a stream of comotion; None: it is of another protocol.
+    capacity
+        Samples that wait; of more the oldest are dropped. By default 4 s of a robot that reports at 500 Hz.
+
+    Attributes
+    ----------
+    lost
+        Number of samples that were dropped.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, key: str, kind: Kind | None = None, capacity: int = 2000
+    ) -> None:
+        self.lost = 0
+        self._waiting: deque[Arrival] = deque(maxlen=capacity)
+        self._arrived = threading.Event()
+        # The subscriber lasts as long as the session, or this reference to it.
+        self._subscriber: Any = (
+            session.declare_subscriber(key, self._receive)
+            if kind is None
+            else declare_subscriber(session, key, kind, self._receive)
+        )
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until a sample has arrived since the last :meth:`take`; False after a number of seconds."""
+        return self._arrived.wait(seconds)
+
+    def take(self) -> Iterator[Arrival]:
+        """Yield what has arrived."""
+        self._arrived.clear()
+        while self._waiting:
+            yield self._waiting.popleft()
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages that have arrived; one that is invalid or not of its key is left out."""
+        for key, payload, _ in self.take():
+            try:
+                message = decode_on(key, payload)
+            except DecodeError:
+                continue
+            yield message
+
+    def until(self, stop: threading.Event, idle_s: float = 0.1) -> Iterator[Arrival | None]:
+        """Yield what arrives until an event is set, and None after each `idle_s` without anything."""
+        while not stop.is_set():
+            if not self.wait(idle_s):
+                yield None
+            for arrival in self.take():
+                yield arrival
+                # What waits may take long.
+                if stop.is_set():
+                    return
+
+    def _receive(self, sample: zenoh.Sample) -> None:
+        self.lost += len(self._waiting) == self._waiting.maxlen
+        self._waiting.append((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
+        self._arrived.set()
+
+
+class Source(Component):
+    """One source of a scene: the publishers of its streams, its counters and its Status.
 
     Parameters
     ----------
@@ -50,6 +122,8 @@ class Source:
 
     Attributes
     ----------
+    counters
+        By name, for Status.
     fault
         One line while something is wrong, for Status, which is then ``degraded``.
     more_counters
@@ -71,8 +145,7 @@ class Source:
         feature_names: Mapping[int, str] | None = None,
         **where: Unpack[Where],
     ) -> None:
-        self.name = name
-        self.component = Component(role="source", name=name, status=self._status, **where)
+        super().__init__(role="source", name=name, status=self._fields, **where)
         self._kinds = sorted(kinds)
         self._publishers: dict[StreamKind, Publisher] = {}
         self._stalled_after_s = max(STALLED_S, 3.0 / rate if rate else 0.0)
@@ -81,51 +154,35 @@ class Source:
         self.more_counters: Callable[[], Mapping[str, int]] = dict
         self._feature_names: dict[str, str] = {}
         self.name_features(feature_names or {})
-        self._exit = ExitStack()
         # `sent` counts the batches of the present session: the service learns what of its end never came.
-        self._counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
+        self.counters = {"batches": 0, "sent": 0, "observations": 0, "tracks": 0, "overruns": 0}
         self._rejected: dict[RejectionReason, int] = {}
         self._logged: set[str] = set()
         self._rates = Rates()
         self._last_put: float | None = None
-        scene = self.component.scene
-        self._lag = metrics.histogram("publish_lag_seconds", scene=scene, component=name, role="source")
-
-    @property
-    def stop(self) -> threading.Event:
-        """Set when the process is to stop."""
-        return self.component.stop
+        self._lag = metrics.histogram("publish_lag_seconds", scene=self.scene, component=name, role="source")
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            component = stack.enter_context(self.component)
-            for kind in self._kinds:
-                publisher = stream_publisher(component.session, component.keys, kind, self.name)
-                stack.callback(publisher.undeclare)
-                self._publishers[kind] = publisher
-            self._exit = stack.pop_all()
+        super().__enter__()
+        for kind in self._kinds:
+            publisher = stream_publisher(self.session, self.keys, kind, self.name)
+            self._exit.callback(publisher.undeclare)
+            self._publishers[kind] = publisher
         return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._exit.close()
-
-    def ready(self) -> None:
-        """Signal that the source is ready, by the ready file or the line ``ready``."""
-        self.component.ready()
 
     def send(self, kind: StreamKind, payload: bytes, message: Message | None = None) -> None:
         """Publish a payload on the stream of a kind; `message` is what it holds, where that is known."""
         self._publishers[kind].put(payload)
         if isinstance(message, TruthBatch):
-            self._counters["tracks"] += len(message.ids)
+            self.counters["tracks"] += len(message.ids)
         if kind != "obs":
             return
-        self._counters["batches"] += 1
+        self.counters["batches"] += 1
         self._last_put = time.monotonic()
         if isinstance(message, ObservationBatch):
             self._begin_session(message.session)
-            self._counters["sent"] += 1
-            self._counters["observations"] += len(message.ids)
+            self.counters["sent"] += 1
+            self.counters["observations"] += len(message.ids)
             if self._lag is not metrics.off:
                 self._lag((time.time_ns() - message.stamp_ns) / 1e9)
 
@@ -139,11 +196,8 @@ class Source:
         settings
             How to connect to the router of another network; None: in the session of the source.
         """
-        session = self.component.session
-        if settings is not None:
-            session = self._exit.enter_context(open_session(settings))
-        inbox = Inbox(session, key)
-        self._exit.callback(inbox.close)
+        other = None if settings is None else self._exit.enter_context(open_session(settings))
+        inbox = Inbox(other or self.session, key)
         self.more_counters = lambda: {"lost": inbox.lost}
         return inbox.until(self.stop)
 
@@ -156,7 +210,7 @@ class Source:
 
     def count(self, name: str, amount: int = 1) -> None:
         """Add to a counter that appears in Status."""
-        self._counters[name] = self._counters.get(name, 0) + amount
+        self.counters[name] = self.counters.get(name, 0) + amount
 
     def reject(self, reason: RejectionReason, text: str = "", count: int = 1) -> None:
         """Count rejected input by its reason for Status; a `text` that says more is logged once."""
@@ -165,24 +219,19 @@ class Source:
             self._logged.add(text)
             _log.warning("%s: such messages are left out", text)
 
-    @property
-    def overruns(self) -> int:
-        """How many were due and are left out."""
-        return self._counters["overruns"]
-
     def _begin_session(self, session: str) -> None:
-        if session != self.component.session_id:
-            self._counters["sent"] = 0
-            self.component.session_id = session
+        if session != self.session_id:
+            self.counters["sent"] = 0
+            self.session_id = session
 
-    def _status(self) -> StatusFields:
+    def _fields(self) -> StatusFields:
         age = None if self._last_put is None else time.monotonic() - self._last_put
         stalled = age is not None and age > self._stalled_after_s
         return StatusFields(
             state="degraded" if self.fault else "stalled" if stalled else "ok",
-            rates=self._rates.of({"obs": self._counters["batches"]}),
+            rates=self._rates.of({"obs": self.counters["batches"]}),
             ages={} if age is None else {"obs": age},
-            counters=self._counters | dict(self.more_counters()),
+            counters=self.counters | dict(self.more_counters()),
             rejected=dict(self._rejected),
             message=self.fault or self._message,
             feature_names=self._feature_names,

@@ -10,7 +10,7 @@ import pytest
 from comotion import Fusion
 from comotion_clients.inbox import Inbox as ClientInbox
 from comotion_clients.subscription import ActiveSession
-from comotion_sources.received import Inbox
+from comotion_sources.source import Inbox
 
 
 class _Session:

@@ -12,7 +12,7 @@ from comotion_schemas.types import is_name
 
 from ..calibration.model import Extrinsics
 from ..poses import PoseBuffer
-from ..received import Inbox
+from ..source import Inbox
 
 _POLL_S = 0.004
 MAX_LAG_S = 0.5
@@ -43,7 +43,6 @@ class Carrier(PoseBuffer):
         super().__init__(mount)
         self._feature, self._stop = feature, component.stop
         self._batches = Inbox(component.session, component.keys.stream("obs", source), "obs")
-        self.close = self._batches.close
 
     def at(self, stamp_ns: int) -> Extrinsics | None:
         """Pose at a stamp; waits until one as new has come, at most for :data:`MAX_LAG_S`."""

@@ -11,8 +11,7 @@ from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview, encode
 from comotion_schemas.transport import stream_publisher
 
 from ..cameras.types import Frame, Image
-from ..received import Inbox
-from ..source import Source
+from ..source import Inbox, Source
 from .drawing import Annotator
 from .picture_file import PictureFile
 from .tracker import Tracks
@@ -29,8 +28,7 @@ class DelayedPreview:
 
     def __init__(self, file: PictureFile, annotator: Annotator, source: Source) -> None:
         self._file, self._annotator, self._source = file, annotator, source
-        component = source.component
-        self._updates = Inbox(component.session, component.keys.hypotheses, "hypotheses", _MOST_UPDATES)
+        self._updates = Inbox(source.session, source.keys.hypotheses, "hypotheses", _MOST_UPDATES)
         self._newest: HypothesisUpdate | None = None
         self._hypotheses: dict[int, int] = {}
         self._held: deque[tuple[Image, Tracks]] = deque()
@@ -53,11 +51,10 @@ class DelayedPreview:
         while self._held:
             self._write()
         self._file.close()
-        self._updates.close()
 
     def _poll(self) -> None:
         """Take the newest update, and the hypothesis of each feature of the source in it."""
-        source = self._source.name, self._source.component.session_id
+        source = self._source.name, self._source.session_id
         for message in self._updates.messages():
             update = cast("HypothesisUpdate", message)
             if self._newest is None or update.stamp_ns >= self._newest.stamp_ns:
@@ -91,11 +88,9 @@ class PreviewStream:
     """
 
     def __init__(self, source: Source, rate: float) -> None:
-        component = source.component
-        self._publisher: Any = stream_publisher(component.session, component.keys, "preview", source.name)
-        self._identity: dict[str, Any] = {"source": source.name, "session": component.session_id}
+        self._publisher: Any = stream_publisher(source.session, source.keys, "preview", source.name)
+        self._identity: dict[str, Any] = {"source": source.name, "session": source.session_id}
         self._period, self._due = 1.0 / rate, 0.0
-        self.close = self._publisher.undeclare
 
     def offer(self, frame: Frame, tracks: Tracks) -> None:
         """Publish a frame if one is due and there is a subscriber."""

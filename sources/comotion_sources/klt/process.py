@@ -128,15 +128,12 @@ class CameraProcess:
             )
         )
         if options.carrier is not None:
-            self._poses = carrier = Carrier(self._publisher.component, *options.carrier, self._extrinsics)
-            stack.callback(carrier.close)
+            self._poses = Carrier(self._publisher, *options.carrier, self._extrinsics)
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
         self._pacer = Pacer(options.pacing, self._camera.live, self._publisher.stop.wait)
         self._publisher.more_counters = self._counters
         if options.share_preview > 0:
-            stream = PreviewStream(self._publisher, options.share_preview)
-            stack.callback(stream.close)
-            self._outputs.append(stream.offer)
+            self._outputs.append(PreviewStream(self._publisher, options.share_preview).offer)
         if options.preview is not None:
             file = PictureFile(options.preview, rate)
             if file.codec == "mpeg4":
@@ -153,7 +150,7 @@ class CameraProcess:
         threading.Thread(target=close_on_stop, name="closer", daemon=True).start()
 
     def _attach(self) -> None:
-        self._camera.attach(self._publisher.component)
+        self._camera.attach(self._publisher)
         self._pacer.live = self._camera.live
 
     def _counters(self) -> dict[str, int]:

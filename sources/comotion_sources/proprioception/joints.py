@@ -157,7 +157,7 @@ Reader: TypeAlias = Callable[[SourcePublisher], Readings]
 
 def scene_joints(source: SourcePublisher, *, name: str) -> Readings:
     """Read the joint states of the scene from the key ``joints/<name>``."""
-    return _received(source, source.component.keys.stream("joints", name), _from_wire)
+    return _received(source, source.keys.stream("joints", name), _from_wire)
 
 
 def ros_topic(

@@ -12,8 +12,8 @@ from comotion_schemas.errors import InputError
 from comotion_schemas.ros_types import from_cdr, stamp_of, topic_key
 from comotion_schemas.transport import SessionSettings
 
-from ..received import Arrival
 from ..runtime import SourcePublisher
+from ..source import Arrival
 
 TF = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"

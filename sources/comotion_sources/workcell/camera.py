@@ -31,7 +31,7 @@ from comotion_schemas.types import Name
 from ..cameras.tum import write_folder
 from ..cameras.types import Camera, Frame
 from ..poses import Timed
-from ..received import Inbox
+from ..source import Inbox
 from .scene import Scene, Vector
 from .viewpoint import Viewpoint
 
@@ -157,13 +157,6 @@ class WorkcellCamera(Camera):
         for index in range(round((self.spec.duration or self.scene.period) * self.spec.rate)):
             t = index / self.spec.rate
             yield self._frame(self.scene.configuration(t), round(t * 1e9))
-
-    def close(self) -> None:
-        """End the stream."""
-        super().close()
-        inbox, self._inbox = self._inbox, None
-        if inbox is not None:
-            inbox.close()
 
     def _follow(self) -> Iterator[Frame]:
         """Yield frames at multiples of the period on the wall clock; skip those that are late."""
