@@ -11,25 +11,22 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from .codec import MESSAGE_TYPES, Message
+from .codec import MESSAGE_TYPES
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # Names of bounds that pydantic does not convert to JSON Schema in nested types.
 _BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 
 
-def json_schema(kind: type[Message]) -> dict[str, Any]:
-    """JSON Schema of one message type's header."""
-    generated = TypeAdapter(kind).json_schema()
-    content: dict[str, Any] = _as_on_the_wire(generated)
-    # The schema name is a default in Python, but required in a payload.
-    content["required"] = ["schema", *content["required"]]
-    return {"$schema": _DIALECT, "$id": f"comotion.{kind.__name__}/1"} | content
-
-
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Map message name -> JSON Schema of its header."""
-    return {kind.__name__: json_schema(kind) for kind in MESSAGE_TYPES}
+    schemas = {}
+    for kind in MESSAGE_TYPES:
+        content = _as_on_the_wire(TypeAdapter(kind).json_schema())
+        # The schema name is a default in Python, but required in a payload.
+        content["required"] = ["schema", *content["required"]]
+        schemas[kind.__name__] = {"$schema": _DIALECT, "$id": f"comotion.{kind.__name__}/1"} | content
+    return schemas
 
 
 def _as_on_the_wire(node: Any) -> Any:

@@ -84,11 +84,6 @@ class Keys:
         return f"{self.prefix}/query/{name}"
 
 
-def last_chunk(key: str) -> str:
-    """Return the name of the publisher in a stream or liveliness key."""
-    return key.rsplit("/", 1)[-1]
-
-
 def token_name(token: str) -> str:
     """Return the name in a token of a service, cut to 30 characters where a claim follows it."""
     claim = TOKEN.fullmatch(token)
@@ -107,7 +102,7 @@ def kind_of(key: str) -> Kind | None:
 
 
 def publisher_of(key: str) -> str:
-    """Return the name of the publisher of a key of messages; the scene for updates of the service."""
+    """Return the name in a key of messages or liveliness; the scene for updates of the service."""
     chunks = key.split("/")
     return chunks[2] if len(chunks) == 4 else chunks[-1]
 

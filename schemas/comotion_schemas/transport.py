@@ -121,7 +121,7 @@ def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
     if settings.mode == "router":
         config |= _described(settings)
     if settings.tls is not None:
-        config["transport"]["link"]["tls"] = _tls(settings)
+        config["transport"]["link"]["tls"] = _tls(settings.tls, settings.mode)
         config["transport"]["link"]["protocols"] = list(ENCRYPTED)
     return config
 
@@ -139,11 +139,9 @@ def _described(settings: SessionSettings) -> dict[str, Any]:
     }
 
 
-def _tls(settings: SessionSettings) -> dict[str, Any]:
-    tls = settings.tls
-    assert tls is not None  # noqa: S101 - narrowed by the caller
+def _tls(tls: TlsFiles, mode: str) -> dict[str, Any]:
     # A router that connects to another one needs a certificate in that direction too.
-    directions = ("connect",) if settings.mode == "client" else ("listen", "connect")
+    directions = ("connect",) if mode == "client" else ("listen", "connect")
     return {
         "root_ca_certificate": str(tls.root_ca),
         **{f"{direction}_certificate": str(tls.certificate) for direction in directions},

@@ -19,9 +19,9 @@ from comotion_clients.recording.file import StorageError
 from comotion_clients.recording.process import PendingPayloads
 from comotion_clients.recording.repair import repair
 from comotion_clients.recording.series import Arrival, Series, SeriesOptions
-from comotion_schemas import Keys, ObservationBatch, TruthBatch, encode
+from comotion_schemas import Keys, TruthBatch, encode
 from comotion_schemas.errors import RecordingError
-from comotion_schemas.export import json_schema
+from comotion_schemas.export import json_schemas
 from comotion_schemas.message_log import MessageLog
 from comotion_schemas.recording import MESSAGE_ENCODING
 from comotion_sources.simulator import batches, load_scene, simulate
@@ -82,7 +82,7 @@ def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_pat
         reader = make_reader(file)
         for schema, channel, message in reader.iter_messages(KEYS.stream("obs", "simulator-3")):
             assert channel.message_encoding == "msgpack"
-            assert json.loads(schema.data) == json_schema(ObservationBatch)
+            assert json.loads(schema.data) == json_schemas()["ObservationBatch"]
             assert message.publish_time == message.log_time - 5_000_000
         assert reader.get_summary().statistics.message_count == len(SCENE)
         assert [m.name for m in reader.iter_metadata()] == ["comotion", "comotion.losses"]

@@ -20,7 +20,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from comotion_schemas import DecodeError, Keys, ObservationBatch, Status, decode_as
-from comotion_schemas.keys import last_chunk
+from comotion_schemas.keys import publisher_of
 from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
@@ -152,7 +152,7 @@ class Statuses:
 
     def _add(self, key: str, content: bytes) -> None:
         """Keep the newest of a component; called in the thread."""
-        name = last_chunk(key)
+        name = publisher_of(key)
         with self._lock:
             if name in self._unread or (len(self._unread) < self._most and is_name(name)):
                 self._unread[name] = content, time.time()

@@ -26,7 +26,7 @@ from zenoh.handlers import RingChannel
 from comotion_schemas import DecodeError, HypothesisUpdate, decode_as
 from comotion_schemas.component import Component
 from comotion_schemas.errors import KnownError
-from comotion_schemas.keys import TOKEN, TOKEN_NAME_CHARACTERS, last_chunk
+from comotion_schemas.keys import TOKEN, TOKEN_NAME_CHARACTERS, publisher_of
 from comotion_schemas.transport import LEASE_MS
 
 _SECOND_NS = 1_000_000_000
@@ -119,7 +119,7 @@ class Presence:
         """
         for reply in self._component.session.liveliness().get(self._component.keys.all_live("service")):
             if reply.ok is not None:
-                self._note(last_chunk(str(reply.ok.key_expr)), present=True)
+                self._note(publisher_of(str(reply.ok.key_expr)), present=True)
         self._wait_while(self._others.values, _PATIENCE_S)
         self._claim()
         self._looked_ns = self._speaks_ns = time.monotonic_ns()
@@ -208,7 +208,7 @@ class Presence:
             sample = self._tokens.try_recv()
             if sample is None:
                 break
-            self._note(last_chunk(str(sample.key_expr)), present=sample.kind == SampleKind.PUT)
+            self._note(publisher_of(str(sample.key_expr)), present=sample.kind == SampleKind.PUT)
         for _ in range(_MOST_UPDATES):
             update = self._updates.try_recv()
             if update is None:

@@ -14,7 +14,7 @@ from itertools import islice
 import zenoh
 
 from comotion_schemas import Keys
-from comotion_schemas.keys import last_chunk
+from comotion_schemas.keys import publisher_of
 from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
@@ -114,7 +114,7 @@ class Queues:
 
     def _add(self, key: str, content: bytes) -> None:
         """Let a payload wait; called in the thread."""
-        name, now_ns = last_chunk(key), time.monotonic_ns()
+        name, now_ns = publisher_of(key), time.monotonic_ns()
         with self._lock:
             owner = name if name in self.of or self._admits(name, now_ns) else OTHERS
             self.of[owner] = queue = self.of.pop(owner, None) or Queue()

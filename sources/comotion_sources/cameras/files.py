@@ -5,9 +5,11 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion_schemas.errors import InputError
 
@@ -115,12 +117,11 @@ class ImageFiles(RecordedCamera):
             yield Frame(stamp if self._stamps is None else self._stamps[number], image)
 
 
-def read_image(path: Path) -> Image | None:
-    """Read an image as uint8 [H, W, 3] (BGR); None if it cannot be read."""
+def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:
+    """Read an image, by default as uint8 [H, W, 3] (BGR); None if it cannot be read."""
     # Read by NumPy: cv2.imread prints to standard error and hides the reason.
     try:
         raw = np.fromfile(path, np.uint8)
     except OSError:
         return None
-    image = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
-    return None if image is None else np.asarray(image, np.uint8)
+    return cv2.imdecode(raw, flags) if raw.size else None

@@ -26,7 +26,7 @@ from comotion_schemas.errors import InputError
 from ..calibration.files import format_camera_info, read_calibration
 from ..calibration.model import Extrinsics, Intrinsics
 from ..poses import parsed, stamp_ns, trajectory
-from .files import DEFAULT_RATE, RecordedCamera
+from .files import DEFAULT_RATE, RecordedCamera, read_image
 from .types import Frame
 
 DEPTH_SCALE = 5000.0
@@ -114,13 +114,10 @@ def _read_still_pose(path: Path) -> Extrinsics | None:
 
 def _read_16_bit(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint16] | None:
     """Read a 16-bit image of the given shape; None for anything else."""
-    if not path.is_file():
-        return None
-    raw = np.fromfile(path, np.uint8)
-    image = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED) if raw.size else None
+    image = read_image(path, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.shape != shape:
         return None
-    return np.asarray(image, np.uint16)
+    return image
 
 
 def write_folder(

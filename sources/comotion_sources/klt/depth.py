@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..calibration.model import Intrinsics
 from .config import TrackerConfig
-from .flow import Pixels
+from .template import Pixels
 
 DepthImage = NDArray[np.float32]
 Floats = NDArray[np.float64]

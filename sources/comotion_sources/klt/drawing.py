@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from itertools import product
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -30,9 +30,6 @@ _LEGEND_ROWS = 12
 _SHOWN = 3
 # Share of the features of a body that may be above its id: a wrong one would take it along.
 _TOP = 0.05
-_EDGES = [
-    (a, b) for a, b in product(range(8), repeat=2) if a < b and (a ^ b).bit_count() == 1
-]  # corners of a cuboid that differ in one coordinate
 
 BGR = tuple[int, int, int]
 
@@ -120,10 +117,10 @@ class Annotator:
         if self._space is None or body.box is None or body.space != self._space.name:
             return
         box, dim = body.box, len(body.box.center)
-        # The bits of the index of a corner are its sides.
+        # The bits of the index of a corner are its sides; an edge changes one.
         sides = np.array([[1 if k >> d & 1 else -1 for d in range(dim)] for k in range(2**dim)], np.float64)
         corners = np.asarray(sides * box.half @ matrix(box.rotation).T + box.center)
-        edges = [(0, 1), (1, 3), (3, 2), (2, 0)] if len(corners) == 4 else _EDGES
+        edges = [(a, b) for a, b in combinations(range(2**dim), 2) if (a ^ b).bit_count() == 1]
         places = _pixels(corners, self._space)
         if places is None:
             return

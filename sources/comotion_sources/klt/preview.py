@@ -21,6 +21,7 @@ _JPEG_QUALITY = 80  # 0 to 100
 _MOST_UPDATES = 64
 """Updates kept between two frames: 6 s at 10 Hz."""
 _LONGEST_DELAY_NS = 1_500_000_000
+_FLUSH_S = 2.0  # longest wait for the hypotheses of the last frames
 
 
 class DelayedPreview:
@@ -33,11 +34,6 @@ class DelayedPreview:
         self._hypotheses: dict[int, int] = {}
         self._held: deque[tuple[Image, Tracks]] = deque()
 
-    def is_waiting(self) -> bool:
-        """Whether the newest delayed frame may still be fused."""
-        self._poll()
-        return bool(self._held) and self._newest is not None and not self._is_due(self._held[-1][1])
-
     def add(self, frame: Frame, tracks: Tracks) -> None:
         """Add a frame and write the frames that are due."""
         self._poll()
@@ -47,7 +43,12 @@ class DelayedPreview:
             self._write()
 
     def close(self) -> None:
-        """Write the remaining frames and close the file."""
+        """Wait for the hypotheses of the last frames, unless a signal ends the process; complete the file."""
+        end = time.monotonic() + _FLUSH_S
+        while self._held and not self._is_due(self._held[-1][1]) and time.monotonic() < end:
+            if self._source.stop.wait(0.02):
+                break
+            self._poll()
         while self._held:
             self._write()
         self._file.close()

@@ -2,7 +2,6 @@
 
 import logging
 import threading
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Unpack
@@ -27,7 +26,6 @@ from .preview import DelayedPreview, PreviewStream
 from .tracker import Tracker, Tracks
 
 _RETRY_S = 1.0  # between two attempts to reopen a lost device
-_FLUSH_S = 2.0  # longest wait for the hypotheses of the last frames of a preview
 _DEFAULT_RATE = 30.0
 _log = logging.getLogger(__name__)
 
@@ -71,7 +69,6 @@ class CameraProcess:
         self._events = {"frames": 0, "depth_missing": 0, "resets": 0, "reconnects": 0}
         self._size: tuple[int, ...] | None = None
         self._stamp_ns: int | None = None
-        self._preview: DelayedPreview | None = None
         # What else takes each frame with its features.
         self._outputs: list[Callable[[Frame, Tracks], None]] = []
 
@@ -82,7 +79,6 @@ class CameraProcess:
             self._connect(stack)
             self._publisher.ready()
             self._play()
-            self._flush_preview()
             self._end_features()
         counts = ", ".join(f"{name} {count}" for name, count in self._counters().items() if count)
         _log.info("%s: ended; %s", self._what, counts)
@@ -138,9 +134,9 @@ class CameraProcess:
             file = PictureFile(options.preview, rate)
             if file.codec == "mpeg4":
                 _log.warning("%s: %s", options.preview, NO_ENCODER)
-            self._preview = DelayedPreview(file, Annotator(self._space), self._publisher)
-            stack.callback(self._preview.close)
-            self._outputs.append(self._preview.add)
+            preview = DelayedPreview(file, Annotator(self._space), self._publisher)
+            stack.callback(preview.close)
+            self._outputs.append(preview.add)
         self._attach()
 
         def close_on_stop() -> None:
@@ -219,13 +215,6 @@ class CameraProcess:
         if missing != bool(self._publisher.fault):
             self._publisher.fault = f"{self._what}: frames come without depth" if missing else ""
             _log.warning("%s: %s", self._what, "no depth" if missing else "depth is back")
-
-    def _flush_preview(self) -> None:
-        """Wait for the hypotheses of the last frames, unless a signal ends the process."""
-        end = time.monotonic() + _FLUSH_S
-        while self._preview is not None and self._preview.is_waiting() and time.monotonic() < end:
-            if self._publisher.stop.wait(0.02):
-                return
 
     def _end_features(self) -> None:
         ended = self._tracker.reset()

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.types import Image
-from .flow import Pixels
 
-Floats = NDArray[np.float32]
+Pixels = Floats = NDArray[np.float32]
 
 _ITERATIONS = 3
 _EPSILON = 1e-6  # keeps the divisions and the inverse finite on a patch without texture

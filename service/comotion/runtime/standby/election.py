@@ -27,7 +27,7 @@ from zenoh.handlers import RingChannel
 
 from comotion_schemas import DecodeError, HypothesisUpdate, decode_as
 from comotion_schemas.component import Component
-from comotion_schemas.keys import last_chunk
+from comotion_schemas.keys import publisher_of
 from comotion_schemas.sequence import Epochs
 from comotion_schemas.transport import declare_subscriber
 
@@ -189,7 +189,7 @@ class Follower:
                 self._fusion.follow(newest)
         while (token := self._tokens.try_recv()) is not None:
             if token.kind == SampleKind.DELETE:
-                self._check(last_chunk(str(token.key_expr)))
+                self._check(publisher_of(str(token.key_expr)))
         # Zenoh 1.10 does not report the end of every token.
         if now_ns - self._queried_ns > max(_QUIET_NS, _QUIET_PERIODS * self._period_ns):
             self._queried_ns = now_ns
