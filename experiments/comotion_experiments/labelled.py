@@ -20,7 +20,7 @@ from comotion_sources.cameras.types import Camera, Frame
 from comotion_sources.klt.config import TrackerConfig
 from comotion_sources.klt.observer import Observer, choose_space
 from comotion_sources.klt.tracker import Tracker, Tracks
-from comotion_sources.recordings import Recording, recording_streams
+from comotion_sources.recordings import Recording
 from comotion_sources.streams import OFFLINE_SESSION
 
 _SOURCE = "video"
@@ -79,8 +79,7 @@ class GivenTracks:
             first = min(frames, len(recording))
             text = "%s has %d frames, the video %d: the first %d are used"
             _log.warning(text, recording.name, len(recording), frames, first)
-        (stream,) = recording_streams(recording)
-        self._frames = list(stream)
+        self._frames = list(recording)
 
     def __len__(self) -> int:
         return len(self._frames)

@@ -104,7 +104,7 @@ def test_npz_in_two_dimensions_is_pixels(tmp_path):
     assert recording.times[0] == 0.0
     assert recording.rate == pytest.approx(30.0)
     assert recording.labels.tolist() == [2, -1, 1]
-    assert recording.label_names == {1: "wall", 2: "door"}
+    assert recording.objects == {1: "wall", 2: "door"}
 
 
 def test_npz_in_three_dimensions_is_metres(tmp_path):
@@ -116,7 +116,7 @@ def test_npz_in_three_dimensions_is_metres(tmp_path):
     }
     recording = read_recording(write_npz(tmp_path / "take.npz", positions=positions, **names))
     np.testing.assert_allclose(recording.positions, positions / 1000)
-    assert recording.label_names == {1: "arm", 2: "hand"}
+    assert recording.objects == {1: "arm", 2: "hand"}
     assert read_recording(write_npz(tmp_path / "x.npz", labels=None)).labels is None
 
 

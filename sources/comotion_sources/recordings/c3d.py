@@ -74,8 +74,6 @@ def _recording(name: str, reader: Any) -> Recording:
         name=name,
         times=np.arange(len(positions)) / rate,
         positions=clean(positions * scale),
-        labels=None,
-        label_names={},
     )
 
 

@@ -10,7 +10,6 @@ Files without ``positions`` are read as those of a point tracker (:mod:`.tracks`
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -93,13 +92,11 @@ def _recording(name: str, archive: Any, fps: float | None) -> Recording:
     unit = str(_array(archive, "units")) if "units" in archive and recording.dim == 3 else "m"
     if unit not in METRES:
         raise RecordingError(f"its unit is {unit[:20]!r}, not one of {', '.join(METRES)}")
-    labels = _labels(archive, recording.positions.shape[1])
-    return replace(
-        recording,
-        positions=recording.positions * METRES[unit],
-        labels=labels,
-        label_names={} if labels is None else _label_names(archive),
-    )
+    recording.positions *= METRES[unit]
+    recording.labels = _labels(archive, recording.positions.shape[1])
+    if recording.labels is not None:
+        recording.objects = _label_names(archive)
+    return recording
 
 
 def _array(archive: Any, name: str) -> NDArray[Any]:

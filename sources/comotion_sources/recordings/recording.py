@@ -1,146 +1,90 @@
-"""What every reader of recordings gives, and how its markers become the streams of sources."""
+"""What readers of recordings give: a stream, whose markers may be divided among several sources."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas.errors import RecordingError
-from comotion_schemas.types import Unit
 
 from ..streams import Frame, Part, Stream, numbered, rate_of
 
 DEFAULT_NAME = "replay"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Recording:
-    """The content of a recording.
+@dataclass(eq=False, kw_only=True)
+class Recording(Stream):
+    """The content of a recording, or what one source has of it; may be iterated over repeatedly.
+
+    A feature ends with its last observation. The space is ``world`` in m for 3-D, ``pixels`` in px for 2-D.
 
     Attributes
     ----------
     name
-        Name of the file without its suffix.
+        Name of the file without its suffix, or of the source.
     times
         float64 [F], seconds, increasing, the first is 0.
     positions
         float64 [F, N, dim] in `unit`, rows of NaN where unobserved.
     labels
         int64 [N], number of the true object, -1 for ambiguous; None without truth.
-    label_names
+    objects
         Names of the objects by number.
     sigma
         float64 [F, N], one-sigma noise of a position in `unit`, above 0 where observed; None: unknown.
     ids
-        uint64 [N], ids of the features; None: their numbers.
-    space, unit, dim
-        Coordinate space: ``world`` in m for 3-D, ``pixels`` in px for 2-D.
+        uint64 [N], ids of the features; by default their numbers.
+    rate
+        Instants per second; by default from the median interval.
+    length
+        Seconds after which it may be repeated; by default the time of the last instant plus one interval.
     """
+
+    publish_sigma = True
 
     name: str
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
-    labels: NDArray[np.int64] | None
-    label_names: dict[int, str]
+    labels: NDArray[np.int64] | None = None
+    objects: Mapping[int, str] = field(default_factory=dict)
     sigma: NDArray[np.float64] | None = None
-    ids: NDArray[np.uint64] | None = None
-
-    @property
-    def dim(self) -> int:
-        """2 or 3."""
-        return int(self.positions.shape[2])
-
-    @property
-    def unit(self) -> Unit:
-        """``px`` in 2-D, ``m`` in 3-D."""
-        return "px" if self.dim == 2 else "m"
-
-    @property
-    def space(self) -> str:
-        """Name of the coordinate space."""
-        return "pixels" if self.dim == 2 else "world"
-
-    @property
-    def rate(self) -> float:
-        """Instants per second, from the median interval."""
-        return 1.0 / self.period
-
-    @property
-    def period(self) -> float:
-        """Median interval between two instants, seconds."""
-        return float(np.median(np.diff(self.times)))
-
-    @property
-    def length(self) -> float:
-        """Seconds after which the recording may be repeated: time of the last instant plus one period."""
-        return float(self.times[-1]) + self.period
-
-    def __len__(self) -> int:
-        return len(self.times)
+    ids: NDArray[np.uint64] = None  # type: ignore[assignment] # their numbers
+    rate: float = 0.0
+    length: float = 0.0
 
     def __post_init__(self) -> None:
+        self.dim = self.positions.shape[2]
+        self.space, self.unit = ("pixels", "px") if self.dim == 2 else ("world", "m")
+        if self.ids is None:
+            self.ids = np.arange(self.positions.shape[1], dtype=np.uint64)
+        if self.rate:
+            return
         if len(self.times) < 2:
             raise RecordingError("it holds fewer than two instants")
         if not (np.diff(self.times) > 0).all():
             raise RecordingError("its times do not increase")
         if not np.isfinite(self.positions).any():
             raise RecordingError("it holds no observation")
-
-
-class RecordedStream(Stream):
-    """The frames of some markers of a recording at some of its instants; may be iterated repeatedly.
-
-    The id of a feature is that of the recording, else the number of its marker. A feature ends with its last
-    observation.
-
-    Parameters
-    ----------
-    recording, name, rate
-        The recording, name of the source, and frames per second.
-    markers
-        intp [M], numbers of the markers.
-    instants
-        intp [K], numbers of the instants.
-    """
-
-    publish_sigma = True
-
-    def __init__(
-        self,
-        recording: Recording,
-        name: str,
-        rate: float,
-        markers: NDArray[np.intp],
-        instants: NDArray[np.intp],
-    ) -> None:
-        self.name, self.rate, self.length = name, rate, recording.length
-        self.space, self.unit, self.dim = recording.space, recording.unit, recording.dim
-        self.objects = recording.label_names
-        self._times = recording.times[instants]
-        self._positions = recording.positions[np.ix_(instants, markers)]
-        self._seen: NDArray[np.bool_] = np.isfinite(self._positions[..., 0])
-        self._ids = (markers if recording.ids is None else recording.ids[markers]).astype(np.uint64)
-        self._sigma = None if recording.sigma is None else recording.sigma[np.ix_(instants, markers)]
-        labels = recording.labels
-        self._labels = None if labels is None else labels[markers].astype(np.int32)
-        # Index of the last observation; -2 where there is none, so that the feature never ends.
-        last = len(instants) - 1 - np.argmax(self._seen[::-1], axis=0)
-        self._last = np.where(self._seen.any(axis=0), last, -2)
+        period = float(np.median(np.diff(self.times)))
+        self.rate, self.length = 1.0 / period, float(self.times[-1]) + period
 
     def __len__(self) -> int:
-        return len(self._times)
+        return len(self.times)
 
     def __iter__(self) -> Iterator[Frame]:
-        for k, t in enumerate(self._times.tolist()):
-            seen = self._seen[k]
+        seen = np.isfinite(self.positions[..., 0])
+        # Index of the last observation; -2 where there is none, so that the feature never ends.
+        last = np.where(seen.any(axis=0), len(seen) - 1 - np.argmax(seen[::-1], axis=0), -2)
+        for k, t in enumerate(self.times.tolist()):
+            now = seen[k]
             yield Frame(
                 t=t,
-                ids=self._ids[seen],
-                positions=self._positions[k, seen],
-                objects=None if self._labels is None else self._labels[seen],
-                ended=self._ids[self._last == k - 1],
-                sigma=None if self._sigma is None else self._sigma[k, seen],
+                ids=self.ids[now],
+                positions=self.positions[k, now],
+                objects=None if self.labels is None else self.labels[now].astype(np.int32),
+                ended=self.ids[last == k - 1],
+                sigma=None if self.sigma is None else self.sigma[k, now],
             )
 
 
@@ -194,5 +138,16 @@ def recording_streams(
             ticks = np.floor((recording.times - recording.times[0]) * rate + 1e-3)
             instants = np.flatnonzero(np.diff(ticks, prepend=-1.0) > 0)
         markers = np.arange(part, recording.positions.shape[1], split)
-        streams.append(RecordedStream(recording, numbered(source, part, split), rate, markers, instants))
+        both = np.ix_(instants, markers)
+        stream = replace(
+            recording,
+            name=numbered(source, part, split),
+            times=recording.times[instants],
+            positions=recording.positions[both],
+            labels=None if recording.labels is None else recording.labels[markers],
+            sigma=None if recording.sigma is None else recording.sigma[both],
+            ids=recording.ids[markers],
+            rate=rate,
+        )
+        streams.append(stream)
     return streams

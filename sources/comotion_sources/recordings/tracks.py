@@ -96,9 +96,7 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     noise = None if sigma is None else _given_noise(sigma, place)
     if noise is None and rated and place.shape[2] == 2:
         noise = _noise(place, confidence)
-    return Recording(
-        name=name, times=times - times[0], positions=place, labels=None, label_names={}, sigma=noise
-    )
+    return Recording(name=name, times=times - times[0], positions=place, sigma=noise)
 
 
 def _first(arrays: Arrays, names: Sequence[str]) -> NDArray[np.float64] | None:
