@@ -3,9 +3,10 @@
 import io
 import struct
 from collections.abc import Collection, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, cast
 
 import lz4.frame
 import zstandard
@@ -48,7 +49,7 @@ class Logged:
             return None
 
 
-class MessageLog:
+class MessageLog(ExitStack):
     """An MCAP recording of a scene; a context manager.
 
     Attributes
@@ -75,16 +76,17 @@ class MessageLog:
     """About the time between two messages, between two passes of a replay."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self.path = path
         self.invalid = 0
         try:
-            self._file = path.open("rb")
+            self._file = self.enter_context(path.open("rb"))
         except OSError as error:
             raise RecordingError(f"{path}: {error.strerror or error}") from None
         try:
             self._reader, summary = self._open()
         except BaseException:
-            self._file.close()
+            self.close()
             raise
         statistics = summary.statistics
         assert statistics is not None  # noqa: S101 - checked by _open
@@ -136,16 +138,6 @@ class MessageLog:
                 self.invalid += 1
             else:
                 yield logged.log_ns, message
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _open(self) -> tuple[SeekingReader, Summary]:
         try:

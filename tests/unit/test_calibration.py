@@ -15,12 +15,11 @@ from comotion_schemas.rigid import matrix, pose_of, transform
 from comotion_sources.calibration.files import format_calibration, read_calibration
 from comotion_sources.calibration.model import Extrinsics, Intrinsics
 from comotion_sources.cameras.types import Frame
-from comotion_sources.klt.carrier import add_poses, parse_carrier
 from comotion_sources.klt.observer import CameraSpace, Observer
 from comotion_sources.klt.tracker import Tracks
 from comotion_sources.markers import find_dictionary
 from comotion_sources.pair_calibration import PairedView, calibrate_pair, parse_target, relative_pose
-from comotion_sources.poses import PoseBuffer
+from comotion_sources.poses import PoseBuffer, add_poses, parse_carrier
 from comotion_sources.streams import MessageBuilder
 
 from ..builders import MS, batch

@@ -205,7 +205,7 @@ Examples:
 
     def run(self) -> None:
         """Publish until stopped, or to the end of the recording."""
-        from comotion_sources.klt.carrier import parse_carrier
+        from comotion_sources.poses import parse_carrier
 
         carrier = None if self.carried_by is None else parse_carrier(self.carried_by)
         moving = self.moving or self.poses is not None or carrier is not None

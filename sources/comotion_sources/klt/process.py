@@ -15,9 +15,8 @@ from ..calibration.model import Extrinsics
 from ..cameras.opening import open_frames
 from ..cameras.types import Camera, Frame
 from ..markers import publish_markers
-from ..poses import PoseBuffer, read_trajectory
+from ..poses import Carrier, PoseBuffer, read_trajectory
 from ..runtime import SourcePublisher
-from .carrier import Carrier
 from .drawing import Annotator
 from .observer import CameraSpace, Observer, choose_space
 from .options import CameraOptions, Pacer

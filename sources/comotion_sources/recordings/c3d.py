@@ -10,8 +10,8 @@ import numpy as np
 from comotion_schemas.errors import RecordingError
 from comotion_schemas.time_units import LONGEST_STEP_S
 
+from . import Recording, clean
 from .npz import METRES
-from .recording import Recording, clean
 
 # From the specification: block size in bytes, key byte, and the largest frame number in a header.
 _BLOCK = 512

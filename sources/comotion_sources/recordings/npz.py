@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from comotion_schemas.errors import RecordingError
 
 from ..streams import AMBIGUOUS
-from .recording import Recording
+from . import Recording
 from .tracks import NAMES, tracks_recording
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}

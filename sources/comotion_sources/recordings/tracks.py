@@ -19,7 +19,7 @@ from comotion_schemas.errors import KnownError, RecordingError
 from comotion_schemas.time_units import seconds
 
 from ..bounded import read_cells
-from .recording import Recording, clean
+from . import Recording, clean
 
 POSITIONS = ("positions", "tracks", "pred_tracks", "points", "trajs_2d", "tracks_XYZ")
 SEEN = ("visibility", "pred_visibility", "visibilities", "visibles", "visible", "visibs")

@@ -242,20 +242,7 @@ def plaid(rng: np.random.Generator, height: int, width: int, colour: Colour, sca
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-TEXTURES: dict[str, Texture] = {
-    "books": books,
-    "brushed": brushed,
-    "hazard": hazard,
-    "letters": letters,
-    "paint": paint,
-    "plaid": plaid,
-    "plain": plain,
-    "planks": planks,
-    "poster": poster,
-    "print": print_,
-    "rubber": rubber,
-    "tiles": tiles,
-    "wallpaper": wallpaper,
-    "wood": wood,
-}
+_OF_ROOMS = (plain, planks, tiles, wallpaper, poster, books, plaid)
+_OF_THINGS = (wood, print_, paint, letters, hazard, brushed, rubber)
+TEXTURES: dict[str, Texture] = {draw.__name__.rstrip("_"): draw for draw in (*_OF_ROOMS, *_OF_THINGS)}
 """MJCF material name -> texture."""
