@@ -83,7 +83,7 @@ def test_depth_lifts_the_tracks_into_the_world_with_their_truth(start, endpoint,
     assert [len(batch.ids) > 0 for batch in got] == [not 6 <= k < 10 for k in range(20)]
     # Positions are where the features are in the world; those of the board move with it.
     first, last = (
-        dict(zip(one.ids.tolist(), one.positions.astype(float), strict=True)) for one in (got[0], got[-1])
+        dict(zip(b.ids.tolist(), b.positions.astype(float), strict=True)) for b in (got[0], got[-1])
     )
     depths = PLACE.inverse().apply(np.array([*last.values()]))[:, 2]
     np.testing.assert_allclose(depths, DEPTH, atol=1e-3)
@@ -180,24 +180,24 @@ def test_an_unplugged_camera_is_told_and_comes_back_and_ctrl_c_ends_one_that_is_
     statuses = listen(session, KEYS.stream("status", "klt"), "status")
     batches = listen(session, KEYS.stream("obs", "klt"), "obs")
     source = start("source", "klt", network_camera.url, "--connect", endpoint)
-    before = batches.until(lambda batch: len(batch.ids) > 50)
+    earlier = batches.until(lambda batch: len(batch.ids) > 50)
 
     network_camera.unplugged.set()
     gone = batches.until(lambda batch: batch.ended is not None and not len(batch.ids))
-    assert set(before.ids.tolist()) & set(gone.ended.tolist())
-    told = statuses.until(lambda status: status.state == "degraded")
-    assert "lost" in told.message
-    assert network_camera.url in told.message
+    assert set(earlier.ids.tolist()) & set(gone.ended.tolist())
+    lost = statuses.until(lambda status: status.state == "degraded")
+    assert "lost" in lost.message
+    assert network_camera.url in lost.message
 
     network_camera.unplugged.clear()
     after = batches.until(lambda batch: len(batch.ids) > 50)
-    assert after.session == before.session
+    assert after.session == earlier.session
     assert not set(after.ids.tolist()) & set(gone.ended.tolist())
     assert statuses.until(lambda status: status.state == "ok").counters["reconnects"] == 1
 
-    said = len(source.lines)
+    printed = len(source.lines)
     network_camera.unplugged.set()
-    source.wait_line(lambda line: "trying again" in line, start=said)
+    source.wait_line(lambda line: "trying again" in line, start=printed)
     assert source.interrupt() == 0
 
 

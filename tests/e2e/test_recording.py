@@ -27,15 +27,15 @@ PERIOD = 0.25
 
 def read(path: Path) -> dict[str, list[bytes]]:
     """Payloads by key, in the order of receipt."""
-    found: dict[str, list[bytes]] = {}
+    payloads: dict[str, list[bytes]] = {}
     with path.open("rb") as file:
         for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            found.setdefault(channel.topic, []).append(message.data)
-    return found
+            payloads.setdefault(channel.topic, []).append(message.data)
+    return payloads
 
 
-def of_sources(found: dict[str, list[bytes]]) -> dict[str, list[bytes]]:
-    return {key: payloads for key, payloads in found.items() if "/obs/" in key or "/truth/" in key}
+def of_sources(payloads: dict[str, list[bytes]]) -> dict[str, list[bytes]]:
+    return {key: sent for key, sent in payloads.items() if "/obs/" in key or "/truth/" in key}
 
 
 def evaluated(path: Path, *, as_received: bool = False) -> list[bytes]:
@@ -61,15 +61,15 @@ def recorded(start, endpoint, session, listen, tmp_path):
     metrics = ("--metrics-port", "127.0.0.1:0")
     source = start("source", "simulator", "3d_async", *metrics, "--connect", endpoint)
     until_heard(session.declare_publisher(KEYS.stream("obs", "noise"))).put(b"nonsense")
-    told: Status = statuses.until(lambda s: s.counters["messages"] > 600 and s.rejected)
+    reported: Status = statuses.until(lambda s: s.counters["messages"] > 600 and s.rejected)
     # Two Statuses later the first of them is what a scrape tells.
     for _ in range(2):
         of_service.until(lambda s: s.rejected and s.counters["updates"] > 5 and len(s.ages) == 3)
     check_metrics(*(scrape(process) for process in (service, source)))
     assert source.interrupt() == 0
-    assert told.role == "recorder"
-    assert told.rejected == {"malformed": 1}
-    assert told.rates["hypotheses"] > 0
+    assert reported.role == "recorder"
+    assert reported.rejected == {"malformed": 1}
+    assert reported.rates["hypotheses"] > 0
     assert recorder.interrupt() == 0
     assert "recorded although invalid: 1 malformed" in recorder.lines
     return path
@@ -83,16 +83,16 @@ def scrape(process) -> str:
 
 def check_metrics(service: str, source: str) -> None:
     """All that the dashboard shows is there."""
-    told = f"{service}\n{source}"
+    reported = f"{service}\n{source}"
     labels = 'component="fusion",reason="malformed",role="service",scene="default"'
-    assert f"comotion_rejected_total{{{labels}}} 1.0" in told
-    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in told
+    assert f"comotion_rejected_total{{{labels}}} 1.0" in reported
+    assert 'comotion_publish_lag_seconds_count{component="simulator-3"' in reported
     dashboard = json.loads((ROOT / "deploy" / "grafana-dashboard.json").read_text())
     queries = [t["expr"] for panel in dashboard["panels"] for t in panel["targets"]]
     names = {word for query in queries for word in re.findall(r"(?:comotion|process)_\w+", query)}
     assert len(names) > 10
     for name in sorted(names):
-        assert f"\n{name}" in told, name
+        assert f"\n{name}" in reported, name
     assert service.count("\ncomotion_tick_seconds_count") == 1
     assert "\ncomotion_tick_seconds_count" not in source
 
@@ -112,8 +112,8 @@ def test_a_scene_is_recorded_measured_replayed_and_evaluated(start, endpoint, re
     words = ("evaluate", recorded, "--json", "--period", PERIOD)
     fresh = start(*words, ready=False, env={"PYTHONHASHSEED": "77"})
     assert fresh.wait() == 0
-    (found,) = json.loads(fresh.output[fresh.output.index("{\n") :])["runs"]
-    assert found["updates_sha256"] == hashlib.sha256(b"".join(updates)).hexdigest()
+    (summary,) = json.loads(fresh.output[fresh.output.index("{\n") :])["runs"]
+    assert summary["updates_sha256"] == hashlib.sha256(b"".join(updates)).hexdigest()
 
     # Live: published again byte for byte, which a second recorder notes.
     again = tmp_path / "again.mcap"
@@ -143,7 +143,7 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
     # The first growth may be of a flush that had begun before.
     written = held["bytes"]
     for _ in range(2):
-        grown = statuses.until(lambda status, before=written: status.counters["bytes"] > before)
+        grown = statuses.until(lambda status, least=written: status.counters["bytes"] > least)
         written = grown.counters["bytes"]
     recorder.signal(signal.SIGKILL)
     assert recorder.wait() == -signal.SIGKILL
@@ -159,6 +159,6 @@ def test_a_killed_recorder_keeps_what_it_held_before_the_last_flush(
 def test_a_scene_that_is_not_there_is_no_recording(endpoint, tmp_path, capsys):
     options = ("--scene", "typo", "--duration", "0.3", "--connect", endpoint)
     assert run(["record", str(tmp_path / "x.mcap"), *options]) == 2
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said == "error: no message was received in scene 'typo': nothing was recorded"
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error == "error: no message was received in scene 'typo': nothing was recorded"
     assert list(tmp_path.iterdir()) == []

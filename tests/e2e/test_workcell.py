@@ -94,7 +94,7 @@ INPUTS = {
 }
 
 
-@pytest.mark.parametrize(("send", "words"), INPUTS.items(), ids=lambda one: getattr(one, "__name__", ""))
+@pytest.mark.parametrize(("send", "words"), INPUTS.items(), ids=lambda value: getattr(value, "__name__", ""))
 def test_joint_states_become_poses_and_malformed_ones_are_counted(
     send, words, start, endpoint, session, listen
 ):

@@ -31,18 +31,18 @@ def written(value):
     return bytes.fromhex(value["hex"]) if "hex" in value else {k: written(v) for k, v in value.items()}
 
 
-def told(value):
+def as_in_file(value):
     """A message, or a part of one, as in the file; what is absent is left out."""
     if isinstance(value, np.ndarray):
         rows = value.tolist()
         return {"column": value.dtype.newbyteorder("<").str, "rows": json.loads(nan_as_text(rows))}
     if isinstance(value, list):
-        return [told(item) for item in value]
+        return [as_in_file(item) for item in value]
     if isinstance(value, bytes):
         return {"hex": value.hex()}
     fields = {name: getattr(value, name) for name in getattr(value, "__dataclass_fields__", ())}
     fields = value if isinstance(value, dict) else fields
-    return {k: told(v) for k, v in fields.items() if v is not None} if fields else value
+    return {k: as_in_file(v) for k, v in fields.items() if v is not None} if fields else value
 
 
 def nan_as_text(rows):
@@ -75,7 +75,7 @@ def test_golden_bytes_are_what_is_told_decode_to_it_and_are_encoded_again(name):
     assert msgpack.packb(written(GOLDEN[name])) == raw
     validate(msgpack.unpackb(raw))
     message = decode(raw)
-    assert told(message) == GOLDEN[name]
+    assert as_in_file(message) == GOLDEN[name]
     assert encode(message) == raw
 
 

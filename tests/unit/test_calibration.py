@@ -123,8 +123,8 @@ def test_a_mirrored_pose_of_the_target_misleads_in_no_single_view(seed):
         camera.project(seen.apply(points)) + rng.normal(0, 0.1, (54, 2))
         for camera, seen in ((CAMERA_A, to_a), (CAMERA_B, b_in_a.inverse().after(to_a)))
     ]
-    found = relative_pose(CAMERA_A, CAMERA_B, [PairedView(points, *pixels)]).pose
-    assert Rotation.from_matrix(found.rotation.T @ b_in_a.rotation).magnitude() < np.deg2rad(3)
+    result = relative_pose(CAMERA_A, CAMERA_B, [PairedView(points, *pixels)]).pose
+    assert Rotation.from_matrix(result.rotation.T @ b_in_a.rotation).magnitude() < np.deg2rad(3)
 
 
 def test_a_target_that_is_not_seen_is_told():
@@ -170,9 +170,9 @@ def test_poses_are_interpolated_between_their_stamps_and_not_beyond():
     assert buffer.at(0) is None
     buffer.add(0, pose((0, 0, 0), (0, 0, 0)))
     buffer.add(100 * MS, pose((0, 0, 1), (2, 0, 0)))
-    found = buffer.at(25 * MS)
-    assert found.translation == pytest.approx([0.5, 0, 0])
-    assert Rotation.from_matrix(found.rotation).as_rotvec() == pytest.approx([0, 0, 0.25])
+    result = buffer.at(25 * MS)
+    assert result.translation == pytest.approx([0.5, 0, 0])
+    assert Rotation.from_matrix(result.rotation).as_rotvec() == pytest.approx([0, 0, 0.25])
     assert buffer.at(100 * MS).translation == pytest.approx([2.0, 0, 0])
     assert buffer.at(101 * MS) is None
     assert buffer.at(-1) is None
@@ -198,11 +198,11 @@ def test_features_are_published_in_the_world_by_the_pose_at_their_stamp():
     builder = MessageBuilder(source="klt", session="0" * 16, space="world", unit="m", dim=3)
     observer = Observer(space, builder, poses=buffer)
 
-    one = {"ids": np.array([4], np.uint64), "ended": np.zeros(0, np.uint64), "pixels": np.zeros((1, 2))}
-    one |= {"sigma": np.ones(1), "pixel_sigma": np.ones(1), "born": np.zeros(1, bool)}
+    feature = {"ids": np.array([4], np.uint64), "ended": np.zeros(0, np.uint64), "pixels": np.zeros((1, 2))}
+    feature |= {"sigma": np.ones(1), "pixel_sigma": np.ones(1), "born": np.zeros(1, bool)}
 
     def seen(stamp):
-        tracks = Tracks(stamp_ns=stamp, points=np.array([[0.0, 0.0, 2.0]]), **one)
+        tracks = Tracks(stamp_ns=stamp, points=np.array([[0.0, 0.0, 2.0]]), **feature)
         (batch,) = observer.messages(tracks, Frame(stamp, np.zeros((10, 10), np.uint8)))
         return batch
 
@@ -215,9 +215,9 @@ def test_features_are_published_in_the_world_by_the_pose_at_their_stamp():
 def test_a_pose_comes_back_and_moves_points_as_it_says(turn):
     dim = 2 if turn == 0.7 else 3
     pose = Pose(translation=[1.0, -2.0, 3.0][:dim], rotation=turn)
-    found = pose_of(transform(pose), dim)
-    assert found.translation == pytest.approx(pose.translation)
-    assert found.rotation == pytest.approx(pose.rotation)
+    result = pose_of(transform(pose), dim)
+    assert result.translation == pytest.approx(pose.translation)
+    assert result.rotation == pytest.approx(pose.rotation)
     point = np.array([0.3, -0.4, 0.5])[:dim]
     moved = transform(pose).apply([*point, 0.0][:3])
     assert moved[:dim] == pytest.approx(matrix(pose.rotation) @ point + pose.translation)

@@ -33,15 +33,15 @@ def write_images(folder, names):
 
 
 @pytest.mark.parametrize(
-    ("what", "told"),
+    ("what", "reason"),
     [
         ("99", "camera 99"),
         ("/dev/video98", "camera 98"),
         ("rtsp://user:secret@127.0.0.1:9/x", "rtsp://127.0.0.1:9/x: nothing answers"),
     ],
 )
-def test_what_cannot_be_opened_is_told_in_one_line(what, told):
-    with pytest.raises(InputError, match=told) as caught:
+def test_what_cannot_be_opened_is_told_in_one_line(what, reason):
+    with pytest.raises(InputError, match=reason) as caught:
         open_frames(what)
     assert "\n" not in str(caught.value)
     assert "secret" not in str(caught.value)
@@ -154,7 +154,7 @@ class Scripted:
     def __init__(self):
         self.frames: list[Frame | Exception | None] = []
         self.go = threading.Semaphore(0)
-        self.asked = threading.Semaphore(0)
+        self.requests = threading.Semaphore(0)
         self.closed = threading.Event()
 
     def play(self, *frames):
@@ -163,7 +163,7 @@ class Scripted:
             self.go.release()
 
     def read(self):
-        self.asked.release()
+        self.requests.release()
         self.go.acquire()
         frame = self.frames.pop(0)
         if isinstance(frame, Exception):
@@ -184,17 +184,17 @@ def test_a_live_camera_yields_the_newest_frame_and_counts_the_others():
     frames = iter(camera)
     device.play(*(Frame(k, image(k)) for k in range(4)))
     # It is waiting for the fifth: four have come.
-    assert all(device.asked.acquire(timeout=10) for _ in range(5))
+    assert all(device.requests.acquire(timeout=10) for _ in range(5))
     assert next(frames).stamp_ns == 3
     assert camera.counters == {"skipped": 3}
-    for end, told in (
+    for end, reason in (
         (None, "the camera stopped delivering"),
         (RuntimeError("no frame for 5 s:\n  USB was unplugged"), "no frame for 5 s: USB was unplugged"),
     ):
         device = Scripted()
         camera = LiveCamera("camera 0", device.played())
         device.play(end)
-        with pytest.raises(InputError, match=f"camera 0: {told}"):
+        with pytest.raises(InputError, match=f"camera 0: {reason}"):
             next(iter(camera))
         assert device.closed.wait(10)
         camera.close()

@@ -48,7 +48,7 @@ def hypothesis(**changes):
 
 
 def joints(*changes):
-    return update(joints=[changed(JOINT, **one) for one in changes])
+    return update(joints=[changed(JOINT, **fields) for fields in changes])
 
 
 def event(kind, others):

@@ -54,9 +54,9 @@ FORMS = {
 def test_every_tracker_gives_the_same_recording(scene, tmp_path, form):
     tracks, seen = scene
     np.savez(tmp_path / "apple.npz", **FORMS[form](tracks, seen))
-    found = read_recording(tmp_path / "apple.npz", 10.0)
-    assert (found.unit, found.rate, len(found)) == ("px", pytest.approx(10.0), FRAMES)
-    np.testing.assert_allclose(found.positions, np.where(seen[..., None], tracks, np.nan), rtol=1e-6)
+    recording = read_recording(tmp_path / "apple.npz", 10.0)
+    assert (recording.unit, recording.rate, len(recording)) == ("px", pytest.approx(10.0), FRAMES)
+    np.testing.assert_allclose(recording.positions, np.where(seen[..., None], tracks, np.nan), rtol=1e-6)
 
 
 def write_table(path, tracks, seen, **columns):
@@ -83,14 +83,14 @@ def test_confidence_is_noise_and_less_than_half_is_unseen(scene, tmp_path):
     confidence = np.full(seen.shape, 1.0)
     confidence[:, 1], confidence[:, 2], confidence[:, 3] = 0.99, 0.7, 0.4
     np.savez(tmp_path / "a.npz", pred_tracks=tracks, pred_visibility=seen, confidence=confidence)
-    found = read_recording(tmp_path / "a.npz", 10.0)
-    assert np.isnan(found.positions[:, 3]).all()
-    noise = [float(np.median(found.sigma[seen[:, n], n])) for n in range(3)]
+    recording = read_recording(tmp_path / "a.npz", 10.0)
+    assert np.isnan(recording.positions[:, 3]).all()
+    noise = [float(np.median(recording.sigma[seen[:, n], n])) for n in range(3)]
     assert 0.1 <= noise[0] < 0.2  # as the differences of its positions say
     assert 2 * noise[0] < noise[1] < noise[2] / 3
-    observed = [m for m in batches(recording_streams(found)) if isinstance(m, ObservationBatch)]
+    observed = [m for m in batches(recording_streams(recording)) if isinstance(m, ObservationBatch)]
     shown = dict(zip(observed[5].ids.tolist(), observed[5].sigma.tolist(), strict=True))
-    assert shown == pytest.approx({n: found.sigma[5, n] for n in shown})
+    assert shown == pytest.approx({n: recording.sigma[5, n] for n in shown})
     assert 3 not in shown
 
 
@@ -104,17 +104,17 @@ def hypotheses_of(path):
 def test_segment_groups_tracks_of_another_tracker(scene, tmp_path, capsys):
     tracks, seen = scene
     table = write_table(tmp_path / "apple.csv", tracks, seen)
-    found = tmp_path / "labels.csv"
-    assert run(["segment", "--tracks", str(table), "--fps", "10", "--csv", str(found), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["frames"], said["duration_s"]) == (FRAMES, pytest.approx(2.3))
-    labels = hypotheses_of(found)
+    labelled = tmp_path / "labels.csv"
+    assert run(["segment", "--tracks", str(table), "--fps", "10", "--csv", str(labelled), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["frames"], summary["duration_s"]) == (FRAMES, pytest.approx(2.3))
+    labels = hypotheses_of(labelled)
     moving = {label for track, label in labels.items() if track < 100 + MOVING}
     resting = {label for track, label in labels.items() if track >= 100 + MOVING}
     assert len(moving) == len(resting) == 1
     assert moving != resting
     # Its own table is read again: what is tracked stays, what was found is left out.
-    again = read_recording(found)
+    again = read_recording(labelled)
     assert again.positions.shape == (FRAMES, POINTS, 2)
     assert again.sigma is None
 
@@ -134,10 +134,10 @@ def test_segment_draws_tracks_on_the_frames_of_their_video(scene, tmp_path, caps
     assert cv2.imread(str(drawn[-1])).shape == (120, 160, 3)
     capsys.readouterr()
     np.savez(tmp_path / "room.npz", tracks_XYZ=np.ones((9, 4, 3)), fps=30)
-    for words, told in (
+    for words, reason in (
         ([*call, "--max-features", "9"], "--max-features is of our own tracker"),
         ([*call, "--fps", "9"], "has a rate of its own"),
         (["segment", "--tracks", str(tmp_path / "room.npz")], "in an image they are in px"),
     ):
         assert run(words) == 2
-        assert told in capsys.readouterr().err
+        assert reason in capsys.readouterr().err

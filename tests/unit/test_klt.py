@@ -47,10 +47,10 @@ def motion(k, shift, angle=0.0, zoom=0.0):
     return np.column_stack([linear, offset])
 
 
-def moved(points, before, after):
-    linear, offset = before[:, :2], before[:, 2]
+def moved(points, earlier, later):
+    linear, offset = earlier[:, :2], earlier[:, 2]
     texture_points = (points - offset) @ np.linalg.inv(linear).T
-    return texture_points @ after[:, :2].T + after[:, 2]
+    return texture_points @ later[:, :2].T + later[:, 2]
 
 
 MOTIONS = {
@@ -142,8 +142,8 @@ def test_ended_features_are_told_once_and_ids_are_never_used_again():
         assert set(tracks.ids[tracks.born].tolist()) == now - alive
         ended, alive = ended | (alive - now), now
     assert set(tracker.reset().tolist()) == alive
-    after = tracker.step(frame(31, image[:120, :160], rng))
-    assert not set(after.ids.tolist()) & (alive | ended)
+    later = tracker.step(frame(31, image[:120, :160], rng))
+    assert not set(later.ids.tolist()) & (alive | ended)
 
 
 def plane(tilt):

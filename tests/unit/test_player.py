@@ -251,10 +251,10 @@ def test_original_payloads_go_out_byte_for_byte_when_they_came():
 def test_stamps_move_to_now_with_their_latency(speed, offset_ns):
     wire = play(log=Log(scene(offset_ns=offset_ns)), stamps="now", speed=speed)
     for name, count in (("a", 40), ("b", 20)):
-        found = wire.of(ObservationBatch, name)
-        assert [b.seq for _, b in found] == list(range(count))
-        assert len({b.session for _, b in found} - {SESSION}) == 1
-        for at, b in found:
+        played = wire.of(ObservationBatch, name)
+        assert [b.seq for _, b in played] == list(range(count))
+        assert len({b.session for _, b in played} - {SESSION}) == 1
+        for at, b in played:
             age = (NOW + at) - b.stamp_ns / 1e9
             expected = LATENCY_NS / 1e9 / speed if offset_ns == 0 else 0.0
             assert age == pytest.approx(expected, abs=1e-6)
@@ -265,9 +265,9 @@ def test_stamps_move_to_now_with_their_latency(speed, offset_ns):
 def test_a_part_comes_with_the_truth_of_before():
     wire = play(log=Log(scene()), stamps="original", start=1.0, end=2.0)
     assert wire.puts[0][1] == "truth"
-    found = wire.of(ObservationBatch, "a")
-    assert [b.seq for _, b in found] == list(range(10, 20))
-    assert found[0][0] == pytest.approx(LATENCY_NS / 1e9, abs=1e-6)
+    played = wire.of(ObservationBatch, "a")
+    assert [b.seq for _, b in played] == list(range(10, 20))
+    assert played[0][0] == pytest.approx(LATENCY_NS / 1e9, abs=1e-6)
 
 
 @pytest.mark.parametrize("stamps", ["now", "original"])
@@ -309,6 +309,6 @@ def test_the_order_of_acquisition_does_not_depend_on_that_of_receipt():
 def test_a_stamp_from_another_time_holds_nothing_up():
     wrong = (BEGIN + S, batch("wrong", 0, BEGIN + 10**15))
     items = [(i.log_ns, i.decode()) for i in scene(seconds=30) if i.decode() is not None]
-    found = list(in_order_of_acquisition([*items[:15], wrong, *items[15:]]))
-    assert found[-1] == wrong
-    assert len(found) == len(items) + 1
+    played = list(in_order_of_acquisition([*items[:15], wrong, *items[15:]]))
+    assert played[-1] == wrong
+    assert len(played) == len(items) + 1

@@ -57,8 +57,8 @@ SCENE = tuple(arrivals())
 def read(path):
     """(topic, log time, payload) of a whole file, its checksums verified."""
     with path.open("rb") as file:
-        found = make_reader(file, validate_crcs=True).iter_messages()
-        return [(channel.topic, message.log_time, message.data) for _, channel, message in found]
+        messages = make_reader(file, validate_crcs=True).iter_messages()
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
 
 
 def as_read(items):
@@ -105,16 +105,16 @@ def test_every_file_of_a_rotation_is_whole(tmp_path, options):
     assert len(series.paths) > 2
     assert [p.name for p in series.paths[:2]] == ["take-001.mcap", "take-002.mcap"]
     contents = [read(path) for path in series.paths]
-    known = []
+    earlier = []
     for content in contents:
         truth = [(key, data) for key, _, data in content if "/truth/" in key]
-        assert set(known) <= set(truth)
+        assert set(earlier) <= set(truth)
         assert len(set(truth)) == len(truth)
-        known = truth
+        earlier = truth
         # The truth of before is stamped with the beginning of the file, not with its own past.
         times = [t for _, t, _ in content]
         assert times[-1] - times[0] < 2 * SECOND
-    assert sorted(known) == sorted((a.key, a.payload) for a in SCENE if a.kind == "truth")
+    assert sorted(earlier) == sorted((a.key, a.payload) for a in SCENE if a.kind == "truth")
     others = sorted(item for content in contents for item in content if "/truth/" not in item[0])
     assert others == sorted(item for item in as_read(SCENE) if "/truth/" not in item[0])
 

@@ -74,16 +74,16 @@ def test_frames_of_tf_are_features_that_keep_their_ids():
 def test_bodies_of_motion_capture_have_names():
     place, turn = POINT(x=1.0, y=2.0, z=3.0), QUATERNION(x=0.0, y=0.0, z=0.0, w=1.0)
     pose = make("geometry_msgs/msg/Pose", position=place, orientation=turn)
-    one = make("motion_capture_tracking_interfaces/msg/NamedPose", name="drone", pose=pose)
-    message = make(NAMED_POSES, header=header(), poses=[one])
-    (found,) = Converter().convert(NAMED_POSES, raw(message, NAMED_POSES), 0)
-    assert found[1]["positions"].tolist() == [[1, 2, 3]]
+    sample = make("motion_capture_tracking_interfaces/msg/NamedPose", name="drone", pose=pose)
+    message = make(NAMED_POSES, header=header(), poses=[sample])
+    (features,) = Converter().convert(NAMED_POSES, raw(message, NAMED_POSES), 0)
+    assert features[1]["positions"].tolist() == [[1, 2, 3]]
 
 
 def test_a_cloud_has_ids_or_is_refused():
-    (found,) = Converter().convert(CLOUD, cloud(), 0)
-    assert (found[0], found[1]["ids"].tolist()) == ("map", [10, 11, 12])
-    assert found[1]["positions"][:, 0].tolist() == [0, 1, 2]
+    (features,) = Converter().convert(CLOUD, cloud(), 0)
+    assert (features[0], features[1]["ids"].tolist()) == ("map", [10, 11, 12])
+    assert features[1]["positions"][:, 0].tolist() == [0, 1, 2]
     with pytest.raises(InputError, match="one of id, track_id"):
         Converter().convert(CLOUD, cloud(("x", "y", "z")), 0)
 
@@ -136,8 +136,8 @@ def write_bag(path, topics, kind):
     with Writer(path, version=9, storage_plugin=plugin) as writer:
         for topic, samples in topics.items():
             connection = writer.add_connection(topic, JOINT_STATE, typestore=store())
-            for one in samples:
-                writer.write(connection, one.stamp_ns + 5, encode_sample(one))
+            for sample in samples:
+                writer.write(connection, sample.stamp_ns + 5, encode_sample(sample))
     return path
 
 
