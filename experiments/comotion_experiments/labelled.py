@@ -92,9 +92,8 @@ class GivenTracks:
             stamp_ns=frame.stamp_ns,
             ids=tracked.ids,
             pixels=tracked.positions.astype(np.float32),
-            pixel_sigma=np.full(count, np.nan) if tracked.sigma is None else tracked.sigma,
-            points=None,
-            sigma=None,
+            positions=tracked.positions,
+            sigma=np.full(count, np.nan) if tracked.sigma is None else tracked.sigma,
             born=np.zeros(count, np.bool_),  # where truth is to be read: there is none
             ended=tracked.ended,
         )

@@ -31,19 +31,13 @@ _MAX_ITEMS = 100_000
 _MAX_TOTAL = 500_000
 
 # Error types of pydantic with a more specific rejection reason than "schema".
-_PYDANTIC_REASONS: dict[str, RejectionReason] = {
-    "unexpected_keyword_argument": "unknown-field",
-    "extra_forbidden": "unknown-field",
-    "finite_number": "non-finite",
-    "greater_than": "range",
-    "greater_than_equal": "range",
-    "less_than": "range",
-    "less_than_equal": "range",
-    "too_short": "length",
-    "too_long": "length",
-    "string_too_short": "length",
-    "string_too_long": "length",
+_SPECIFIC: dict[RejectionReason, tuple[str, ...]] = {
+    "unknown-field": ("unexpected_keyword_argument", "extra_forbidden"),
+    "non-finite": ("finite_number",),
+    "range": ("greater_than", "greater_than_equal", "less_than", "less_than_equal"),
+    "length": ("too_short", "too_long", "string_too_short", "string_too_long"),
 }
+_PYDANTIC_REASONS = {kind: reason for reason, kinds in _SPECIFIC.items() for kind in kinds}
 
 
 class DecodeError(KnownError):

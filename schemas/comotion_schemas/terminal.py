@@ -31,22 +31,23 @@ def reporting(*, quiet: bool = False, terminal_s: float = 0.25, plain_s: float =
         yield lambda line: None  # noqa: ARG005
     elif sys.stderr.isatty():
         with Live(console=Console(stderr=True), refresh_per_second=4, transient=True) as live:
-            yield _Periodic(terminal_s, lambda line: live.update(Text(line)))
+            yield _periodic(terminal_s, lambda line: live.update(Text(line)))
     else:
-        yield _Periodic(plain_s, lambda line: print(line, file=sys.stderr, flush=True))  # noqa: T201
+        yield _periodic(plain_s, lambda line: print(line, file=sys.stderr, flush=True))  # noqa: T201
 
 
-class _Periodic:
-    def __init__(self, period_s: float, show: Callable[[str], None]) -> None:
-        self._period_s, self._show = period_s, show
-        # The first line comes soon: it shows that something happens.
-        self._due = time.monotonic() + min(period_s, 1.0)
+def _periodic(period_s: float, show: Callable[[str], None]) -> Report:
+    # The first line comes soon: it shows that something happens.
+    due = time.monotonic() + min(period_s, 1.0)
 
-    def __call__(self, line: Callable[[], str]) -> None:
+    def report(line: Callable[[], str]) -> None:
+        nonlocal due
         now = time.monotonic()
-        if now >= self._due:
-            self._due = now + self._period_s
-            self._show(line())
+        if now >= due:
+            due = now + period_s
+            show(line())
+
+    return report
 
 
 @contextlib.contextmanager

@@ -15,10 +15,7 @@ from comotion_schemas.doubts import coarse
 from comotion_schemas.errors import KnownError, one_line_errors
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.rows import check_space, usable_rows
-from comotion_schemas.transport import (
-    SessionSettings,
-    client_settings,
-)
+from comotion_schemas.transport import SessionSettings, client_settings
 from comotion_schemas.types import Unit
 
 from .source import Source

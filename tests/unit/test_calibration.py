@@ -199,10 +199,10 @@ def test_features_are_published_in_the_world_by_the_pose_at_their_stamp():
     observer = Observer(space, builder, poses=buffer)
 
     feature = {"ids": np.array([4], np.uint64), "ended": np.zeros(0, np.uint64), "pixels": np.zeros((1, 2))}
-    feature |= {"sigma": np.ones(1), "pixel_sigma": np.ones(1), "born": np.zeros(1, bool)}
+    feature |= {"sigma": np.ones(1), "born": np.zeros(1, bool)}
 
     def seen(stamp):
-        tracks = Tracks(stamp_ns=stamp, points=np.array([[0.0, 0.0, 2.0]]), **feature)
+        tracks = Tracks(stamp_ns=stamp, positions=np.array([[0.0, 0.0, 2.0]]), **feature)
         (batch,) = observer.messages(tracks, Frame(stamp, np.zeros((10, 10), np.uint8)))
         return batch
 

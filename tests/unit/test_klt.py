@@ -162,12 +162,12 @@ def test_points_lie_where_the_camera_saw_them():
     tracker = Tracker(TrackerConfig(max_features=60), CAMERA)
     for frame in depth_frames(lambda k: plane(0.3), 5):
         tracks = tracker.step(frame)
-    assert np.isfinite(tracks.points).all()
-    np.testing.assert_allclose(CAMERA.project(tracks.points), tracks.pixels, atol=1e-3)
+    assert np.isfinite(tracks.positions).all()
+    np.testing.assert_allclose(CAMERA.project(tracks.positions), tracks.pixels, atol=1e-3)
     true = 1.0 / (1.0 + 0.3 * (tracks.pixels[:, 0].astype(float) - 160) / 300.0)
-    np.testing.assert_allclose(tracks.points[:, 2], true, rtol=1e-4)
+    np.testing.assert_allclose(tracks.positions[:, 2], true, rtol=1e-4)
     # Noise grows with the square of the depth, and the far side of the plane is left.
-    assert np.corrcoef(tracks.sigma, tracks.points[:, 2] ** 2)[0, 1] > 0.9
+    assert np.corrcoef(tracks.sigma, tracks.positions[:, 2] ** 2)[0, 1] > 0.9
 
 
 def test_features_outlive_frames_without_depth_but_not_holes_in_it():
@@ -177,10 +177,9 @@ def test_features_outlive_frames_without_depth_but_not_holes_in_it():
     hole[:, :160] = 0
 
     seen = [tracker.step(frame) for frame in depth_frames(lambda k: None if 2 <= k < 12 else plane(0.0), 14)]
-    assert seen[5].points is not None
-    assert np.isnan(seen[5].points).all()
+    assert np.isnan(seen[5].positions).all()
     assert len(seen[-1].ids) > 0.9 * len(seen[0].ids)
-    assert np.isfinite(seen[-1].points).all()
+    assert np.isfinite(seen[-1].positions).all()
 
     tracker = Tracker(config, CAMERA)
     seen = [tracker.step(frame) for frame in depth_frames(lambda k: hole if k >= 2 else plane(0.0), 9)]

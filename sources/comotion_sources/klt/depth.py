@@ -65,22 +65,20 @@ def depth_sigma(z: Floats, config: TrackerConfig) -> Floats:
     return np.maximum(config.depth_floor, config.depth_noise * z**2)
 
 
-def point_sigma(z: Floats, pixel_sigma: Floats, intrinsics: Intrinsics, config: TrackerConfig) -> Floats:
+def point_sigma(z: Floats, intrinsics: Intrinsics, config: TrackerConfig) -> Floats:
     """Isotropic one-sigma noise [N] of lifted points, m.
 
     Parameters
     ----------
     z
         float64 [N], depth, m.
-    pixel_sigma
-        float64 [N], one-sigma noise in the image, px.
     intrinsics, config
-        Focal lengths; noise of the depth.
+        Focal lengths; noise in the image and of the depth.
 
     Returns
     -------
     float64 [N]: root mean square over two axes across the ray and one along it.
     """
-    across = pixel_sigma * z * 2.0 / (intrinsics.fx + intrinsics.fy)
+    across = config.pixel_sigma * z * 2.0 / (intrinsics.fx + intrinsics.fy)
     along = depth_sigma(z, config)
     return np.sqrt((2.0 * across**2 + along**2) / 3.0)

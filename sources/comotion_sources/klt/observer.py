@@ -122,14 +122,14 @@ class Observer:
             nearest = frame.objects[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
             objects = np.where(inside, nearest, AMBIGUOUS)
             yield self._builder.truth(ids=ids, objects=objects, names=self._objects)
-        positions, sigma = self._states(tracks)
+        positions = self._positions(tracks)
         shown = np.isfinite(positions).all(axis=1)
-        has_sigma = bool(np.isfinite(sigma[shown]).all())
+        sigma = tracks.sigma[shown].astype(np.float32)
         yield self._builder.observation(
             stamp_ns=tracks.stamp_ns,
             ids=tracks.ids[shown],
             positions=positions[shown],
-            sigma=sigma[shown].astype(np.float32) if has_sigma else None,
+            sigma=sigma if np.isfinite(sigma).all() else None,
             ended=tracks.ended if len(tracks.ended) else None,
         )
 
@@ -138,14 +138,11 @@ class Observer:
         nothing = np.empty((0, self._space.dim))
         return self._builder.observation(stamp_ns=stamp_ns, ids=[], positions=nothing, ended=ids)
 
-    def _states(self, tracks: Tracks) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        if tracks.points is None or tracks.sigma is None:
-            return tracks.pixels.astype(np.float64), tracks.pixel_sigma
+    def _positions(self, tracks: Tracks) -> NDArray[np.float64]:
         extrinsics = self._space.extrinsics
         if self._poses is not None:
             extrinsics = self._poses.at(tracks.stamp_ns)
             if extrinsics is None:
                 self.unposed += 1
-                return np.full_like(tracks.points, np.nan), tracks.sigma
-        points = tracks.points if extrinsics is None else extrinsics.apply(tracks.points)
-        return points, tracks.sigma
+                return np.full_like(tracks.positions, np.nan)
+        return tracks.positions if extrinsics is None else extrinsics.apply(tracks.positions)

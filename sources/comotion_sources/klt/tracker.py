@@ -41,13 +41,11 @@ class Tracks:
         uint64 [N], ascending; a tracker never reuses an id.
     pixels
         float32 [N, 2], px.
-    pixel_sigma
-        float64 [N], one-sigma noise of `pixels`, px; NaN where it is not known.
-    points
-        float64 [N, 3] in the optical frame of the camera, m; rows of NaN: no depth in this frame. None
-        for a tracker without intrinsics.
+    positions
+        float64 [N, 3] in the optical frame of the camera, m; rows of NaN: no depth in this frame. Without
+        intrinsics `pixels`, float64 [N, 2].
     sigma
-        float64 [N], isotropic one-sigma noise of `points`, m. None like `points`.
+        float64 [N], isotropic one-sigma noise of `positions`; NaN where it is not known.
     born
         bool [N], new in this frame.
     ended
@@ -57,9 +55,8 @@ class Tracks:
     stamp_ns: int
     ids: Ids
     pixels: Pixels
-    pixel_sigma: Floats
-    points: Floats | None
-    sigma: Floats | None
+    positions: Floats
+    sigma: Floats
     born: NDArray[np.bool_]
     ended: Ids
 
@@ -184,17 +181,15 @@ class Tracker:
 
     def _tracks(self, stamp_ns: int, kept: int, ended: Ids) -> Tracks:
         features, config = self._features, self._config
-        pixel_sigma = np.full(len(features.ids), config.pixel_sigma)
-        points = sigma = None
+        positions, sigma = features.pixels.astype(np.float64), np.full(len(features.ids), config.pixel_sigma)
         if self._intrinsics is not None:
-            points = features.points
-            sigma = point_sigma(points[:, 2], pixel_sigma, self._intrinsics, config)
+            positions = features.points
+            sigma = point_sigma(positions[:, 2], self._intrinsics, config)
         return Tracks(
             stamp_ns=stamp_ns,
             ids=features.ids,
             pixels=features.pixels,
-            pixel_sigma=pixel_sigma,
-            points=points,
+            positions=positions,
             sigma=sigma,
             born=np.arange(len(features.ids)) >= kept,
             ended=ended,
