@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack
 from itertools import islice
 from typing import Any, Self, Unpack
 
@@ -163,11 +164,13 @@ class Source(Component):
         self._lag = metrics.histogram("publish_lag_seconds", scene=self.scene, component=name, role="source")
 
     def __enter__(self) -> Self:
-        super().__enter__()
-        for kind in self._kinds:
-            publisher = stream_publisher(self.session, self.keys, kind, self.name)
-            self._exit.callback(publisher.undeclare)
-            self._publishers[kind] = publisher
+        with ExitStack() as stack:
+            stack.push(super().__enter__())
+            for kind in self._kinds:
+                publisher = stream_publisher(self.session, self.keys, kind, self.name)
+                self._exit.callback(publisher.undeclare)
+                self._publishers[kind] = publisher
+            stack.pop_all()
         return self
 
     def send(self, kind: StreamKind, payload: bytes, message: Message | None = None) -> None:
