@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate
-from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, RGB, Palette, colour, marker
+from comotion_schemas.colours import BACKGROUND, COLOURS, GREY, HUES, RGB, Palette, colour, marker
 from comotion_schemas.errors import KnownError
 
 from .trace import Moment, Trace, main_space, matched, moment_of, trails_of
@@ -194,7 +194,7 @@ class _RunFigure:
             title = "number of hypotheses (no truth)"
         axes.set_title(title, fontsize=11)
         times, values = [self._seconds(stamp_ns) for stamp_ns, _ in curve], [value for _, value in curve]
-        axes.plot(times, values, color=unit(COLOURS[0]), linewidth=1.4)
+        axes.plot(times, values, color=unit(HUES[0]), linewidth=1.4)
         for t in (self._seconds(self._moments[index].stamp_ns) for index in chosen):
             axes.axvline(t, color="0.6", linewidth=0.8, dashes=(4, 3))
         axes.set_xlabel("t [s]")

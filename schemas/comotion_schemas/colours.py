@@ -18,7 +18,7 @@ from .types import UNDETERMINED
 RGB: TypeAlias = tuple[int, int, int]
 
 # Ordered so that the first few differ most in lightness and hue.
-COLOURS: tuple[RGB, ...] = (
+HUES: tuple[RGB, ...] = (
     (0, 114, 178),  # blue
     (230, 159, 0),  # orange
     (0, 158, 115),  # bluish green
@@ -26,6 +26,9 @@ COLOURS: tuple[RGB, ...] = (
     (86, 180, 233),  # sky blue
     (213, 94, 0),  # vermilion
     (240, 228, 66),  # yellow
+)
+COLOURS: tuple[RGB, ...] = (
+    *HUES,
     (153, 0, 238),  # violet
     (119, 68, 34),  # brown
     (0, 255, 136),  # mint

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import zenoh
 import zenoh.ext
@@ -83,8 +83,14 @@ def client_settings(
     return SessionSettings(connect=tuple(connect or (default,)), tls=files)
 
 
-Publisher: TypeAlias = zenoh.Publisher | zenoh.ext.AdvancedPublisher
-"""What is put without a connection is dropped silently."""
+class Publisher(Protocol):
+    """Interface of plain and cached Zenoh publishers."""
+
+    def put(self, payload: bytes) -> None:
+        """Publish a payload; without a connection it is dropped silently."""
+
+    def undeclare(self) -> None:
+        """Undeclare the publisher."""
 
 
 def zenoh_config(settings: SessionSettings) -> dict[str, Any]:
