@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..cameras.types import Image
 
-Pixels = Floats = NDArray[np.float32]
+Floats = NDArray[np.float32]
+Pixels = NDArray[np.float32]
 
 _ITERATIONS = 3
 _EPSILON = 1e-6  # keeps the divisions and the inverse finite on a patch without texture
