@@ -42,7 +42,10 @@ class TrackerConfig(BaseModel):
     9.5 mm; with a share of 0.5: 10.7 mm). It ends 6 % more features a second, which are replaced.
     """
     likeness: Annotated[float, Field(ge=-1, le=1)] = 0.8
-    """Least correlation of the template of a feature (its patch at birth) with the image."""
+    """Least correlation of the template of a feature (its patch at birth) with the image. A feature that is
+    half a window away ends if the image shows its template at its place of birth still: it has slid along an
+    edge.
+    """
     birth_sigma: Positive | None = None
     """Most position noise of a new feature in any direction, px, under noise of two grey levels. None: 0.05,
     and 0.025 with `moving`.

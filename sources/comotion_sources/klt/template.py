@@ -144,20 +144,36 @@ def align(
     correlation of the template with the warped image, -1 to 1.
     """
     window |= 1
-    x, image = _offsets(window), grey.astype(np.float32)
-    centre, shape = pixels, templates.shape
-    for iteration in range(_ITERATIONS + 1):
-        seen = _detrended(_sampled(image, centre, shape, x), window)
-        gain = np.einsum("np,np->n", seen, templates.patch) / templates.power
-        if iteration < _ITERATIONS:
-            residual = seen - gain[:, None] * templates.patch
-            step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0]
-            step /= np.maximum(gain, _MIN_GAIN)[:, None]
-            change = np.eye(2, dtype=np.float32) + step[:, :4].reshape(-1, 2, 2)
-            shape = shape @ np.linalg.inv(change)  # W <- W o dW^-1
-            centre = centre - np.einsum("nij,nj->ni", shape, step[:, 4:])
-    correlation = gain * np.sqrt(templates.power / np.maximum(np.einsum("np,np->n", seen, seen), _EPSILON))
-    return centre, shape, correlation
+    image, centre, shape = grey.astype(np.float32), pixels, templates.shape
+    for _ in range(_ITERATIONS):
+        seen, gain = _compared(image, centre, shape, templates, window)
+        residual = seen - gain[:, None] * templates.patch
+        step = (templates.gradient_inverse @ residual[:, :, None])[:, :, 0]
+        step /= np.maximum(gain, _MIN_GAIN)[:, None]
+        change = np.eye(2, dtype=np.float32) + step[:, :4].reshape(-1, 2, 2)
+        shape = shape @ np.linalg.inv(change)  # W <- W o dW^-1
+        centre = centre - np.einsum("nij,nj->ni", shape, step[:, 4:])
+    return centre, shape, _correlation(*_compared(image, centre, shape, templates, window), templates)
+
+
+def likeness(grey: Image, pixels: Pixels, templates: Templates, window: int) -> Floats:
+    """Correlation [N] of templates, as they were at birth, with an image at other places [N, 2], px."""
+    window |= 1
+    upright = np.tile(np.eye(2, dtype=np.float32), (len(pixels), 1, 1))
+    return _correlation(*_compared(grey.astype(np.float32), pixels, upright, templates, window), templates)
+
+
+def _compared(
+    image: Floats, centre: Pixels, shape: Floats, templates: Templates, window: int
+) -> tuple[Floats, Floats]:
+    """What is seen in place of templates, without mean and slope [N, P], and its contrast in theirs [N]."""
+    seen = _detrended(_sampled(image, centre, shape, _offsets(window)), window)
+    return seen, np.einsum("np,np->n", seen, templates.patch) / templates.power
+
+
+def _correlation(seen: Floats, gain: Floats, templates: Templates) -> Floats:
+    power = np.maximum(np.einsum("np,np->n", seen, seen), _EPSILON)
+    return np.asarray(gain * np.sqrt(templates.power / power))
 
 
 def _sampled(image: Floats, centre: Pixels, shape: Floats, offsets: Floats) -> Floats:

@@ -3,7 +3,7 @@
 Steps per frame (thesis, section 4.2):
 
 1. Track every feature by Lucas-Kanade; end those that fail the forward-backward check.
-2. Align the templates of the features; end those that no longer match.
+2. Align the templates of the features; end those that no longer match, and those that slide.
 3. Lift the features to 3-D where there is depth; end those without depth for too long.
 4. Every `respawn_every` frames detect new corners.
 """
@@ -21,7 +21,7 @@ from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
 from .config import TrackerConfig
 from .depth import look_up, point_sigma
-from .template import Columns, Pixels, Templates, align, extract
+from .template import Columns, Pixels, Templates, align, extract, likeness
 
 Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
@@ -65,10 +65,12 @@ class Tracks:
 class _Features(Columns):
     """Columns of the current features, oldest first.
 
-    `points` are NaN without depth in this frame, `missing` is the number of consecutive frames without depth.
+    `birth` is the place of the template, px; `points` are NaN without depth in this frame, `missing` is the
+    number of consecutive frames without depth.
     """
 
     ids: Ids
+    birth: Pixels
     pixels: Pixels
     points: Floats
     missing: NDArray[np.int64]
@@ -139,7 +141,19 @@ class Tracker:
         pixels, kept = track(self._grey, grey, features.pixels, self._config)
         features.pixels, shape, correlation = align(grey, pixels, features.templates, self._config.window)
         features.templates = replace(features.templates, shape=shape)
-        self._features = features[kept & (correlation > self._config.likeness)]
+        kept &= correlation > self._config.likeness
+        kept[kept] = ~self._slid(grey, features[kept])
+        self._features = features[kept]
+
+    def _slid(self, grey: Image, features: _Features) -> NDArray[np.bool_]:
+        """Which features have moved, while the image shows them where they were born as well.
+
+        What moves leaves its place: a straight edge goes on there, and they have gone along it.
+        """
+        away = np.linalg.norm(features.pixels - features.birth, axis=1) > self._config.window / 2
+        left = features[away]
+        away[away] = likeness(grey, left.birth, left.templates, self._config.window) > self._config.likeness
+        return np.asarray(away)
 
     def _lift(self, frame: Frame) -> None:
         """Compute the 3-D points; end features that have no depth for too long."""
@@ -173,6 +187,7 @@ class Tracker:
         self._next_id += count
         return _Features(
             ids=np.arange(first, first + count, dtype=np.uint64),
+            birth=pixels,
             pixels=pixels,
             points=points,
             missing=np.zeros(count, np.int64),
