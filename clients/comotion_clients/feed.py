@@ -9,15 +9,19 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, Protocol, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import zenoh
 
 from comotion_schemas import HypothesisUpdate, Keys, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.component import StatusFields, Where, viewer
+from comotion_schemas.hypotheses import Event
+from comotion_schemas.naming import Names
 from comotion_schemas.types import is_name
 
+from .scene_model import SceneModel
+from .scoring import Scoring
 from .subscription import Subscription
 
 _BATCHES_KEPT = 8192
@@ -25,16 +29,6 @@ _BATCHES_KEPT = 8192
 _TOKENS_KEPT = 256
 # Components whose token is followed, the first to be heard.
 _FOLLOWED = 1024
-
-
-class Listener(Protocol):
-    """Takes what arrives of a scene."""
-
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> Any:
-        """Add a message; `arrived` by ``time.monotonic()``, `wall_ns` by the wall clock."""
-
-    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
-        """Process that a component entered or left the scene."""
 
 
 class SceneFeed(ExitStack):
@@ -88,16 +82,16 @@ class SceneFeed(ExitStack):
             self.callback(subscriber.undeclare)
             self._tokens[key] = subscriber
 
-    def pour(self, listener: Listener) -> list[tuple[Message, Any]]:
-        """Give a model or display what has arrived; returns the messages with what it has answered."""
-        answers = [(received[0], listener.on_message(*received)) for received in self.messages()]
+    def pour(self, model: SceneModel) -> list[tuple[Message, list[Event]]]:
+        """Give a model or display what has arrived; returns the messages with their new events."""
+        events = [(received[0], model.on_message(*received)) for received in self.messages()]
         for tokens in self._tokens.values():
             while (sample := tokens.try_recv()) is not None:
                 role, token = str(sample.key_expr).split("/")[-2:]
                 if is_name(token):
                     alive = sample.kind == zenoh.SampleKind.PUT
-                    listener.on_presence(role, token, alive=alive, now=time.monotonic())
-        return answers
+                    model.on_presence(role, token, alive=alive, now=time.monotonic())
+        return events
 
     def messages(self) -> Iterator[tuple[Message, float, int]]:
         """Yield (message, arrival by ``time.monotonic()``, arrival by the wall clock in ns)."""
@@ -115,22 +109,24 @@ UPDATES_KEPT = 4
 _AGES_KEPT = 36_000  # one hour at 10 Hz
 
 
-class Display(Listener):
-    """What is done with a scene's messages; this one does nothing."""
+class Display(SceneModel):
+    """A model of a scene that is drawn; this one draws nothing.
+
+    `scoring` has the truth and what is observed; `age_s` is how old the last update was when it was shown.
+    """
+
+    def __init__(self, scene: str, names: Names | None = None) -> None:
+        super().__init__(scene, names)
+        self.scoring = Scoring()
+        self.age_s: float | None = None
 
     @property
     def closed(self) -> bool:
         """Whether the user has closed it."""
         return False
 
-    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
-        """Nobody is shown."""
-
     def refresh(self, now: float) -> None:
         """Show what has come."""
-
-    def on_age(self, age_s: float | None) -> None:
-        """Learn how old the last update was when it was shown, s."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +171,7 @@ class _Feed(SceneFeed):
         if updates:
             self._shown += 1
             self._ages.append((time.time_ns() - updates[-1].published_ns) / 1e9)
-            display.on_age(self._ages[-1])
+            display.age_s = self._ages[-1]
 
     def status(self) -> StatusFields:
         """Build the Status of the viewer."""

@@ -67,8 +67,11 @@ def colours(drawn):
     return [[c >> 24, c >> 16 & 255, c >> 8 & 255] for c in values(drawn, "colors").tolist()]
 
 
-def said(picture, *messages, arrived=0.0):
-    return [moment for message in messages for moment in picture.on_message(message, arrived, S)]
+def said(picture, *messages, arrived=0.0, wall_ns=S):
+    for message in messages:
+        picture.on_message(message, arrived, wall_ns)
+    moments, picture.moments = picture.moments, []
+    return moments
 
 
 def flat(moments):

@@ -27,14 +27,14 @@ from foxglove import channels
 
 from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview, Status, TruthBatch
 from comotion_schemas.errors import KnownError
+from comotion_schemas.hypotheses import Event
 from comotion_schemas.naming import Names, event_words
 from comotion_schemas.text import counted
 
 from ..bodies import poses_in_space
 from ..feed import Display, play
 from ..metrics import score_update
-from ..scene_model import SceneModel
-from ..scoring import Scoring, spaces_of
+from ..scoring import spaces_of
 from . import messages
 
 _COUNTS = ("hypotheses", "moving", "tracks", "undetermined")
@@ -66,20 +66,19 @@ class FoxgloveScene(Display):
     """
 
     def __init__(self, context: foxglove.Context, names: Names | None = None) -> None:
+        super().__init__("", names)
         self.logged: Counter[str] = Counter()
         self._context = context
-        self._model = SceneModel("", names)
         self._channels: dict[str, Any] = {}
-        self._scoring = Scoring()
 
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> None:
-        """Log what one message shows, at the time of its receipt."""
-        log_ns, events = wall_ns, self._model.on_message(message, arrived, wall_ns)
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Event]:
+        """Log what one message shows, at the time of its receipt; returns its new events."""
+        log_ns, events = wall_ns, super().on_message(message, arrived, wall_ns)
         match message:
             case ObservationBatch() | TruthBatch():
-                self._scoring.add(message)
+                self.scoring.add(message)
             case HypothesisUpdate():
-                self._update(log_ns, message)
+                self._log_update(log_ns, message)
             case Preview():
                 self._log(f"/images/{message.source}", log_ns, messages.image(message))
             case Status():
@@ -87,25 +86,24 @@ class FoxgloveScene(Display):
                 line = messages.line(message.stamp_ns, message.state, text, message.component)
                 self._log("/health", log_ns, line)
         for event in events:
-            words = event_words(event, self._model.names)
+            words = event_words(event, self.names)
             self._log("/events", log_ns, messages.line(event.stamp_ns, "ok", words, "comotion"))
+        return events
 
-    def _update(self, log_ns: int, update: HypothesisUpdate) -> None:
+    def _log_update(self, log_ns: int, update: HypothesisUpdate) -> None:
         update = poses_in_space(update)
-        score = score_update(update, self._scoring.truth, self._scoring.observed.at(update.stamp_ns))
+        score = score_update(update, self.scoring.truth, self.scoring.observed.at(update.stamp_ns))
         scored = score.scored > 0 and not math.isnan(score.nmi)
         scores = (score.nmi, score.misclassification) if scored else (None, None)
         self._log("/numbers", log_ns, messages.numbers(update, *scores))
-        space_of = [ref.name for ref in spaces_of(update, self._scoring.observed.spaces)]
+        space_of = [ref.name for ref in spaces_of(update, self.scoring.observed.spaces)]
         for space in dict.fromkeys([*space_of, *(h.space for h in update.hypotheses)]):
             self._draw(log_ns, update, space, space_of)
         scales = {h.space: self._scale(h.space) for h in update.hypotheses}
         self._log("/tf", log_ns, messages.transforms(update, scales))
 
     def _draw(self, log_ns: int, update: HypothesisUpdate, space: str, space_of: list[str]) -> None:
-        drawing = messages.SpaceDrawing(
-            update, space, self._scale(space), self._model.palette, self._model.names
-        )
+        drawing = messages.SpaceDrawing(update, space, self._scale(space), self.palette, self.names)
         members = np.array([name == space for name in space_of], bool)
         rows = np.flatnonzero(members[update.track_source]) if len(members) else np.empty(0, np.intp)
         self._log(f"/features/{space}", log_ns, drawing.points(rows))
@@ -114,7 +112,7 @@ class FoxgloveScene(Display):
         self._log(f"/joints/{space}", log_ns, drawing.joints())
 
     def _scale(self, space: str) -> float:
-        units = {ref.unit for ref in self._scoring.observed.spaces.values() if ref.name == space}
+        units = {ref.unit for ref in self.scoring.observed.spaces.values() if ref.name == space}
         return messages.PIXEL_M if units == {"px"} else 1.0
 
     def _log(self, topic: str, log_ns: int, message: Any) -> None:

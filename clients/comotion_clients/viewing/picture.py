@@ -6,14 +6,12 @@ shapes are at acquisition times; curves of rates and lags are at the stamp of th
 
 from typing import TYPE_CHECKING
 
-from comotion_schemas import HypothesisUpdate, Message, ObservationBatch, Preview
+from comotion_schemas import Event, HypothesisUpdate, Message, ObservationBatch, Preview
 from comotion_schemas.colours import HUES
 from comotion_schemas.naming import Names, event_words
 
 from ..feed import Display
 from ..metrics import TrackIds, score_update
-from ..scene_model import SceneModel
-from ..scoring import Scoring
 from .drawing import Layout, Moment, Shape, entry, value
 from .features import Cameras, Features
 from .health import PERIOD_S, Health
@@ -25,6 +23,8 @@ if TYPE_CHECKING:
 
 class ScenePicture(Display):
     """Converts the messages of one scene to shapes, and draws them to a window, page or file.
+
+    `moments` are those to be shown at the next :meth:`refresh`.
 
     Parameters
     ----------
@@ -49,17 +49,15 @@ class ScenePicture(Display):
         names: Names | None = None,
         sink: "RerunSink | None" = None,
     ) -> None:
+        super().__init__(scene, names)
         self._sink = sink
-        self._moments: list[Moment] = []
-        self.model = SceneModel(scene, names)
+        self.moments: list[Moment] = []
         self._gap = 0.0 if rate is None else 1 / rate
         self._drawn_at: dict[str, float] = {}
-        self.view_age: float | None = None
         self._score_paths = Paths("scores")
         self._score_hues: dict[str, int] = {}
-        self._scoring = Scoring()
-        self._features = Features(self.model.palette, self.model.names)
-        self._cameras = Cameras(self.model.palette, self.model.names, dense=dense)
+        self._features = Features(self.palette, self.names)
+        self._cameras = Cameras(self.palette, self.names, dense=dense)
         self._health = Health()
         self._health_at = -float("inf")
         self._drawn_ns: int | None = None
@@ -68,22 +66,22 @@ class ScenePicture(Display):
     @property
     def layout(self) -> Layout:
         """Spaces and cameras with a view; a pixel space whose features are in images needs none."""
-        cameras, published = self._cameras.views, self._scoring.observed.spaces.items()
+        cameras, published = self._cameras.views, self.scoring.observed.spaces.items()
         in_images = {ref.name for name, ref in published if name in cameras and ref.unit == "px"}
         in_images -= {ref.name for name, ref in published if name not in cameras}
         spaces = [view for name, view in self._features.views.items() if name not in in_images]
         return Layout(tuple(spaces), tuple(cameras.values()), bool(self._score_hues))
 
-    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Moment]:
-        """Add a message of any kind; returns what is to be drawn at once.
+    def on_message(self, message: Message, arrived: float, wall_ns: int) -> list[Event]:
+        """Add a message of any kind, and draw it; returns the events that no earlier update had.
 
         An image is drawn when the service has fused its instant; an update that repeats a stamp not again.
         """
-        model, moments = self.model, []
-        for event in model.on_message(message, arrived, wall_ns):
-            words, colour = event_words(event, model.names), model.palette.legible(event.hypothesis)
-            moments.append(Moment(event.stamp_ns, [entry(event.stamp_ns, words, colour)]))
-        self._scoring.add(message, arrived)
+        events = super().on_message(message, arrived, wall_ns)
+        for event in events:
+            words, colour = event_words(event, self.names), self.palette.legible(event.hypothesis)
+            self.moments.append(Moment(event.stamp_ns, [entry(event.stamp_ns, words, colour)]))
+        self.scoring.add(message, arrived)
         match message:
             case ObservationBatch():
                 self._batch_ns = max(self._batch_ns or 0, min(message.stamp_ns, wall_ns))
@@ -92,19 +90,9 @@ class ScenePicture(Display):
             case HypothesisUpdate() if message.stamp_ns != self._drawn_ns and _has_time(message):
                 self._drawn_ns = message.stamp_ns
                 if self._wanted("update", arrived):
-                    shapes = self._features.draw(message, self._scoring.observed.spaces)
-                    moments.append(Moment(message.stamp_ns, shapes))
-        if self._sink is not None:
-            self._moments += moments
-        return moments
-
-    def on_presence(self, role: str, token: str, *, alive: bool, now: float) -> None:
-        """Show who comes and goes."""
-        self.model.on_presence(role, token, alive=alive, now=now)
-
-    def on_age(self, age_s: float | None) -> None:
-        """The age is a curve."""
-        self.view_age = age_s
+                    shapes = self._features.draw(message, self.scoring.observed.spaces)
+                    self.moments.append(Moment(message.stamp_ns, shapes))
+        return events
 
     @property
     def closed(self) -> bool:
@@ -113,21 +101,21 @@ class ScenePicture(Display):
 
     def refresh(self, now: float) -> None:
         """Arrange the views and show what has come."""
-        moments, self._moments = self._moments + self.tick(now), []
+        moments, self.moments = self.moments + self.tick(now), []
         if self._sink is not None:
             self._sink.arrange(self.layout)
             self._sink.show(moments)
 
     def tick(self, now: float) -> list[Moment]:
         """Draw what is due at `now`: images, scores, and twice a second the health of the scene."""
-        moments = self._cameras.due(self.model.update, now)
-        scores = ((fused.stamp_ns, self._scores(fused)) for fused in self._scoring.due(now))
+        moments = self._cameras.due(self.update, now)
+        scores = ((fused.stamp_ns, self._scores(fused)) for fused in self.scoring.due(now))
         moments += [Moment(stamp_ns, shapes) for stamp_ns, shapes in scores if shapes]
-        update = self.model.update
+        update = self.update
         stamp_ns = self._batch_ns if update is None or not _has_time(update) else update.stamp_ns
         if stamp_ns is not None and now - self._health_at >= PERIOD_S:
             self._health_at = now
-            shapes = self._health.draw(self.model.snapshot(now), self.view_age, stamp_ns)
+            shapes = self._health.draw(self.snapshot(now), self.age_s, stamp_ns)
             moments.append(Moment(stamp_ns, shapes))
         return moments
 
@@ -135,12 +123,12 @@ class ScenePicture(Display):
         """Curves of the scores of an update in each space; none without truth."""
         # Called without truth as well: it discards old batches.
         groups: dict[str, TrackIds] = {}
-        for source, ids in self._scoring.observed.at(update.stamp_ns).items():
-            name = self._scoring.observed.spaces[source[0]].name
+        for source, ids in self.scoring.observed.at(update.stamp_ns).items():
+            name = self.scoring.observed.spaces[source[0]].name
             groups[name] = {**groups.get(name, {}), source: ids}
         shapes = []
         for name, group in sorted(groups.items()):
-            score = score_update(update, self._scoring.truth, group)
+            score = score_update(update, self.scoring.truth, group)
             if score.scored:
                 first = self._score_hues.setdefault(name, 2 * len(self._score_hues))
                 nmi, missed = (HUES[(k + first) % len(HUES)] for k in (2, 5))
