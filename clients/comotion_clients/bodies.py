@@ -5,8 +5,7 @@ stamp but `pose`, which is relative to the world. What is drawn beside the featu
 """
 
 from collections import ChainMap
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,16 +60,6 @@ def _amount(joint: Joint, value: float | None, sigma: float | None = None) -> st
     factor, digits = (float(np.degrees(1)), 1) if hinge else (1.0, 3)
     spread = "" if sigma is None else f" ± {factor * sigma:.{digits}f}"
     return f"{factor * value:.{digits}f}{spread}"
-
-
-def as_json(update: HypothesisUpdate) -> dict[str, Any]:
-    """Convert the joints of an update to plain values; what is unknown is left out."""
-    return {"stamp_ns": update.stamp_ns, "joints": [joint_values(joint) for joint in update.joints]}
-
-
-def joint_values(joint: Joint) -> dict[str, Any]:
-    """Convert a joint to plain values; what is unknown is left out."""
-    return {name: value for name, value in asdict(joint).items() if value is not None}
 
 
 _PIECES = 16

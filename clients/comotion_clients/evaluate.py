@@ -12,7 +12,6 @@ from comotion_schemas.plain import plain
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 
-from .bodies import joint_values
 from .feed import SceneFeed
 from .metrics import Score
 from .scoring import Scoring
@@ -149,7 +148,7 @@ def as_json(run: LiveRun) -> dict[str, Any]:
     values: dict[str, Any] = plain(run.summary) | {
         "lost": run.counters.lost,
         "invalid": run.counters.invalid,
-        "joints": [joint_values(joint) for joint in run.joints],
+        "joints": plain(run.joints, without_none=True),
         "over_time": plain(run.scores),
     }
     return values

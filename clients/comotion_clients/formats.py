@@ -11,7 +11,8 @@ A line of TUM is ``time x y z qx qy qz qw``, time in s: ``evo_ape tum truth.tum 
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
-from graphlib import TopologicalSorter
+from contextlib import suppress
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -82,23 +83,16 @@ def _tree(
     """(parent, body, joint) of every body, parents first; the surest joints where there is a choice."""
     usable = [j for j in joints if j.kind in _KINDS and j.parent in bodies and j.child in bodies]
     above: dict[int, Joint] = {}
+    parents: dict[int, set[int]] = {number: set() for number in sorted(bodies)}
     for joint in sorted(usable, key=lambda j: (-j.confidence, j.parent, j.child)):
-        if joint.child not in above and not _is_above(joint.child, joint.parent, above):
-            above[joint.child] = joint
-    parents = {number: {above[number].parent} if number in above else set() for number in sorted(bodies)}
+        if joint.child not in above:
+            with suppress(CycleError):
+                TopologicalSorter(parents | {joint.child: {joint.parent}}).prepare()
+                above[joint.child], parents[joint.child] = joint, {joint.parent}
     return [
         (above[number].parent if number in above else None, bodies[number], above.get(number))
         for number in TopologicalSorter(parents).static_order()
     ]
-
-
-def _is_above(hypothesis: int, other: int, above: dict[int, Joint]) -> bool:
-    """Whether the chain of parents of `other` leads to `hypothesis`: a joint would close a circle."""
-    while other in above:
-        other = above[other].parent
-        if other == hypothesis:
-            return True
-    return False
 
 
 def _add_joint(

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from comotion import FusionConfig
-from comotion_clients.bodies import joint_values
 from comotion_clients.formats import save_paths
 from comotion_clients.metrics import Score
 from comotion_schemas import HypothesisUpdate, encode
@@ -133,7 +132,7 @@ def as_json(results: Sequence[Evaluated], config: FusionConfig, period: float | 
     runs = []
     for r in results:
         row = {"file": r.name, "seed": r.seed, "seconds": float(r.run.seconds[-1]), **r.values()}
-        row |= {"updates_sha256": r.digest, "joints": [joint_values(joint) for joint in r.run.last.joints]}
+        row |= {"updates_sha256": r.digest, "joints": plain(r.run.last.joints, without_none=True)}
         runs.append(row | ({"brox_malik": r.compared} if r.compared else {}))
     overall = means(list(by_file(results).values()))
     values: dict[str, Any] = plain(

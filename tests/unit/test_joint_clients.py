@@ -73,17 +73,17 @@ def test_mujoco_reads_the_urdf_and_moves_the_joints():
 
 def test_viewers_draw_joints():
     pytest.importorskip("rerun", reason="needs the extra view")
-    from comotion_clients.viewing.hypotheses import draw_joints
+    from comotion_clients.viewing.hypotheses import BodyDrawing
 
     shown = update([DOOR, DRAWER, FREE])
-    names = {2: "door"}
-    shape, words = draw_joints("space", shown.hypotheses, shown.joints, 0.1, Palette(), names)
+    drawing = BodyDrawing("space", (0.0, 0.0, 1.0), 0.1, Palette(), {2: "door"})
+    shape, words = drawing.joints(shown.hypotheses, shown.joints)
     texts = words.drawn[0].labels.as_arrow_array().to_pylist()
     assert texts == ["door turns on 1, 0 to 69°", "3 slides on door, 0.00 to 0.30 m"]
     assert shape.path == "space/joints"
     (lines,) = shape.drawn
     assert len(lines.strips.as_arrow_array()) == len(lines.colors.as_arrow_array())
-    assert draw_joints("space", shown.hypotheses, [FREE], 0.1, Palette()) == []
+    assert drawing.joints(shown.hypotheses, [FREE]) == []
 
 
 def test_joints_are_words_with_the_names_that_people_give():

@@ -23,11 +23,11 @@ rerun = pytest.importorskip("rerun", reason="needs the extra view")
 from comotion_clients.scoring import SETTLE_S  # noqa: E402
 from comotion_clients.viewing import sink  # noqa: E402
 from comotion_clients.viewing.features import MAX_DELAY_S, MAX_DELAYED, Cameras, Features  # noqa: E402
-from comotion_clients.viewing.hypotheses import draw_hypotheses  # noqa: E402
+from comotion_clients.viewing.hypotheses import BodyDrawing  # noqa: E402
 from comotion_clients.viewing.picture import ScenePicture  # noqa: E402
 
 rerun.set_strict_mode(True)
-UP = (0.0, 0.0, 1.0)
+DRAWING = BodyDrawing("p", (0.0, 0.0, 1.0), 0.5, Palette())
 
 
 def update(labels, stamp_ns=S, sources=("a",), **fields):
@@ -106,7 +106,7 @@ def test_labels_stand_above_their_bodies_and_none_covers_another():
     box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
     bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
     far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
-    (words,) = one(draw_hypotheses("p", [*bodies, far], 0.5, UP, Palette()), "p/hypotheses")
+    (words,) = one(DRAWING.bodies([*bodies, far]), "p/hypotheses")
     heights = values(words, "positions")[:, 2]
     assert heights[0] == pytest.approx(1.4)
     assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
@@ -117,7 +117,7 @@ def test_bodies_have_boxes_and_what_is_at_rest_has_none():
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    (found,) = one(draw_hypotheses("p", bodies, 0.5, UP, Palette()), "p/boxes")
+    (found,) = one(DRAWING.bodies(bodies), "p/boxes")
     assert values(found, "centers").tolist() == [[1, 2, 3]]
     assert colours(found) == [list(colour(4))]
     np.testing.assert_allclose(values(found, "quaternions"), [[0, 0, half, half]], atol=1e-6)

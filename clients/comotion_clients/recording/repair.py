@@ -108,17 +108,13 @@ def _copy(data: mmap.mmap, writer: TopicWriter, result: RepairResult) -> None:
             if isinstance(record, Metadata):
                 writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Message) and record.channel_id in channels:
-                topic, schema = (
-                    channels[record.channel_id],
-                    schemas.get(channels[record.channel_id].schema_id),
-                )
-                result.start_ns = (
-                    min(result.start_ns, record.log_time) if result.messages else record.log_time
-                )
-                result.end_ns = max(result.end_ns, record.log_time)
+                channel, log_ns = channels[record.channel_id], record.log_time
+                result.start_ns = min(result.start_ns, log_ns) if result.messages else log_ns
+                result.end_ns = max(result.end_ns, log_ns)
                 result.messages += 1
-                number = writer.channel(topic.topic, schema, topic.message_encoding)
-                writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
+                schema = schemas.get(channel.schema_id)
+                number = writer.channel(channel.topic, schema, channel.message_encoding)
+                writer.add_message(number, log_ns, record.data, record.publish_time, record.sequence)
             else:
                 result.orphans += isinstance(record, Message)
         writer.flush()

@@ -1,6 +1,7 @@
 """Writes payloads to one complete MCAP file after the other. The clock is injected."""
 
 import contextlib
+import math
 import shutil
 from collections import Counter
 from collections.abc import Mapping
@@ -103,7 +104,8 @@ class Series:
         self._keys.add(arrival.key)
         message = self._check(arrival)
         self._begun_ns = self._begun_ns or arrival.log_ns
-        if self._is_full(arrival.log_ns):
+        o, age_ns = self._options, arrival.log_ns - self._begun_ns
+        if self._file.size >= (o.max_bytes or math.inf) or age_ns >= 1e9 * (o.max_seconds or math.inf):
             self._rotate(arrival.log_ns)
         self._file.add(arrival.key, arrival.log_ns, arrival.payload, message)
         if isinstance(message, TruthBatch):
@@ -141,12 +143,6 @@ class Series:
         if seq is not None and (lost := self._sequences.sight(arrival.key, message.session, seq).lost):
             self.counts.lost[arrival.key] += lost
         return message
-
-    def _is_full(self, log_ns: int) -> bool:
-        o = self._options
-        return (o.max_bytes is not None and self._file.size >= o.max_bytes) or (
-            o.max_seconds is not None and log_ns - self._begun_ns >= o.max_seconds * 1e9
-        )
 
     def _rotate(self, log_ns: int) -> None:
         self._file.close()

@@ -21,7 +21,7 @@ from ..regions import regions
 from ..scoring import SpaceRef, spaces_of
 from . import drawing
 from .drawing import Axes, Eye, Moment, Positions, Shape, SpaceView, Trails, nothing, points, segments
-from .hypotheses import apart, axis_length, draw_hypotheses, draw_joints
+from .hypotheses import BodyDrawing, apart, axis_length
 from .paths import Paths
 
 _UP: Mapping[Axes, tuple[float, ...]] = {
@@ -115,9 +115,9 @@ class Features:
         ends, colours = (np.concatenate(parts) for parts in zip(*trailing, strict=True))
         shapes.append(segments(f"{space.view.path}/trails", ends, colours))
         bodies = [h for h in update.hypotheses if h.space == space.ref.name and len(h.centroid) == dim]
-        shapes += draw_joints(space.view.path, bodies, update.joints, space.axis, self._palette, self._names)
-        seen = space.axis, _UP[space.view.axes], self._palette, self._names, space.view.eye
-        return shapes + draw_hypotheses(space.view.path, bodies, *seen)
+        view, up = space.view, _UP[space.view.axes]
+        drawn = BodyDrawing(view.path, up, space.axis, self._palette, self._names, view.eye)
+        return [*shapes, *drawn.joints(bodies, update.joints), *drawn.bodies(bodies)]
 
 
 def _aim(space: _Space, positions: Positions, sources: int, moving: NDArray[np.bool_]) -> None:

@@ -1,6 +1,7 @@
 """Draws hypotheses: label, body frame, box, arrows of the twist, and joints. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,62 +44,112 @@ def axis_length(positions: Positions, current: float) -> float:
     return length
 
 
-def draw_hypotheses(
-    path: str,
-    hypotheses: Sequence[Hypothesis],
-    axis: float,
-    up: Sequence[float],
-    palette: Palette,
-    names: Names | None = None,
-    eye: Eye | None = None,
-) -> list[Shape]:
-    """Draw the hypotheses of one space, with axes of length `axis`, their labels above them where `up` is.
+@dataclass(frozen=True, eq=False)
+class BodyDrawing:
+    """Draws the hypotheses of one space, and their joints.
 
-    The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
-    velocity points along the axis of rotation and is one axis long at 1 rad/s. In 2-D it shows the
-    distance that the tip of the x axis moves in 1 s. Of absent hypotheses only the label is drawn. Boxes are
-    those of bodies: the box of what is at rest would surround the scene.
+    Attributes
+    ----------
+    path
+        What is drawn is under it.
+    up
+        Unit vector [dim]; labels are lifted along it.
+    axis
+        Length of an axis, in the unit of the space.
+    palette, names
+        Colours and names of hypotheses.
+    eye
+        Where the space is seen from, in 3-D.
     """
-    dim = len(up)
-    tops = _centroids(hypotheses, dim) + np.outer([_height(h, up) for h in hypotheses], up).astype(np.float32)
-    away = np.linalg.norm(np.subtract(eye.position, eye.target)) if eye else 0.0
-    places = apart(tops, up, _ROW_SEEN * float(away) or _ROW_SHARE * axis, eye)
-    inks = [palette.legible(h.id) for h in hypotheses]
-    shown = [h for h in hypotheses if not h.absent]
-    boxed = [(h.id, h.box) for h in shown if h.box is not None and h.state != "static"]
-    return [
-        labels(f"{path}/hypotheses", inks, places, [label(h, names) for h in hypotheses]),
-        _frames(path, shown, dim, axis),
-        *_twists(path, shown, _centroids(shown, dim), _shades(palette, [h.id for h in shown]), axis),
-        boxes(f"{path}/boxes", [box for _, box in boxed], _shades(palette, [k for k, _ in boxed]), dim),
-    ]
 
+    path: str
+    up: Sequence[float]
+    axis: float
+    palette: Palette
+    names: Names = field(default_factory=dict)
+    eye: Eye | None = None
 
-def draw_joints(
-    path: str,
-    hypotheses: Sequence[Hypothesis],
-    joints: Sequence[Joint],
-    axis: float,
-    palette: Palette,
-    names: Names | None = None,
-) -> list[Shape]:
-    """Draw the joints of one space in the colours of their children: axis, arc or rail, and words.
+    def bodies(self, hypotheses: Sequence[Hypothesis]) -> list[Shape]:
+        """Draw labels, axes, velocities and boxes.
 
-    No shape where there is none.
-    """
-    by_id = {h.id: h for h in hypotheses}
-    drawn = [joint for joint in joints if joint.child in by_id and joint.point is not None]
-    if not drawn:
-        return []
-    lines = [joint_lines(joint, by_id[joint.child], 2 * axis) for joint in drawn]
-    children = _shades(palette, [joint.child for joint in drawn])
-    shades = np.repeat(children, [len(line) for line in lines], axis=0)
-    inks = [palette.legible(joint.child) for joint in drawn]
-    places = np.array([joint.point for joint in drawn], np.float32)
-    return [
-        segments(f"{path}/joints", np.concatenate(lines), shades),
-        labels(f"{path}/joint-words", inks, places, [joint_words(joint, names) for joint in drawn]),
-    ]
+        The arrow of the linear velocity ends where the centroid will be in 1 s. The arrow of the angular
+        velocity points along the axis of rotation and is one axis long at 1 rad/s. In 2-D it shows the
+        distance that the tip of the x axis moves in 1 s. Of absent hypotheses only the label is drawn. Boxes
+        are those of bodies: the box of what is at rest would surround the scene.
+        """
+        eye, dim = self.eye, len(self.up)
+        lifts = np.outer([_height(h, self.up) for h in hypotheses], self.up).astype(np.float32)
+        away = float(np.linalg.norm(np.subtract(eye.position, eye.target))) if eye else 0.0
+        row = _ROW_SEEN * away or _ROW_SHARE * self.axis
+        places = apart(_centroids(hypotheses, dim) + lifts, self.up, row, eye)
+        inks = [self.palette.legible(h.id) for h in hypotheses]
+        shown = [h for h in hypotheses if not h.absent]
+        boxed = [(h.id, h.box) for h in shown if h.box is not None and h.state != "static"]
+        shades = self._shades([number for number, _ in boxed])
+        return [
+            labels(f"{self.path}/hypotheses", inks, places, [label(h, self.names) for h in hypotheses]),
+            self._frames(shown),
+            *self._twists(shown),
+            boxes(f"{self.path}/boxes", [box for _, box in boxed], shades, dim),
+        ]
+
+    def joints(self, hypotheses: Sequence[Hypothesis], joints: Sequence[Joint]) -> list[Shape]:
+        """Draw the joints in the colours of their children: axis, arc or rail, and words.
+
+        No shape where there is none.
+        """
+        by_id = {h.id: h for h in hypotheses}
+        drawn = [joint for joint in joints if joint.child in by_id and joint.point is not None]
+        if not drawn:
+            return []
+        lines = [joint_lines(joint, by_id[joint.child], 2 * self.axis) for joint in drawn]
+        children = self._shades([joint.child for joint in drawn])
+        shades = np.repeat(children, [len(line) for line in lines], axis=0)
+        inks = [self.palette.legible(joint.child) for joint in drawn]
+        places = np.array([joint.point for joint in drawn], np.float32)
+        words = [joint_words(joint, self.names) for joint in drawn]
+        return [
+            segments(f"{self.path}/joints", np.concatenate(lines), shades),
+            labels(f"{self.path}/joint-words", inks, places, words),
+        ]
+
+    def _shades(self, ids: Sequence[int]) -> Colours:
+        return self.palette.colours(np.array(ids, np.uint32))
+
+    def _frames(self, hypotheses: Sequence[Hypothesis]) -> Shape:
+        """The axes of the space, rotated by the rotation since birth."""
+        dim, posed = len(self.up), [h for h in hypotheses if h.pose is not None]
+        turns = np.array([_matrix(h) for h in posed], np.float32).reshape(-1, dim, dim)
+        # Column k of a rotation matrix is where it takes axis k.
+        vectors = self.axis * np.swapaxes(turns, 1, 2).reshape(-1, dim)
+        origins = np.repeat(_centroids(posed, dim), dim, axis=0)
+        colours = np.tile(AXES[:dim], (len(posed), 1))
+        return arrows(f"{self.path}/frames", origins, vectors.astype(np.float32), colours, 1.2)
+
+    def _twists(self, hypotheses: Sequence[Hypothesis]) -> Iterator[Shape]:
+        """Linear and angular velocities that are long enough to be visible, of limited length."""
+        axis, centroids = self.axis, _centroids(hypotheses, len(self.up))
+        linear, angular, tips = np.zeros_like(centroids), np.zeros_like(centroids), centroids.copy()
+        for k, h in enumerate(hypotheses):
+            if h.twist is None:
+                continue
+            linear[k] = h.twist.linear
+            if isinstance(h.twist.angular, list):
+                angular[k] = h.twist.angular
+            else:
+                turn = _matrix(h)
+                tips[k] += axis * turn[:, 0]
+                angular[k] = h.twist.angular * turn[:, 1]
+        shades = self._shades([h.id for h in hypotheses])
+        for name, origins, vectors, radius in (
+            ("linear", centroids, linear, 2.5),
+            ("angular", tips, axis * angular, 1.2),
+        ):
+            lengths = np.linalg.norm(vectors, axis=1)
+            rows = np.flatnonzero(lengths > SHOWN * axis)
+            shares = np.minimum(1.0, LONGEST * axis / lengths[rows])
+            cut = (vectors[rows] * shares[:, None]).astype(np.float32)
+            yield arrows(f"{self.path}/twist/{name}", origins[rows], cut, shades[rows], radius)
 
 
 def apart(places: Positions, up: Sequence[float], row: float, eye: Eye | None = None) -> Positions:
@@ -149,60 +200,17 @@ def _height(hypothesis: Hypothesis, up: Sequence[float]) -> float:
     return max(0.0, float(np.dot(np.array(box.center) - hypothesis.centroid, up) + reach))
 
 
-def label(hypothesis: Hypothesis, names: Names | None = None) -> str:
+def label(hypothesis: Hypothesis, names: Names) -> str:
     """Text of a hypothesis: its name or id, and its state if known."""
-    name = named(hypothesis.id, names or {})
+    name = named(hypothesis.id, names)
     if hypothesis.absent:
         return f"{name} absent"
     state = "" if hypothesis.state == "undetermined" else f" {hypothesis.state}"
     return f"{name}{state}" if hypothesis.confirmed else f"{name}{state}?"
 
 
-def _frames(path: str, hypotheses: Sequence[Hypothesis], dim: int, axis: float) -> Shape:
-    """The axes of the space, rotated by the rotation since birth."""
-    posed = [h for h in hypotheses if h.pose is not None]
-    turns = np.array([_matrix(h) for h in posed], np.float32).reshape(-1, dim, dim)
-    # Column k of a rotation matrix is where it takes axis k.
-    vectors = axis * np.swapaxes(turns, 1, 2).reshape(-1, dim)
-    origins = np.repeat(_centroids(posed, dim), dim, axis=0)
-    colours = np.tile(AXES[:dim], (len(posed), 1))
-    return arrows(f"{path}/frames", origins, vectors.astype(np.float32), colours, 1.2)
-
-
-def _twists(
-    path: str, hypotheses: Sequence[Hypothesis], centroids: Positions, shades: Colours, axis: float
-) -> list[Shape]:
-    """Linear and angular velocities that are long enough to be visible, of limited length."""
-    linear, angular, tips = np.zeros_like(centroids), np.zeros_like(centroids), centroids.copy()
-    for k, h in enumerate(hypotheses):
-        if h.twist is None:
-            continue
-        linear[k] = h.twist.linear
-        if isinstance(h.twist.angular, list):
-            angular[k] = h.twist.angular
-        else:
-            turn = _matrix(h)
-            tips[k] += axis * turn[:, 0]
-            angular[k] = h.twist.angular * turn[:, 1]
-    drawn = []
-    for name, origins, vectors, radius in (
-        ("linear", centroids, linear, 2.5),
-        ("angular", tips, axis * angular, 1.2),
-    ):
-        lengths = np.linalg.norm(vectors, axis=1)
-        rows = np.flatnonzero(lengths > SHOWN * axis)
-        shares = np.minimum(1.0, LONGEST * axis / lengths[rows])
-        cut = (vectors[rows] * shares[:, None]).astype(np.float32)
-        drawn.append(arrows(f"{path}/twist/{name}", origins[rows], cut, shades[rows], radius))
-    return drawn
-
-
 def _centroids(hypotheses: Sequence[Hypothesis], dim: int) -> Positions:
     return np.array([h.centroid for h in hypotheses], np.float32).reshape(-1, dim)
-
-
-def _shades(palette: Palette, ids: Sequence[int]) -> Colours:
-    return palette.colours(np.array(ids, np.uint32))
 
 
 def _matrix(hypothesis: Hypothesis) -> NDArray[np.float64]:

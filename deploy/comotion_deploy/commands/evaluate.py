@@ -163,10 +163,12 @@ Examples:
             from comotion_experiments.offline import run_offline
 
             update = run_offline(recording.open(), config, duration=self.duration).last
-        from comotion_clients.bodies import as_json
         from comotion_clients.watch_columns import joint_table
+        from comotion_schemas.plain import plain
 
-        self.show(as_json(update), joint_table(update.joints, self.names()), width=120)
+        joints = plain(update.joints, without_none=True)
+        values = {"stamp_ns": update.stamp_ns, "joints": joints}
+        self.show(values, joint_table(update.joints, self.names()), width=120)
         if self.urdf is not None:
             from comotion_clients.formats import to_urdf
 
