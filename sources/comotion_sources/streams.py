@@ -120,28 +120,32 @@ class Part:
     count: int = 1
 
 
-def parse_part(text: str) -> Part:
-    """Parse ``k/n``: the k-th of n sources, counted from 1.
+def parse_part(text: str | None) -> Part | None:
+    """Parse ``k/n``: the k-th of n sources, counted from 1; None, or no text: all of them.
 
     Raises
     ------
     ValueError
         If the text does not have this form.
     """
+    if not text:
+        return None
     first, _, second = text.partition("/")
     if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second) <= 64:
         return Part(int(first) - 1, int(second))
     raise KnownError(f"part {text!r} is not K/N with 1 <= K <= N <= 64, e.g. 2/3")
 
 
-def parse_rates(text: str) -> list[float]:
-    """Parse rates in Hz, separated by commas.
+def parse_rates(text: str | None) -> list[float] | None:
+    """Parse rates in Hz, separated by commas; None, or no text: none are given.
 
     Raises
     ------
     ValueError
         If a rate is not a number above 0 and at most 1000.
     """
+    if not text:
+        return None
     try:
         rates = [float(chunk) for chunk in text.split(",")]
     except ValueError:

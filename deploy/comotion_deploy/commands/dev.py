@@ -61,8 +61,6 @@ Examples:
         from comotion import FusionConfig
         from comotion.warm_up import prepare
 
-        from .dev import show_progress
-
         begun = time.monotonic()
         for name in self.method or ("comotion", "thesis"):
             try:

@@ -82,8 +82,7 @@ Examples:
         from comotion_sources.streams import parse_rates
 
         config = self.fusion_config()
-        rates = parse_rates(self.rate) if self.rate else None
-        seeds = parse_seeds(self.seeds)
+        seeds, rates = parse_seeds(self.seeds), parse_rates(self.rate)
         inputs = self.call(find_inputs, files, seeds=seeds, rates=rates)
         # What is wrong with the inputs has been said: the core takes longer to load.
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table

@@ -12,7 +12,7 @@ from ..options import Command, Json, add, argument, as_function, flowing, option
 if TYPE_CHECKING:
     from comotion.runtime.standby import Etcd
 
-    from ..fleet.plan import Fleet
+    from ..fleet.plan import Holder
 
 EPILOG = """
 Examples:
@@ -137,16 +137,28 @@ class Listing(Json, Cluster):
         """Show them."""
         from rich.table import Table
 
-        from ..fleet import entries
+        from ..fleet.entries import read_fleet
+        from ..fleet.plan import Place
 
-        content = _as_json(entries.read_fleet(self.cluster()))
+        fleet = read_fleet(self.cluster())
+        held, loads = fleet.held(), fleet.loads()
+        content: dict[str, dict[str, Any]] = {"scenes": {}, "agents": {}}
         scenes = Table("scene", "replicas", "options")
-        for name, scene in content["scenes"].items():
-            scenes.add_row(name, ", ".join(map(_replica, scene["replicas"])), " ".join(scene["serve"]))
+        for name, scene in sorted(fleet.scenes.items()):
+            replicas = [held.get(Place(name, k)) for k in range(scene.replicas)]
+            content["scenes"][name] = {
+                "serve": scene.serve,
+                "also": scene.also,
+                "replicas": [
+                    holder and {"agent": holder.agent, "ready": holder.ready} for holder in replicas
+                ],
+            }
+            scenes.add_row(name, ", ".join(map(_replica, replicas)), " ".join(scene.serve))
         agents = Table("agent", "replicas", "capacity", "")
-        for name, agent in content["agents"].items():
-            note = "draining" if agent["draining"] else ""
-            agents.add_row(name, str(agent["replicas"]), str(agent["capacity"]), note)
+        for name, agent in sorted(fleet.agents.items()):
+            content["agents"][name] = {"replicas": loads[name], **vars(agent)}
+            note = "draining" if agent.draining else ""
+            agents.add_row(name, str(loads[name]), str(agent.capacity), note)
         self.show(content, scenes, agents)
 
 
@@ -155,33 +167,7 @@ app.callback(invoke_without_command=True)(as_function(RunAgent))
 add(app, {"add": Add, "remove": Remove, "drain": Drain, "list": Listing})
 
 
-def _as_json(fleet: "Fleet") -> dict[str, Any]:
-    """Scenes with their replicas, and agents with their loads, as plain values."""
-    from ..fleet.plan import Place
-
-    held, loads = fleet.held(), fleet.loads()
-
-    def replica(place: Place) -> dict[str, Any] | None:
-        holder = held.get(place)
-        return None if holder is None else {"agent": holder.agent, "ready": holder.ready}
-
-    return {
-        "scenes": {
-            name: {
-                "serve": list(scene.serve),
-                "also": list(scene.also),
-                "replicas": [replica(Place(name, k)) for k in range(scene.replicas)],
-            }
-            for name, scene in sorted(fleet.scenes.items())
-        },
-        "agents": {
-            name: {"replicas": loads[name], "capacity": agent.capacity, "draining": agent.draining}
-            for name, agent in sorted(fleet.agents.items())
-        },
-    }
-
-
-def _replica(replica: dict[str, Any] | None) -> str:
-    if replica is None:
+def _replica(holder: "Holder | None") -> str:
+    if holder is None:
         return "[red]none[/red]"
-    return replica["agent"] if replica["ready"] else f"{replica['agent']} (starting or leaving)"
+    return holder.agent if holder.ready else f"{holder.agent} (starting or leaving)"

@@ -1,14 +1,11 @@
 """``comotion source replay`` and ``simulator``: sources that play a recording or a simulated scene."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from ..errors import UserError
 from ..network import Process
 from ..options import Command, argument, option, setting
-
-if TYPE_CHECKING:
-    from comotion_sources.streams import Part
 
 Stamps = Literal["now", "original"]
 """Stamps of recorded data: the time of publication, or those of the recording."""
@@ -45,18 +42,6 @@ class Played(Timed, Process):
         "Name of the source; with several, NAME-1, NAME-2, ... Default: that of the command.",
         env="COMOTION_SOURCE_NAME",
     )
-
-    def chosen_part(self) -> "Part | None":
-        """Return the part of the sources that is to be published, if not all are."""
-        from comotion_sources.streams import parse_part
-
-        return parse_part(self.part) if self.part else None
-
-    def rates(self) -> "list[float] | None":
-        """Return the rate of each source, or of all of them, in Hz."""
-        from comotion_sources.streams import parse_rates
-
-        return parse_rates(self.rate) if self.rate else None
 
 
 _NOT_FOR_MCAP = ("rate", "split", "part", "name", "fps")
@@ -123,11 +108,12 @@ Examples:
             replay.replay_scene(self.file, schedule, **self.where())
             return
         from comotion_sources.recordings import read_recording, recording_streams
+        from comotion_sources.streams import parse_part, parse_rates
 
-        part = self.chosen_part()
+        part = parse_part(self.part)
         if part is not None and self.split not in {1, part.count}:
             raise UserError(f"--part {self.part} and --split {self.split} do not agree")
-        rates = self.rates()
+        rates = parse_rates(self.rate)
         recording = read_recording(self.file, self.fps)
         split = self.split if part is None else part.count
         streams = recording_streams(recording, split=split, rates=rates, source=self.name or "replay")
@@ -162,6 +148,7 @@ Examples:
         from comotion_sources import simulator
         from comotion_sources.replay import play_streams
         from comotion_sources.schedule import Schedule, parse_start
+        from comotion_sources.streams import parse_part, parse_rates
 
         if self.list_:
             for name in simulator.scene_names():
@@ -173,8 +160,8 @@ Examples:
             raise UserError("which scene? see 'comotion source simulator --list'")
         simulations = simulator.simulate(
             simulator.load_scene(self.simulated),
-            part=self.chosen_part(),
-            rates=self.rates(),
+            part=parse_part(self.part),
+            rates=parse_rates(self.rate),
             seed=self.seed,
             noise=self.noise,
             time_scale=self.time_scale,

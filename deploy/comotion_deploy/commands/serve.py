@@ -15,6 +15,8 @@ from ..options import Fusion, Json, Tool, setting
 from .camera_sources import read_calibration
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from comotion import FusionConfig
     from comotion.config import Camera
 
@@ -158,10 +160,6 @@ def _camera(text: str) -> "tuple[str, Camera]":
         quaternion=tuple(outer.quaternion.tolist()),
         frame=outer.frame,
     )
-
-
-if TYPE_CHECKING:
-    from pydantic import BaseModel
 
 
 class Config(Fusion, Json, Tool):
