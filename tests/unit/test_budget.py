@@ -8,7 +8,7 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion.event_time.budget import Budget
 from comotion.rigid.method import RigidMethod
-from comotion.runtime.problems import in_words
+from comotion.runtime.health import in_words
 from comotion.shares import Turns
 
 from ..builders import MS, T0, S, batch

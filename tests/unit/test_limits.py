@@ -15,7 +15,7 @@ from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
 from comotion.runtime import output
 from comotion.runtime.log_limit import limited
 from comotion.runtime.output import Output
-from comotion.runtime.problems import Problems
+from comotion.runtime.health import Problems
 from comotion.tracks import MAX_ENDED, Tracks
 from comotion.trajectories.window import Window
 from comotion_schemas import Keys

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig, SpaceConfig
-from comotion.runtime.problems import in_words
+from comotion.runtime.health import in_words
 
 from .. import builders
 from ..builders import MS, T0, S, play, restored
