@@ -67,19 +67,18 @@ class ActiveSession:
 M = TypeVar("M", HypothesisUpdate, ObservationBatch, TruthBatch, Status, Preview, default=HypothesisUpdate)
 
 _KINDS = {qos.message: kind for kind, qos in QOS.items()}
-# Truth arrives as a burst, since publishers cache it for late joiners; none of it may be dropped.
-_CAPACITIES: dict[type, int] = {
-    HypothesisUpdate: 64,
-    ObservationBatch: 1024,
-    TruthBatch: 65536,
-    Status: 256,
-    Preview: 16,
+# Messages kept for the reader, and samples in Zenoh's ring. Truth arrives as a burst, since publishers cache
+# it for late joiners: none of it may be dropped. Images are large.
+_CAPACITIES: dict[type, tuple[int, int]] = {
+    HypothesisUpdate: (64, 1024),
+    ObservationBatch: (1024, 1024),
+    TruthBatch: (65536, 65536),
+    Status: (256, 1024),
+    Preview: (16, 32),
 }
-_DEFAULT_RING_SAMPLES = 1024
 # Statuses come once a second; of a storm of them so many of one component displace no others.
 _STATUS_S = 0.1
 _MOST_KEYS = 4096
-_RING_SAMPLES: dict[type, int] = {Preview: 32}  # images are large
 
 
 @dataclass
@@ -140,9 +139,9 @@ class Subscription(Generic[M]):
         self._sequences = SequenceCounter()
         self._read: dict[str, float] = {}
         self._active = ActiveSession()
-        self._inbox: Inbox[tuple[float, M]] = Inbox(_CAPACITIES[message] if capacity is None else capacity)
-        size = _RING_SAMPLES.get(message, max(_DEFAULT_RING_SAMPLES, _CAPACITIES[message]))
-        self._receiver = Receiver(session, keys.messages(kind), kind, size, self._take, self._inbox.close)
+        kept, ring = _CAPACITIES[message]
+        self._inbox: Inbox[tuple[float, M]] = Inbox(kept if capacity is None else capacity)
+        self._receiver = Receiver(session, keys.messages(kind), kind, ring, self._take, self._inbox.close)
 
     @property
     def dropped(self) -> int:

@@ -87,8 +87,8 @@ def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_pat
         assert reader.get_summary().statistics.message_count == len(SCENE)
         assert [m.name for m in reader.iter_metadata()] == ["comotion", "comotion.losses"]
     nonsense = sum(a.payload == b"nonsense" for a in SCENE)
-    assert series.counts.invalid == {"malformed": nonsense}
-    assert series.counts.lost == {}
+    assert series.invalid == {"malformed": nonsense}
+    assert series.lost == {}
 
 
 def test_an_existing_file_is_not_touched(tmp_path):
@@ -243,7 +243,7 @@ def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, m
     monkeypatch.setattr("comotion_clients.recording.series.MAX_KEYS", 5)
     flood = [Arrival("obs", f"{KEYS.prefix}/obs/Flood {n}", BEGIN, b"x") for n in range(10)]
     series = record(tmp_path / "take.mcap", [SCENE[0], *flood])
-    assert series.counts.invalid == {"malformed": 4, "limit": 6}
+    assert series.invalid == {"malformed": 4, "limit": 6}
     assert len(read(series.path)) == 5
     with MessageLog(series.path) as log:
         assert log.sources == {"simulator-1": {"truth"}}

@@ -124,46 +124,46 @@ class _Recorder:
 
     def losses(self) -> dict[str, int]:
         """Total numbers of lost and dropped messages."""
-        return {"lost": self.series.counts.lost.total(), "dropped": self.pending.dropped}
+        return {"lost": self.series.lost.total(), "dropped": self.pending.dropped}
 
     def status(self) -> StatusFields:
         """Build the Status of the recorder."""
-        counts, losses, wall = self.series.counts, self.losses(), time.time_ns()
+        series, losses, wall = self.series, self.losses(), time.time_ns()
         return StatusFields(
             state="degraded" if losses["lost"] or losses["dropped"] else "ok",
-            rates=self._rates.of({**counts.messages}),
-            ages={kind: max(0.0, (wall - at) / 1e9) for kind, at in counts.newest.items()},
+            rates=self._rates.of({**series.messages}),
+            ages={kind: max(0.0, (wall - at) / 1e9) for kind, at in series.newest.items()},
             counters={
-                "messages": counts.messages.total(),
-                "bytes": self.series.file_bytes,
-                "files": len(self.series.paths),
+                "messages": series.messages.total(),
+                "bytes": series.file_bytes,
+                "files": len(series.paths),
                 **losses,
             },
-            rejected=cast("dict[RejectionReason, int]", dict(counts.invalid)),
-            message=f"records into {self.series.path.name}",
+            rejected=cast("dict[RejectionReason, int]", dict(series.invalid)),
+            message=f"records into {series.path.name}",
         )
 
     def line(self) -> str:
         """Format the progress as one line."""
-        counts, lost = self.series.counts, self.losses()["lost"]
+        series, lost = self.series, self.losses()["lost"]
         seconds = time.monotonic() - self.begun
         losses = f", {lost} lost" if lost else ""
         return (
-            f"{self.series.path.name}: {seconds:.0f} s, {counted(counts.messages.total(), 'message')}, "
-            f"{self.series.file_bytes / 2**20:.2f} MiB{losses}"
+            f"{series.path.name}: {seconds:.0f} s, {counted(series.messages.total(), 'message')}, "
+            f"{series.file_bytes / 2**20:.2f} MiB{losses}"
         )
 
     def result(self) -> Result:
         """Summarise the recording so far."""
-        counts = self.series.counts
+        series = self.series
         return Result(
-            files=[str(path) for path in self.series.paths],
+            files=[str(path) for path in series.paths],
             seconds=time.monotonic() - self.begun,
-            messages={**counts.messages},
-            bytes=sum(path.stat().st_size for path in self.series.paths),
-            lost=dict(counts.lost),
+            messages={**series.messages},
+            bytes=sum(path.stat().st_size for path in series.paths),
+            lost=dict(series.lost),
             dropped=dict(self.pending.dropped_of),
-            invalid=dict(counts.invalid),
+            invalid=dict(series.invalid),
         )
 
 
@@ -225,7 +225,7 @@ def record(
 
 def _without_files_of_nothing(series: Series) -> bool:
     """Remove the files if nothing was received, and tell; its own Status is a message of the scene too."""
-    if any(count for kind, count in series.counts.messages.items() if kind != "status"):
+    if any(count for kind, count in series.messages.items() if kind != "status"):
         return False
     for path in series.paths:
         path.unlink(missing_ok=True)

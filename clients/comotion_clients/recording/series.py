@@ -5,7 +5,7 @@ import math
 import shutil
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,25 +46,19 @@ class SeriesOptions:
     reserve_bytes: int = 64 * 1024 * 1024
 
 
-@dataclass
-class Counts:
-    """Counts of the recorded messages.
-
-    `lost`: missing sequence numbers by key; `invalid`: invalid payloads by reason (recorded as well,
-    except ``limit``: too many keys); `newest`: wall clock ns of the newest message by kind.
-    """
-
-    messages: Counter[str] = field(default_factory=Counter)
-    newest: dict[Kind, int] = field(default_factory=dict)
-    lost: Counter[str] = field(default_factory=Counter)
-    invalid: Counter[str] = field(default_factory=Counter)
-
-
 class Series:
     """Writes payloads to a sequence of files.
 
     Every further file starts with the truth so far, logged at its start, so that it can be scored alone.
     The truth of a source is discarded when its session ends.
+
+    Attributes
+    ----------
+    messages, newest
+        Number of messages by kind, and wall clock ns of the newest.
+    lost, invalid
+        Missing sequence numbers by key, and invalid payloads by reason (recorded as well, except ``limit``:
+        too many keys).
 
     Raises
     ------
@@ -76,7 +70,8 @@ class Series:
 
     def __init__(self, options: SeriesOptions) -> None:
         self._options = options
-        self.counts = Counts()
+        self.messages, self.lost, self.invalid = Counter[str](), Counter[str](), Counter[str]()
+        self.newest: dict[Kind, int] = {}
         self.paths: list[Path] = []
         self._sequences = SequenceCounter()
         self._keys: set[str] = set()
@@ -99,7 +94,7 @@ class Series:
     def add(self, arrival: Arrival) -> None:
         """Record one payload."""
         if arrival.key not in self._keys and len(self._keys) >= MAX_KEYS:
-            self.counts.invalid["limit"] += 1
+            self.invalid["limit"] += 1
             return
         self._keys.add(arrival.key)
         message = self._check(arrival)
@@ -113,8 +108,8 @@ class Series:
             if kept and kept[0][1].session != message.session:
                 kept.clear()
             kept.append((arrival.payload, message))
-        self.counts.messages[arrival.kind] += 1
-        self.counts.newest[arrival.kind] = arrival.log_ns
+        self.messages[arrival.kind] += 1
+        self.newest[arrival.kind] = arrival.log_ns
 
     def flush(self) -> None:
         """Write everything so far to the disk and check the free space."""
@@ -137,11 +132,11 @@ class Series:
         try:
             message = decode_on(arrival.key, arrival.payload)
         except DecodeError as error:
-            self.counts.invalid[error.reason] += 1
+            self.invalid[error.reason] += 1
             return None
         seq = getattr(message, "seq", None)
         if seq is not None and (lost := self._sequences.sight(arrival.key, message.session, seq).lost):
-            self.counts.lost[arrival.key] += lost
+            self.lost[arrival.key] += lost
         return message
 
     def _rotate(self, log_ns: int) -> None:

@@ -21,22 +21,18 @@ class Ros(Command):
     )
 
     def ros_settings(self) -> "SessionSettings | None":
-        """Return the settings of the session with the ROS network; None: the scene's session."""
-        from comotion_schemas.transport import SessionSettings
-
-        return None if self.ros_connect is None else SessionSettings(connect=(self.ros_connect,))
-
-    def require_ros(self) -> None:
-        """Check that the types of ROS messages are installed.
+        """Return the settings of the session with the ROS network; None: the scene's session.
 
         Raises
         ------
         ImportError
-            If they are not.
+            If the types of ROS messages are not installed.
         """
         from comotion_schemas.ros_types import store
+        from comotion_schemas.transport import SessionSettings
 
         store()
+        return None if self.ros_connect is None else SessionSettings(connect=(self.ros_connect,))
 
 
 class Ros2(Ros, BodyNames, Present):
@@ -64,7 +60,6 @@ odometry (nav_msgs/Odometry), features (sensor_msgs/PointCloud2: x, y, z, label,
             raise UserError("--ros-connect is only for publishing, not with --bag")
         from comotion_clients.ros2.process import run
 
-        self.require_ros()
         sent = self.call(run, ros=self.ros_settings(), names=self.names(), **self.where())
         for topic, count in sorted(sent.items()):
             print(f"{topic}: {count}")
@@ -94,5 +89,4 @@ Examples:
         """Publish until stopped."""
         from comotion_sources.ros2.process import run
 
-        self.require_ros()
         self.call(run, pattern=self.match, ros=self.ros_settings(), **self.where())
