@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeAlias, Unpack
 
-from comotion_schemas import HypothesisUpdate, Joint, ObservationBatch, TruthBatch
+from comotion_schemas import HypothesisUpdate, ObservationBatch, TruthBatch
 from comotion_schemas.component import Where, viewer
 from comotion_schemas.errors import KnownError
 from comotion_schemas.plain import plain
@@ -34,8 +34,6 @@ class LiveRun(Scoring):
     ----------
     first_at
         When the first update has arrived, s of the monotonic clock.
-    joints
-        Those of the last update.
     counters
         Of the subscription to updates: lost and invalid ones.
     """
@@ -43,7 +41,6 @@ class LiveRun(Scoring):
     def __init__(self, on_update: OnUpdate) -> None:
         super().__init__()
         self.first_at: float | None = None
-        self.joints: list[Joint] = []
         self.counters = Counters()
         self._on_update = on_update
 
@@ -54,7 +51,6 @@ class LiveRun(Scoring):
             if self.first_at is None and isinstance(message, HypothesisUpdate):
                 self.first_at = arrived
         for update in self.due(now):
-            self.joints = update.joints
             self._on_update(update, self.score(update))
         self.counters = feed.of[HypothesisUpdate].counters
 
@@ -148,7 +144,7 @@ def as_json(run: LiveRun) -> dict[str, Any]:
     values: dict[str, Any] = plain(run.summary) | {
         "lost": run.counters.lost,
         "invalid": run.counters.invalid,
-        "joints": plain(run.joints, without_none=True),
+        "joints": plain(run.last.joints, without_none=True),
         "over_time": plain(run.scores),
     }
     return values

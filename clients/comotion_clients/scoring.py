@@ -159,7 +159,11 @@ class Scoring:
         From the messages so far.
     scores
         One per update, in order.
+    last
+        The update that was scored last; there is none before.
     """
+
+    last: HypothesisUpdate
 
     def __init__(self, truth: Truth | None = None) -> None:
         self.truth, self.observed = truth or Truth(), Observed()
@@ -169,7 +173,6 @@ class Scoring:
         self._switched, self._common = 0, 0
         self._tracking = Tracking()
         self._listed: list[int] = []
-        self._last: HypothesisUpdate | None = None
 
     def add(self, message: Message, arrived: float = 0.0) -> None:
         """Add a message of any kind; `arrived` in s of one clock. An update then waits until it is due."""
@@ -200,10 +203,10 @@ class Scoring:
         if score.scored:
             self._tracking.add(labels, objects)
         self._listed.append(sum(not h.absent for h in update.hypotheses))
-        if self._last is not None:
-            switched, common = label_switches(self._last, update)
+        if len(self.scores) > 1:
+            switched, common = label_switches(self.last, update)
             self._switched, self._common = self._switched + switched, self._common + common
-        self._last = update
+        self.last = update
         return score
 
     @property

@@ -34,13 +34,9 @@ class Run(Scoring):
         Event time of the first observation.
     period
         Seconds between updates.
-    last
-        The last update.
     count
         Number of the next update.
     """
-
-    last: HypothesisUpdate
 
     def __init__(self, truth: Truth, start_ns: int, period: float) -> None:
         super().__init__(truth)
@@ -88,12 +84,12 @@ class Run(Scoring):
     def update(self, fusion: Fusion) -> tuple[HypothesisUpdate, Score]:
         """Make the update that is due, and score it."""
         begun, cpu = time.perf_counter(), time.process_time()
-        self.last = fusion.update(self.due_ns)
+        update = fusion.update(self.due_ns)
         took, cpu = time.perf_counter() - begun, time.process_time() - cpu
         self._times.append(self._busy + np.array([0.0, took, cpu]))
         self._busy = np.zeros(3)
         self.count += 1
-        return self.last, self.score(self.last)
+        return update, self.score(update)
 
 
 def thesis(sigma_switch: float, v_move: float | None = None) -> FusionConfig:

@@ -115,6 +115,8 @@ Examples:
 
     def run(self) -> None:
         """List them; exit status 1 if one needs attention."""
+        from rich.table import Table
+
         from ..pki.authority import Authority
 
         now = datetime.now(UTC)
@@ -122,7 +124,14 @@ Examples:
         rows = [_row(entry, now) for entry in authority.issued()]
         expiry = authority.certificate.not_valid_after_utc
         values = {"authority_expires": expiry.isoformat(), "components": rows}
-        self.show(values, _table(rows), f"the authority expires on {expiry:%Y-%m-%d}", width=140)
+        table = Table(
+            "name", "role", "scene", "publishes as", "expires", "days", "", box=None, pad_edge=False
+        )
+        for row in rows:
+            days = "" if row["days"] is None else f"{row['days']:.0f}"
+            held = row["name"], row["role"], row["scene"], " ".join(row["sources"])
+            table.add_row(*held, (row["expires"] or "")[:10], days, row["problem"] or row["warning"])
+        self.show(values, table, f"the authority expires on {expiry:%Y-%m-%d}", width=140)
         bad = [row["name"] for row in rows if row["problem"] or row["warning"]]
         if bad:
             print(f"look at: {', '.join(bad)}", file=sys.stderr)
@@ -175,15 +184,3 @@ def _row(entry: "Issued", now: "datetime") -> dict[str, Any]:
         "problem": entry.problem,
         "warning": "" if entry.problem else warning,
     }
-
-
-def _table(rows: list[dict[str, Any]]) -> Any:
-    from rich.table import Table
-
-    table = Table("name", "role", "scene", "publishes as", "expires", "days", "", box=None, pad_edge=False)
-    for row in rows:
-        days = "" if row["days"] is None else f"{row['days']:.0f}"
-        expires = (row["expires"] or "")[:10]
-        note = row["problem"] or row["warning"]
-        table.add_row(row["name"], row["role"], row["scene"], " ".join(row["sources"]), expires, days, note)
-    return table
