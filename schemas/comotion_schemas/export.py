@@ -6,6 +6,7 @@ layout is in ``x-dtype`` and ``x-shape``. Rules about several fields are only in
 
 import json
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 

@@ -69,7 +69,7 @@ def stamp_of(header: Any, received_ns: int) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec) or received_ns
 
 
-def topic_key(topic: str, domain: int = 0, kind: str = "*") -> str:
+def topic_key(topic: str, domain: int = 0, kind: str = "*", digest: str = "*") -> str:
     """Return the key expression on which rmw_zenoh publishes a topic.
 
     The layout of rmw_zenoh is ``<domain>/<topic without outer slashes>/<DDS type>/<type hash>``. The
@@ -79,8 +79,8 @@ def topic_key(topic: str, domain: int = 0, kind: str = "*") -> str:
     ----------
     topic, domain
         ROS topic, and domain id.
-    kind
-        DDS type; by default any.
+    kind, digest
+        DDS type, and type hash; by default any.
 
     Raises
     ------
@@ -90,4 +90,4 @@ def topic_key(topic: str, domain: int = 0, kind: str = "*") -> str:
     name = topic.strip("/")
     if not all(re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", chunk) for chunk in name.split("/")):
         raise InputError(f"{topic!r} is not a ROS topic")
-    return f"{domain}/{name}/{kind}/*"
+    return f"{domain}/{name}/{kind}/{digest}"

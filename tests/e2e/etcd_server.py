@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from comotion.runtime.standby import Etcd, EtcdUnavailableError
+from comotion.runtime.standby.etcd import Etcd, EtcdUnavailableError
 from comotion_deploy.demo import free_endpoint
 
 from .waiting import until

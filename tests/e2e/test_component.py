@@ -107,8 +107,8 @@ def _impatient(monkeypatch):
 @pytest.fixture
 def service(free_port_endpoint):
     settings = SessionSettings(mode="router", connect=(), listen=(free_port_endpoint,))
-    with Component(role="service", name="fusion", settings=settings, has_token=False) as found:
-        yield found
+    with Component(role="service", name="fusion", settings=settings, has_token=False) as service:
+        yield service
 
 
 @pytest.fixture

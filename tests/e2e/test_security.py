@@ -74,10 +74,10 @@ def all_seeing(log_in):
 
 
 def samples(channel):
-    found = []
+    keys = []
     while (sample := channel.try_recv()) is not None:
-        found.append(str(sample.key_expr))
-    return found
+        keys.append(str(sample.key_expr))
+    return keys
 
 
 def say(session, name):
@@ -334,9 +334,9 @@ def test_the_commands_work_with_certificates(site, start, tmp_path):
     assert {row["name"] for row in shown["sources"]} == {"sim-1", "sim-2"}
     look = start("status", "--json", *far, ready=False)
     look.wait()
-    found = json.loads(look.output)
-    assert {row["name"] for row in found["components"]} >= {"cell-fusion", "sim-1", "sim-2"}, found
-    assert [(row["name"], row["routers"]) for row in found["routers"]] == [("annex", 1), ("hall", 1)]
+    state = json.loads(look.output)
+    assert {row["name"] for row in state["components"]} >= {"cell-fusion", "sim-1", "sim-2"}, state
+    assert [(row["name"], row["routers"]) for row in state["routers"]] == [("annex", 1), ("hall", 1)]
     wrong = start("serve", "--tls", folder / "tablet", *at, ready=False)
     assert wrong.wait() == 2
     assert "the certificate of viewer 'tablet' is not for a service" in wrong.output

@@ -41,10 +41,10 @@ def test_a_scene_from_nothing_to_well_and_a_wrong_clock(endpoint, start, session
         queryable = service.session.declare_queryable(KEYS.query("status"), answer)
         with Component(role="source", name="cam", settings=settings):
             assert waiting.wait() == 0
-            found = json.loads(waiting.output)
-            assert [row["name"] for row in found["components"]] == ["fusion", "cam"]
-            assert [router["locators"] for router in found["routers"]] == [[endpoint]]
-            for row in found["components"]:
+            state = json.loads(waiting.output)
+            assert [row["name"] for row in state["components"]] == ["fusion", "cam"]
+            assert [router["locators"] for router in state["routers"]] == [[endpoint]]
+            for row in state["components"]:
                 assert abs(row["clock_s"]) <= row["clock_error_s"] + 0.1
                 assert row["version"]
                 assert row["host"]

@@ -68,8 +68,8 @@ def test_a_storm_of_statuses_of_one_component_displaces_no_other(session, endpoi
         for component in ["loud"] * 500 + ["last"]:
             key = KEYS.stream("status", component)
             session.put(key, encode(status(component, "source")), congestion_control=blocking)
-        while (found := next(statuses)).component != "last":
-            assert found.component == "loud"
+        while (latest := next(statuses)).component != "last":
+            assert latest.component == "loud"
         assert statuses.counters.received < 100
         assert statuses.counters.received + statuses.counters.stale == 502
 
@@ -79,14 +79,14 @@ def test_asyncio(session, endpoint):
     publisher.put(encode(update(0)))
 
     async def read() -> list[int]:
-        found = []
+        numbers = []
         async with subscribe("default", endpoint, timeout=DEADLINE) as updates:
             async for message in updates:
-                found.append(message.seq)
-                if len(found) == 3:
-                    return found
-                publisher.put(encode(update(len(found))))
-        return found
+                numbers.append(message.seq)
+                if len(numbers) == 3:
+                    return numbers
+                publisher.put(encode(update(len(numbers))))
+        return numbers
 
     assert asyncio.run(read()) == [0, 1, 2]
 

@@ -53,15 +53,15 @@ def test_a_command_takes_its_options_from_its_table_and_the_common_ones(capsys, 
     assert (first.scene, first.state_interval, first.clock) == ("cell", 2.5, "event")
     assert list(first.settings.connect) == ["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"]
     assert (second.scene, list(second.settings.connect)) == ("env", ["tcp/127.0.0.1:9"])
-    assert [one.state and one.state.name for one in seen] == [
+    assert [options.state and options.state.name for options in seen] == [
         "cell@tcp-127.0.0.1-1@tcp-127.0.0.1-2.state",
         "env@tcp-127.0.0.1-9.state",
     ]
     assert run(["serve", "--no-state"]) == 0
     assert seen[-1].state is None
-    assert [one.resume for one in seen] == [False, False, False]
+    assert [options.resume for options in seen] == [False, False, False]
     assert run(["serve", "--resume"]) == run(["serve", "--state", str(tmp_path / "s")]) == 0
-    assert [one.resume for one in seen[-2:]] == [True, True]
+    assert [options.resume for options in seen[-2:]] == [True, True]
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, KeyError, KeyboardInterrupt])
@@ -154,9 +154,9 @@ def test_cameras_of_the_service_come_from_files_or_the_table(capsys, tmp_path):
 def test_only_a_router_listens_where_the_environment_says(monkeypatch):
     monkeypatch.setenv("COMOTION_LISTEN", "tcp/127.0.0.1:7447")
     commands = {"": typer.main.get_command(app)}
-    commands |= {f"source {name}": one for name, one in commands[""].commands["source"].commands.items()}
+    commands |= {f"source {name}": sub for name, sub in commands[""].commands["source"].commands.items()}
     commands |= commands[""].commands
-    reads = {name for name, one in commands.items() for p in one.params if p.envvar == "COMOTION_LISTEN"}
+    reads = {name for name, sub in commands.items() for p in sub.params if p.envvar == "COMOTION_LISTEN"}
     assert reads == {"router"}
 
 

@@ -70,10 +70,10 @@ def commands():
     """Commands of containers, as words after `comotion`."""
     compose = yaml.load((DEPLOY / "compose.yaml").read_text(), _Loader)["services"].values()
     secure = yaml.load((DEPLOY / "compose.secure.yaml").read_text(), _Loader)["services"].values()
-    found = [service["command"] for service in (*compose, *secure) if "command" in service]
+    commands = [service["command"] for service in (*compose, *secure) if "command" in service]
     text = (DEPLOY / "kubernetes" / "fleet.yaml").read_text()
-    found += [c["args"] for d in yaml.safe_load_all(text) for c in _containers(d) if "args" in c]
-    return [*found, ["router", "--secure", "/pki"]]
+    commands += [c["args"] for d in yaml.safe_load_all(text) for c in _containers(d) if "args" in c]
+    return [*commands, ["router", "--secure", "/pki"]]
 
 
 def _containers(document):

@@ -3,7 +3,7 @@
 import hypothesis.strategies as st
 from hypothesis import given, settings
 
-from comotion.runtime.standby import Entry
+from comotion.runtime.standby.etcd import Entry
 from comotion_deploy.fleet.entries import read_fleet
 from comotion_deploy.fleet.plan import Agent, Fleet, Holder, Place, Scene, claims, may_change, releases
 

@@ -20,10 +20,10 @@ from ..builders import SESSION, hypothesis
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 
-def body(one, centre, state="moving"):
+def body(number, centre, state="moving"):
     pose = Pose(translation=[0.0, 0.0, 0.0], rotation=IDENTITY)
     box = Box(center=centre, half=[0.2, 0.01, 0.3], rotation=IDENTITY)
-    return builders.hypothesis(one, size=5, state=state, centroid=centre, pose=pose, box=box)
+    return builders.hypothesis(number, size=5, state=state, centroid=centre, pose=pose, box=box)
 
 
 DOOR = Joint(
@@ -107,8 +107,8 @@ def held(*hypotheses, session=SESSION):
 def names_after(*updates, given=None):
     names = HypothesisNames(given)
     names.on_status(STATUS)
-    for one in updates:
-        names.on_update(one)
+    for update in updates:
+        names.on_update(update)
     return dict(names)
 
 
@@ -135,11 +135,11 @@ def test_a_body_is_called(updates, expected):
 
 
 def test_a_body_that_is_linked_to_one_with_a_name_has_it_too():
-    found = held(3, 2)
-    image = replace(found.hypotheses[3], space="door/pixels", linked=[2])
-    found = replace(found, hypotheses=[*found.hypotheses[:3], image])
-    assert names_after(found) == {3: "elbow", 2: "tool", image.id: "tool"}
-    assert names_after(found, given={2: "door"})[image.id] == "door"
+    update = held(3, 2)
+    image = replace(update.hypotheses[3], space="door/pixels", linked=[2])
+    update = replace(update, hypotheses=[*update.hypotheses[:3], image])
+    assert names_after(update) == {3: "elbow", 2: "tool", image.id: "tool"}
+    assert names_after(update, given={2: "door"})[image.id] == "door"
 
 
 def moved(number):
@@ -169,8 +169,8 @@ def test_a_client_of_foxglove_reads_the_numbers_of_an_update():
         with websockets.connect(display.url, subprotocols=["foxglove.sdk.v1"]) as client:
             channels = {}
             while "/numbers" not in channels:
-                told = json.loads(client.recv(timeout=30))
-                channels |= {c["topic"]: c for c in told.get("channels", [])}
+                message = json.loads(client.recv(timeout=30))
+                channels |= {c["topic"]: c for c in message.get("channels", [])}
             assert channels["/joints/world"]["schemaName"] == "foxglove.SceneUpdate"
             wanted = {"id": 7, "channelId": channels["/numbers"]["id"]}
             client.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
@@ -189,14 +189,14 @@ def test_a_client_of_foxglove_reads_the_numbers_of_an_update():
 
 def test_a_colour_stays_while_its_hypothesis_is_listed_and_no_two_share_one():
     palette, rng = Palette(), np.random.default_rng(0)
-    listed, before = set(), {}
+    listed, colours = set(), {}
     for step in range(200):
         listed = {i for i in listed if rng.random() > 0.1} | {step * 7 % 50}
         palette.see([hypothesis(i) for i in listed])
         now = {i: palette.colour(i) for i in listed}
         assert len(set(now.values())) == len(listed)
-        assert all(now[i] == before[i] for i in listed & before.keys())
-        before = now
+        assert all(now[i] == colours[i] for i in listed & colours.keys())
+        colours = now
     many = list(range(100, 100 + len(COLOURS)))
     palette.see([hypothesis(i) for i in many])
     assert len({palette.colour(i) for i in many}) == len(COLOURS)
@@ -214,7 +214,7 @@ def test_the_largest_at_rest_is_the_background_of_its_space():
     palette.see([hypothesis(1, state="undetermined", size=30), small, elsewhere])
     assert palette.colour(1) == palette.colour(3) == BACKGROUND
     assert palette.colour(2) == colour(2)
-    first, larger = (hypothesis(one, state="static", size=size) for one, size in ((1, 20), (4, 40)))
+    first, larger = (hypothesis(number, state="static", size=size) for number, size in ((1, 20), (4, 40)))
     palette.see([first, larger, elsewhere])
     assert palette.colour(4) == colour(4)
     palette.see([hypothesis(1, state="moving", size=20)])

@@ -46,31 +46,31 @@ def scene():
 
 def test_a_simulated_scene_gives_the_last_update_of_evaluate(scene, tmp_path):
     positions, times, batches = scene
-    found = comotion.group(positions, times, config=CONFIG)
-    same(found.updates[-1], run_offline(batches, CONFIG).last)
-    final = found.labels[-1]
+    groups = comotion.group(positions, times, config=CONFIG)
+    same(groups.updates[-1], run_offline(batches, CONFIG).last)
+    final = groups.labels[-1]
     assert len(set(final[final >= 0].tolist())) >= 2
-    assert found.hypotheses == found.updates[-1].hypotheses
-    np.testing.assert_array_equal(np.asarray(found), found.labels)
-    moving = next(h for h in found.hypotheses if h.state == "moving")
-    track = found.poses[moving.id]
+    assert groups.hypotheses == groups.updates[-1].hypotheses
+    np.testing.assert_array_equal(np.asarray(groups), groups.labels)
+    moving = next(h for h in groups.hypotheses if h.state == "moving")
+    track = groups.poses[moving.id]
     assert track.times[-1] == pytest.approx(times[-1], abs=0.1)
     assert track.rotation.shape == (len(track.times), 4)
     assert track.translation[-1] == pytest.approx(moving.pose.translation)
     pytest.importorskip("matplotlib")
-    found.plot(tmp_path / "bodies.png")
+    groups.plot(tmp_path / "bodies.png")
     assert (tmp_path / "bodies.png").stat().st_size > 10_000
 
 
 def test_several_sources_are_one_scene(scene):
     positions, times, _ = scene
-    found = comotion.group({"a": positions[:, ::2], "b": positions[::2, 1::2]}, {"a": times, "b": times[::2]})
-    shapes = {"a": positions[:, ::2].shape[:2], "b": positions[::2, 1::2].shape[:2]}
-    assert {name: labels.shape for name, labels in found.by_source.items()} == shapes
-    shared = set(found.by_source["a"][-1].tolist()) & set(found.by_source["b"][-1].tolist())
+    parts = {"a": positions[:, ::2], "b": positions[::2, 1::2]}
+    groups = comotion.group(parts, {"a": times, "b": times[::2]})
+    assert all(groups.by_source[name].shape == part.shape[:2] for name, part in parts.items())
+    shared = set(groups.by_source["a"][-1].tolist()) & set(groups.by_source["b"][-1].tolist())
     assert len(shared - {-1}) >= 2
     with pytest.raises(ValueError, match="2 sources: use by_source"):
-        _ = found.labels
+        _ = groups.labels
 
 
 def test_bad_rows_are_left_out_and_counted_on_request():
@@ -95,7 +95,7 @@ def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
             exec(compile("".join(cell["source"]), "library.ipynb", "exec"), names)
     assert "moving 12 features" in capsys.readouterr().out
     assert (tmp_path / "bodies.png").stat().st_size > 10_000
-    assert names["grouping"].plot()._repr_png_().startswith(b"\x89PNG")  # which a notebook shows
+    assert names["groups"].plot()._repr_png_().startswith(b"\x89PNG")  # which a notebook shows
     assert names["scene"].dropped == {}
     assert sum(h.state == "moving" for h in names["update"].hypotheses) == 1
 

@@ -13,9 +13,9 @@ from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
 from comotion.runtime import output
+from comotion.runtime.health import Problems
 from comotion.runtime.log_limit import limited
 from comotion.runtime.output import Output
-from comotion.runtime.health import Problems
 from comotion.tracks import MAX_ENDED, Tracks
 from comotion.trajectories.window import Window
 from comotion_schemas import Keys
@@ -38,7 +38,7 @@ def said():
             yield from cells[2:]
         elif not part.startswith("#"):
             sentences = re.split(r"(?<=[.:;]) (?=[A-Z`[*])", " ".join(part.split()))
-            yield from (one for one in sentences if not one.startswith(("[", "*", "sent =")))
+            yield from (sentence for sentence in sentences if not sentence.startswith(("[", "*", "sent =")))
 
 
 @pytest.mark.parametrize("sentence", list(said()))
@@ -180,19 +180,19 @@ def test_a_session_of_which_nobody_knows_is_null_in_the_accounts():
     fusion = Fusion.restore(FusionConfig(), fusion.snapshot())
     fusion.ingest(batch("stays", 3, T0 + S))
     payload, _ = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
-    assert {one["source"]: one["lost"] for one in json.loads(payload)["accounts"]} == {
+    assert {account["source"]: account["lost"] for account in json.loads(payload)["accounts"]} == {
         "gone": None,
         "stays": 2,
     }
 
 
 def test_of_many_problems_64_are_listed():
-    told = Problems()
+    problems = Problems()
     kinds = ("silent", "no-data", "limit", "scale", "drifts")
-    found = {(f"cam-{k}", kind): "no data" for kind in kinds for k in range(200)}
+    texts = {(f"cam-{k}", kind): "no data" for kind in kinds for k in range(200)}
     # A storm of one kind leaves room for the others.
-    assert Counter(one.kind for one in told.update(found, 0)) == dict.fromkeys(kinds[:4], 16)
-    assert told.update({}, 11 * S) == []
+    assert Counter(problem.kind for problem in problems.update(texts, 0)) == dict.fromkeys(kinds[:4], 16)
+    assert problems.update({}, 11 * S) == []
 
 
 def test_lines_are_left_out_and_one_says_how_many(caplog):

@@ -68,8 +68,8 @@ def test_linked_hypotheses_of_different_spaces_are_one_body():
     rows = {("a", 1): 5, ("a", 2): 6, ("b", 1): 1, ("b", 2): 7, ("b", 3): 6}
     said = update(rows)
     links = {5: [1, 7], 1: [5], 7: [5]}
-    told = [replace(h, linked=links.get(h.id)) for h in said.hypotheses]
-    linked = replace(said, hypotheses=told)
+    hypotheses = [replace(h, linked=links.get(h.id)) for h in said.hypotheses]
+    linked = replace(said, hypotheses=hypotheses)
     assert bodies_of(said) == {}
     assert bodies_of(linked) == {5: 1, 1: 1, 7: 1}
     objects = truth({("a", 1): 0, ("a", 2): 1, ("b", 1): 0, ("b", 2): 0, ("b", 3): 1})
@@ -125,8 +125,8 @@ def observation(source, at_ms, ids, *, stamps_ms=None, **fields):
 
 
 def test_features_count_as_observed_in_the_newest_batch_of_their_source_for_three_of_its_periods():
-    found = Observed()
-    for one in (
+    observed = Observed()
+    for batch in (
         observation("a", 0, [1, 2]),
         observation("a", 100, [2, 3]),
         observation("b", 50, [1]),
@@ -136,7 +136,7 @@ def test_features_count_as_observed_in_the_newest_batch_of_their_source_for_thre
         # Of a batch of several instants those reached count.
         observation("many", 230, [1, 2, 1, 3], stamps_ms=[210, 210, 220, 230]),
     ):
-        found.add(one)
+        observed.add(batch)
     of_slow = {"slow": [1]}
     for ms, expected in {
         -1: {},
@@ -148,7 +148,7 @@ def test_features_count_as_observed_in_the_newest_batch_of_their_source_for_thre
         4000: of_slow,
         4001: {},
     }.items():
-        assert {name: ids.tolist() for (name, _), ids in found.at(ms * MS).items()} == expected, ms
+        assert {name: ids.tolist() for (name, _), ids in observed.at(ms * MS).items()} == expected, ms
 
 
 def test_a_run_adds_up():
@@ -184,7 +184,7 @@ def test_figures_are_those_of_trackeval():
         labels = np.where(rng.random(24) < 0.3, rng.integers(10, 16, 24), truth + 10 + (t // 15))
         seen = rng.random(24) < 0.8
         instants.append((labels[seen], truth[seen]))
-    found = figures(instants)
-    assert found.hota == pytest.approx(0.2629558528491275)
-    assert (found.det_a, found.ass_a) == pytest.approx((0.45185053762566163, 0.15365402121746463))
-    assert (found.idf1, found.id_switches) == (pytest.approx(2 / 7), 12)
+    measured = figures(instants)
+    assert measured.hota == pytest.approx(0.2629558528491275)
+    assert (measured.det_a, measured.ass_a) == pytest.approx((0.45185053762566163, 0.15365402121746463))
+    assert (measured.idf1, measured.id_switches) == (pytest.approx(2 / 7), 12)

@@ -26,11 +26,12 @@ from comotion_clients.ros2.types import (
     TF,
     Node,
     attachment,
+    dds_name,
     to_cdr,
     topic_chunk,
-    topic_key,
     type_hash,
 )
+from comotion_schemas.ros_types import topic_key
 
 # As ROS 2 Jazzy and vision_msgs 4.1.1 publish them.
 PUBLISHED = {
@@ -93,10 +94,10 @@ def update(count=6, stamp_ns=5 * S + 250):
 @pytest.fixture(scope="module")
 def read():
     """Messages of one update by topic, decoded."""
-    store, found = reader(), {}
+    store, decoded = reader(), {}
     for topic, kind, message in Converter("my-lab").convert(update()):
-        found.setdefault(topic, []).append(store.deserialize_cdr(to_cdr(message, kind), kind))
-    return found
+        decoded.setdefault(topic, []).append(store.deserialize_cdr(to_cdr(message, kind), kind))
+    return decoded
 
 
 def numbers(value):
@@ -124,9 +125,9 @@ def test_a_frame_moves_with_the_body(read):
     (transforms,) = read["/tf"]
     at = {t.child_frame_id: t for t in transforms.transforms}
     assert set(at) == {"comotion/my-lab/1", "comotion/my-lab/7"}
-    one = at["comotion/my-lab/7"]
-    assert (one.header.frame_id, one.header.stamp.sec, one.header.stamp.nanosec) == ("world", 5, 250)
-    assert numbers(one.transform.translation) == [1.5, 2.0, 0.5]
+    frame = at["comotion/my-lab/7"]
+    assert (frame.header.frame_id, frame.header.stamp.sec, frame.header.stamp.nanosec) == ("world", 5, 250)
+    assert numbers(frame.transform.translation) == [1.5, 2.0, 0.5]
     odometry = next(m for m in read["/comotion/my_lab/odometry"] if m.child_frame_id == "comotion/my-lab/7")
     assert numbers(odometry.pose.pose.position) == [1.5, 2.0, 0.5]
     # v + w x r = (0, 1, 0) + (0, 0, 2) x (0.5, 0, 0) = (0, 2, 0), in axes that are turned by 90 degrees.
@@ -136,12 +137,12 @@ def test_a_frame_moves_with_the_body(read):
 
 def test_a_detection_has_the_id_and_the_box(read):
     (array,) = read["/comotion/my_lab/detections"]
-    one = next(d for d in array.detections if d.id == "7")
-    assert numbers(one.bbox.size) == pytest.approx([0.6, 0.4, 0.2])
-    turn = Rotation.from_quat(numbers(one.bbox.center.orientation)).as_rotvec()
+    detection = next(d for d in array.detections if d.id == "7")
+    assert numbers(detection.bbox.size) == pytest.approx([0.6, 0.4, 0.2])
+    turn = Rotation.from_quat(numbers(detection.bbox.center.orientation)).as_rotvec()
     np.testing.assert_allclose(turn, [0, 0, np.pi / 2])
-    assert one.results[0].hypothesis.class_id == "moving"
-    assert one.results[0].hypothesis.score == pytest.approx(0.9)
+    assert detection.results[0].hypothesis.class_id == "moving"
+    assert detection.results[0].hypothesis.score == pytest.approx(0.9)
 
 
 def test_the_cloud_has_labels_and_only_what_is_in_metres(read):
@@ -180,7 +181,7 @@ def test_an_update_that_repeats_its_stamp_is_not_sent_again():
 
 
 def test_keys_tokens_and_attachment_follow_rmw_zenoh():
-    assert topic_key(5, "/tf", TF, "H") == "5/tf/tf2_msgs::msg::dds_::TFMessage_/H"
+    assert topic_key("/tf", 5, dds_name(TF), "H") == "5/tf/tf2_msgs::msg::dds_::TFMessage_/H"
     node = Node(5, "abc", "comotion_lab")
     assert node.token() == "@ros2_lv/5/abc/0/0/NN/%/%/comotion_lab"
     assert node.publisher_token(2, "/comotion/lab/markers", MARKERS, "H") == (
@@ -201,10 +202,10 @@ def test_a_bag_is_read_by_another_reader(tmp_path):
         for topic, kind, message in Converter("my-lab").convert(update()):
             bag.write(topic, kind, to_cdr(message, kind), 42)
     with (tmp_path / "bodies.mcap").open("rb") as file:
-        found = {m.channel.topic: m.ros_msg for m in decoder.read_ros2_messages(file)}
-    assert {t.child_frame_id for t in found["/tf"].transforms} == {"comotion/my-lab/1", "comotion/my-lab/7"}
-    assert found["/comotion/my_lab/detections"].detections[1].id == "7"
-    assert len(found) == 6
+        topics = {m.channel.topic: m.ros_msg for m in decoder.read_ros2_messages(file)}
+    assert {t.child_frame_id for t in topics["/tf"].transforms} == {"comotion/my-lab/1", "comotion/my-lab/7"}
+    assert topics["/comotion/my_lab/detections"].detections[1].id == "7"
+    assert len(topics) == 6
 
 
 def test_in_a_frame_that_moves_all_is_in_its_axes():
@@ -219,8 +220,8 @@ def test_in_a_frame_that_moves_all_is_in_its_axes():
     at = {t.child_frame_id: t.transform for t in store.deserialize_cdr(raw, TF).transforms}
     body, world = at["comotion/my-lab/7"], at["comotion/my-lab/world/world"]
     assert numbers(body.translation) == [1.5, 2.0, 0.5]
-    for found in (body, world):
-        turn = Rotation.from_quat(numbers(found.rotation)).as_rotvec()
+    for pose in (body, world):
+        turn = Rotation.from_quat(numbers(pose.rotation)).as_rotvec()
         np.testing.assert_allclose(turn, [0, 0, -np.pi / 2], atol=1e-12)
     # x(frame) = R^T (x(world) - t): the origin of the world is at (0, 1, 0) in the axes of the camera.
     np.testing.assert_allclose(numbers(world.translation), [0, 1, 0], atol=1e-12)

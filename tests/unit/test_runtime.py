@@ -237,33 +237,33 @@ class TestStateFile:
 
 class TestStateKeeper:
     def test_it_is_due_at_an_interval_and_when_the_hypotheses_change(self, tmp_path):
-        one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        first, both, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
         with StateKeeper(tmp_path / "state", 100 * SECOND, Fusion()) as keeper:
-            assert keeper.is_due(one, now)
-            keeper.after(one, now)
-            assert not keeper.is_due(one, now + 99 * SECOND)
-            assert keeper.is_due(one, now + 100 * SECOND)
-            assert keeper.is_due(two, now + 90 * SECOND)
+            assert keeper.is_due(first, now)
+            keeper.after(first, now)
+            assert not keeper.is_due(first, now + 99 * SECOND)
+            assert keeper.is_due(first, now + 100 * SECOND)
+            assert keeper.is_due(both, now + 90 * SECOND)
 
     def test_one_that_takes_long_to_write_is_written_less_often(self, tmp_path, monkeypatch):
         spent = iter((0, SECOND))
         monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
-        one, two, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        first, both, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
         keeper, fusion = StateKeeper(tmp_path / "state", SECOND, Fusion()), Fusion()
         keeper._write(fusion.capture())
-        keeper.after(one, now)
-        assert not keeper.is_due(two, now + 10 * SECOND)
-        assert keeper.is_due(two, now + 12 * SECOND)
+        keeper.after(first, now)
+        assert not keeper.is_due(both, now + 10 * SECOND)
+        assert keeper.is_due(both, now + 12 * SECOND)
 
     def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self):
         fusion = Fusion(FusionConfig())
         spec = simulator.load_scene("3d_async")
         batches = (b for b in simulator.batches(simulator.simulate(spec)) if isinstance(b, ObservationBatch))
         captured = []
-        for k, one in zip(range(400), batches, strict=False):
-            fusion.ingest(one)
+        for k, batch in zip(range(400), batches, strict=False):
+            fusion.ingest(batch)
             if k % 40 == 39:
-                fusion.update(one.stamp_ns)
+                fusion.update(batch.stamp_ns)
                 captured.append((fusion.capture(), fusion.snapshot()))
         assert all(b"".join(produce()) == data for produce, data in captured)
 

@@ -25,17 +25,17 @@ def status(name, role="source", at=NOW, **changes):
 @pytest.fixture
 def model():
     """A scene with a service and a source at 30 Hz, both well."""
-    found = SceneModel("cell")
-    add(found, status("fusion", "service", rates={"cam": 30.0}))
-    add(found, status("cam"))
-    return found
+    scene = SceneModel("cell")
+    add(scene, status("fusion", "service", rates={"cam": 30.0}))
+    add(scene, status("cam"))
+    return scene
 
 
-def add(model, one, ahead=0.0, trip=0.002):
+def add(model, status, ahead=0.0, trip=0.002):
     """A component whose clock is ahead, and its Status, which takes half of a round trip."""
-    model.on_presence(one.role, one.component, alive=True)
-    model.on_status(replace(one, stamp_ns=round((NOW + ahead) * 1e9)), NOW + trip / 2, NOW + trip / 2)
-    model.on_cache_answer(one.component, trip)
+    model.on_presence(status.role, status.component, alive=True)
+    model.on_status(replace(status, stamp_ns=round((NOW + ahead) * 1e9)), NOW + trip / 2, NOW + trip / 2)
+    model.on_cache_answer(status.component, trip)
 
 
 def rows(model):
@@ -67,18 +67,18 @@ def test_clocks_are_told_against_the_service_within_the_error_stated(ahead, serv
 def test_a_component_that_falls_silent_is_said_and_one_that_leaves_is_not(model):
     add(model, status("other"))
     model.on_presence("source", "other", alive=False)
-    found = model.status(NOW + SILENT_S + 1)
-    assert found.overall == "stalled"
-    assert [row.name for row in found.components] == ["fusion", "cam"]
-    assert "source cam is silent" in found.problems
+    state = model.status(NOW + SILENT_S + 1)
+    assert state.overall == "stalled"
+    assert [row.name for row in state.components] == ["fusion", "cam"]
+    assert "source cam is silent" in state.problems
 
 
 def test_a_scene_without_a_speaking_service_is_stalled(model):
     assert SceneModel("cell").status(NOW).overall == "stalled"
     add(model, status("fusion", "service", replica="standby"))
-    found = model.status(NOW)
-    assert found.overall == "stalled"
-    assert "none speaks" in found.problems[0]
+    state = model.status(NOW)
+    assert state.overall == "stalled"
+    assert "none speaks" in state.problems[0]
 
 
 def test_replicas_are_shown_with_their_epoch(model):
@@ -106,12 +106,12 @@ def test_links_clocks_and_versions_are_said_before_their_effects(model):
     )
     problems = model.status(NOW).problems
     assert len(problems) == len(beginnings)
-    assert all(one.startswith(words) for one, words in zip(problems, beginnings, strict=True))
+    assert all(problem.startswith(words) for problem, words in zip(problems, beginnings, strict=True))
 
 
 def test_what_is_expected_and_missing_is_a_problem(model):
-    found = missing(model.status(NOW), ("cam", "door"))
-    assert (found.overall, found.problems) == ("degraded", ["door is not there"])
+    state = missing(model.status(NOW), ("cam", "door"))
+    assert (state.overall, state.problems) == ("degraded", ["door is not there"])
 
 
 @pytest.mark.parametrize(

@@ -51,15 +51,14 @@ def preview(stamp_ns, ids):
     return Preview(source="a", session=SESSION, stamp_ns=stamp_ns, **picture)
 
 
-def one(shapes, path):
-    (found,) = [shape.drawn for shape in shapes if shape.path == path]
-    return found
+def drawn_at(shapes, path):
+    (drawn,) = [shape.drawn for shape in shapes if shape.path == path]
+    return drawn
 
 
 def values(drawn, name):
     """What is logged as one component of Rerun's, as NumPy has it."""
-    found = getattr(drawn, name).as_arrow_array().to_pylist()
-    return np.array(found)
+    return np.array(getattr(drawn, name).as_arrow_array().to_pylist())
 
 
 def colours(drawn):
@@ -80,12 +79,12 @@ def flat(moments):
 
 def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update():
     features = Features()
-    first, ids = one(features.draw(update([3, UNDETERMINED]), {}), "spaces/world/features/a")
-    later, _ = one(features.draw(update([UNDETERMINED, 3], 2 * S), {}), "spaces/world/features/a")
+    first, ids = drawn_at(features.draw(update([3, UNDETERMINED]), {}), "spaces/world/features/a")
+    later, _ = drawn_at(features.draw(update([UNDETERMINED, 3], 2 * S), {}), "spaces/world/features/a")
     assert colours(first) == [list(colour(3)), list(GREY)]
     assert colours(later) == [list(GREY), list(colour(3))]
     logged = {str(b.component_descriptor()): b.as_arrow_array() for b in ids.as_component_batches()}
-    assert [found.to_pylist() for name, found in logged.items() if "feature" in name] == [[10, 11]]
+    assert [ids.to_pylist() for name, ids in logged.items() if "feature" in name] == [[10, 11]]
 
 
 def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone():
@@ -106,7 +105,7 @@ def test_labels_stand_above_their_bodies_and_none_covers_another():
     box = Box(center=[0.0, 0.0, 1.0], half=[0.1, 0.1, 0.4], rotation=[0.0, 0.0, 0.0, 1.0])
     bodies = [hypothesis(k, centroid=[0.1 * k, 0.0, 1.0], box=box) for k in range(4)]
     far = hypothesis(9, centroid=[50.0, 0.0, 1.0], state="static")
-    (words,) = one(DRAWING.bodies([*bodies, far]), "p/hypotheses")
+    (words,) = drawn_at(DRAWING.bodies([*bodies, far]), "p/hypotheses")
     heights = values(words, "positions")[:, 2]
     assert heights[0] == pytest.approx(1.4)
     assert np.diff(np.sort(heights[:4])) == pytest.approx(0.4, abs=1e-5)
@@ -117,10 +116,10 @@ def test_bodies_have_boxes_and_what_is_at_rest_has_none():
     half = float(np.sqrt(0.5))  # 90 degrees about z
     box = Box(center=[1.0, 2.0, 3.0], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half])
     bodies = [hypothesis(4, box=box), hypothesis(5, box=box, state="static"), hypothesis(6)]
-    (found,) = one(DRAWING.bodies(bodies), "p/boxes")
-    assert values(found, "centers").tolist() == [[1, 2, 3]]
-    assert colours(found) == [list(colour(4))]
-    np.testing.assert_allclose(values(found, "quaternions"), [[0, 0, half, half]], atol=1e-6)
+    (shape,) = drawn_at(DRAWING.bodies(bodies), "p/boxes")
+    assert values(shape, "centers").tolist() == [[1, 2, 3]]
+    assert colours(shape) == [list(colour(4))]
+    np.testing.assert_allclose(values(shape, "quaternions"), [[0, 0, half, half]], atol=1e-6)
 
 
 def test_an_image_waits_for_the_update_that_knows_its_features():
@@ -129,8 +128,8 @@ def test_an_image_waits_for_the_update_that_knows_its_features():
     assert cameras.due(update([1, 2], S), 0.1) == []
     (moment,) = cameras.due(update([1, 2], 2 * S), 0.2)
     assert moment.stamp_ns == 2 * S
-    assert values(*one(moment.shapes, "cameras/a/image"), "blob").ravel().tolist() == list(b"jpeg")
-    assert colours(one(moment.shapes, "cameras/a/features")[0]) == [
+    assert values(*drawn_at(moment.shapes, "cameras/a/image"), "blob").ravel().tolist() == list(b"jpeg")
+    assert colours(drawn_at(moment.shapes, "cameras/a/features")[0]) == [
         list(colour(2)),
         list(colour(1)),
         list(GREY),
@@ -144,7 +143,7 @@ def test_without_a_service_images_are_shown_grey_and_never_pile_up():
         cameras.add(preview(k, [10]), 0.0)
     moments = cameras.due(None, MAX_DELAY_S + 0.1)
     assert [m.stamp_ns for m in moments] == list(range(5, MAX_DELAYED + 5))
-    assert colours(one(moments[0].shapes, "cameras/a/features")[0]) == [list(GREY)]
+    assert colours(drawn_at(moments[0].shapes, "cameras/a/features")[0]) == [list(GREY)]
 
 
 def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not():
@@ -176,9 +175,9 @@ def test_each_space_is_scored_alone():
     both = update([1, 2, 3, 3], sources=("a", "b"), **tracks)
     said(picture, both)
     scores = {s.path: s.drawn[0] for s in flat(picture.tick(2 * SETTLE_S)) if s.path.startswith("scores/")}
-    found = {path: values(drawn, "scalars").item() for path, drawn in scores.items()}
-    assert (found["scores/a_pixels/nmi"], found["scores/b_pixels/nmi"]) == (1.0, 0.0)
-    assert found["scores/b_pixels/wrong"] == 0.5
+    latest = {path: values(drawn, "scalars").item() for path, drawn in scores.items()}
+    assert (latest["scores/a_pixels/nmi"], latest["scores/b_pixels/nmi"]) == (1.0, 0.0)
+    assert latest["scores/b_pixels/wrong"] == 0.5
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch, capsys):
@@ -231,13 +230,13 @@ def test_every_shape_of_a_recording_arrives_in_the_file(tmp_path, capsys):
     assert run(["view", str(tmp_path / "a.mcap"), "--save", str(tmp_path / "a.rrd")]) == 0
     assert "5 updates" in capsys.readouterr().err
     command = [Path(rerun_cli.__file__).with_name("rerun"), "rrd", "print", "-v", tmp_path / "a.rrd"]
-    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     expected = [
         "/cameras/a/image", "/cameras/a/features", "/lags/a", "/legend/dots", "/log", "/rates/a",
         "/scores/plane/nmi", "/sizes/1", "/spaces/plane/features/a", "/spaces/plane/frames", "/summary",
         "/spaces/plane/hypotheses", "/spaces/plane/trails", "/spaces/plane/twist/linear",
     ]  # fmt: skip
-    assert [path for path in expected if path not in told] == []
+    assert [path for path in expected if path not in text] == []
 
 
 def recorded(k):

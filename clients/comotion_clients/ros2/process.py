@@ -13,11 +13,12 @@ import zenoh
 from comotion_schemas import HypothesisUpdate, Status
 from comotion_schemas.component import StatusFields, Where, viewer
 from comotion_schemas.naming import Names
+from comotion_schemas.ros_types import topic_key
 from comotion_schemas.transport import SessionSettings, open_session
 
 from ..feed import SceneFeed
 from .messages import Converter
-from .types import Node, attachment, definition, to_cdr, topic_chunk, topic_key, type_hash
+from .types import Node, attachment, dds_name, definition, to_cdr, topic_chunk, type_hash
 
 _POLL_S = 0.2
 
@@ -104,9 +105,8 @@ class Network(ExitStack):
         tokens = [node.token()]
         for number, (topic, kind) in enumerate(kinds.items(), 1):
             hash_ = type_hash(kind)
-            self._publishers[topic] = session.declare_publisher(
-                topic_key(domain, topic, kind, hash_), congestion_control=zenoh.CongestionControl.DROP
-            )
+            key, drop = topic_key(topic, domain, dds_name(kind), hash_), zenoh.CongestionControl.DROP
+            self._publishers[topic] = session.declare_publisher(key, congestion_control=drop)
             self.callback(self._publishers[topic].undeclare)
             tokens.append(node.publisher_token(number, topic, kind, hash_))
         for token in tokens:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from comotion_schemas.errors import KnownError
 from comotion_schemas.ros_types import store
 
 TF = "tf2_msgs/msg/TFMessage"
@@ -67,7 +66,6 @@ def _field(kind: Any, value: Any) -> Any:
 
 # Quality of service in a token: all defaults, depth 10.
 _QOS = "::,10:,:,:,,"
-_GID_BYTES = 16
 
 
 def topic_chunk(scene: str) -> str:
@@ -80,11 +78,6 @@ def dds_name(kind: str) -> str:
     """DDS name of a type: ``sensor_msgs/msg/PointCloud2`` is ``sensor_msgs::msg::dds_::PointCloud2_``."""
     package, middle, name = kind.split("/")
     return f"{package}::{middle}::dds_::{name}_"
-
-
-def topic_key(domain: int, topic: str, kind: str, hash_: str) -> str:
-    """Key on which a topic is published."""
-    return f"{domain}/{topic.strip('/')}/{dds_name(kind)}/{hash_}"
 
 
 @dataclass(frozen=True)
@@ -109,13 +102,5 @@ class Node:
 
 
 def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """The 33 bytes that go with every message: number, time of sending, and the publisher's id [16].
-
-    Raises
-    ------
-    ValueError
-        If the id does not have 16 bytes.
-    """
-    if len(gid) != _GID_BYTES:
-        raise KnownError(f"the id of a publisher has {len(gid)} bytes, not {_GID_BYTES}")
-    return struct.pack("<qqB", sequence, stamp_ns, _GID_BYTES) + gid
+    """The 33 bytes that go with every message: number, time of sending, and the publisher's id [16]."""
+    return struct.pack("<qqB16s", sequence, stamp_ns, len(gid), gid)

@@ -10,7 +10,7 @@ from ..network import Ready, Session, host_name, urls
 from ..options import Command, Json, add, argument, as_function, flowing, option, setting
 
 if TYPE_CHECKING:
-    from comotion.runtime.standby import Etcd
+    from comotion.runtime.standby.etcd import Etcd
 
     from ..fleet.plan import Holder
 
@@ -35,7 +35,7 @@ class Cluster(Command):
 
     def cluster(self) -> "Etcd":
         """Return the client; urls and certificate may stand before the subcommand or after it."""
-        from comotion.runtime.standby import Etcd
+        from comotion.runtime.standby.etcd import Etcd
         from comotion_schemas.tls import load_tls
 
         group = {} if self.ctx.parent is None else self.ctx.parent.params

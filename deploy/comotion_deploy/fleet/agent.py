@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from comotion.runtime.standby import Etcd, EtcdUnavailableError
+from comotion.runtime.standby.etcd import Etcd, EtcdUnavailableError
 from comotion_schemas.component import stop_on_signals
 from comotion_schemas.readiness import announce_ready
 

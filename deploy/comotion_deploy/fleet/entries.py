@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from comotion.runtime.standby import Etcd
+from comotion.runtime.standby.etcd import Etcd
 
 from .plan import Agent, Fleet, Holder, Place, Scene
 

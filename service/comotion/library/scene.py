@@ -5,7 +5,6 @@ from __future__ import annotations  # help() shows short types
 import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping
-from types import TracebackType
 from typing import Any, Self, Unpack
 
 import numpy as np
@@ -101,9 +100,7 @@ class Scene:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *others: object) -> None:
         if self._newest and kind is None:
             self.update()
         self._closed = True

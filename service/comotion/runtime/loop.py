@@ -25,7 +25,7 @@ from .intake import Intake
 from .log_limit import DefectLog
 from .output import Output, handlers
 from .presence import Presence
-from .standby import Election, Follower
+from .standby.election import Election, Follower
 from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.

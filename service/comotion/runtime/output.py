@@ -11,7 +11,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
 from typing import Any, get_args
 from urllib.parse import unquote
 
@@ -29,7 +28,7 @@ from comotion_schemas.transport import Publisher, declare_publisher
 from ..fusion import Fusion
 from .log_limit import limited
 from .presence import Presence
-from .standby import Election
+from .standby.election import Election
 
 AFFINITY_SCHEMA = "comotion.Affinity/1"
 _AFFINITY_ENCODING = f"application/msgpack;{AFFINITY_SCHEMA}"
@@ -149,11 +148,6 @@ def handlers(
     return answers
 
 
-@cache
-def _schemas() -> dict[str, dict[str, Any]]:
-    return json_schemas()
-
-
 def _accounts(fusion: Fusion) -> bytes:
     listed, ledger = [], fusion.timeline.ledger
     for key, account in ledger.accounts.items():
@@ -163,7 +157,7 @@ def _accounts(fusion: Fusion) -> bytes:
 
 
 def _schema(message: str | None) -> bytes:
-    schemas = _schemas()
+    schemas = json_schemas()
     if message is None:
         return json.dumps(schemas).encode()
     if message not in schemas:

@@ -20,7 +20,8 @@ from .clocks import ClockName, SourceClocks
 from .health import Health
 from .loop import Loop
 from .presence import Presence
-from .standby import DEFAULT_LEASE_S, Election, Etcd
+from .standby.election import DEFAULT_LEASE_S, Election
+from .standby.etcd import Etcd
 from .state_file import StateKeeper, begin_afresh, load_fusion
 
 DEFAULT_NAME = "fusion"

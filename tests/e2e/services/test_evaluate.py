@@ -55,17 +55,17 @@ def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
     updates.until(has_ended)
     assert live.interrupt() == 0
 
-    found = json.loads(live.output[live.output.index("{") :])
+    scored = json.loads(live.output[live.output.index("{") :])
     (offline,) = evaluate_inputs(
         find_inputs([f"sim:{TWO_BODIES}"]),
         FusionConfig(method="thesis", thesis={"sigma_switch": 0.02, "v_move": None}),
     )
-    assert found["lost"] == 0
-    assert found["final_nmi"] == offline.run.summary.final_nmi == 1.0
+    assert scored["lost"] == 0
+    assert scored["final_nmi"] == offline.run.summary.final_nmi == 1.0
     # Updates fall on other instants; the one at which the bodies part weighs a twentieth.
-    assert found["mean_nmi"] == pytest.approx(offline.run.summary.mean_nmi, abs=0.1)
+    assert scored["mean_nmi"] == pytest.approx(offline.run.summary.mean_nmi, abs=0.1)
     # The wait at the end, with no source left, is not scored.
-    stamps = [row["stamp_ns"] for row in found["over_time"]]
+    stamps = [row["stamp_ns"] for row in scored["over_time"]]
     assert stamps == sorted(set(stamps))
     assert plot.stat().st_size > 10_000
     assert not ready.exists()

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from comotion.runtime.standby import Etcd
+from comotion.runtime.standby.etcd import Etcd
 from comotion_clients.subscription import Subscription
 from comotion_deploy.cli import run
 from comotion_deploy.fleet.entries import add_scene, claim, read_fleet, register, say_leaving, say_ready
@@ -28,10 +28,10 @@ def fleet(start, endpoint, etcd):
 
     def start_all(*names):
         words = ("fleet", "--etcd", etcd.urls[0], "--capacity", 2 * SCENES, "--connect", endpoint)
-        found = {name: start(*words, "--name", name, ready=False) for name in names}
-        for process in found.values():
+        agents = {name: start(*words, "--name", name, ready=False) for name in names}
+        for process in agents.values():
             process.wait_ready()
-        return found
+        return agents
 
     return start_all
 

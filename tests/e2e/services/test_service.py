@@ -118,7 +118,7 @@ def affinities(busy):
     answer = msgpack.unpackb(content(ask(busy.session, "affinity?space=world")))
     tracks = np.frombuffer(answer["track_id"], "<u8")
     matrix = np.frombuffer(answer["matrix"], "<f4").reshape(len(tracks), len(tracks))
-    assert (answer["schema"], [one["name"] for one in answer["sources"]]) == ("comotion.Affinity/1", ["left"])
+    assert (answer["schema"], [row["name"] for row in answer["sources"]]) == ("comotion.Affinity/1", ["left"])
     assert np.array_equal(matrix, matrix.T)
     return matrix[np.ix_(np.argsort(tracks), np.argsort(tracks))]
 

@@ -5,7 +5,8 @@ import time
 
 import pytest
 
-from comotion.runtime.standby import Election, Etcd
+from comotion.runtime.standby.election import Election
+from comotion.runtime.standby.etcd import Etcd
 from comotion_clients.subscription import Subscription
 from comotion_deploy.demo import free_endpoint
 from comotion_schemas import HypothesisUpdate, Keys, Status, decode_as
@@ -118,10 +119,10 @@ class Host:
 @pytest.fixture
 def hosts(start, endpoint, etcd):
     """Names of two replicas to their hosts."""
-    found = {name: Host(start, endpoint, etcd.urls[0], name) for name in NAMES}
-    for host in found.values():
+    hosts = {name: Host(start, endpoint, etcd.urls[0], name) for name in NAMES}
+    for host in hosts.values():
         host.process.wait_ready()
-    return found
+    return hosts
 
 
 class Watched:
@@ -199,7 +200,7 @@ def test_a_service_that_is_cut_off_stopped_or_killed_is_followed_by_the_standby_
     said = len(cut_off.process.lines)
     cut_off.mend()
     cut_off.process.wait_line(lambda line: "is a standby now" in line, start=said)
-    assert [one.component for one in asked(session)] == [other]
+    assert [status.component for status in asked(session)] == [other]
     follows(speaks.component)
 
     before = client.until(is_sorted_out)
@@ -216,4 +217,4 @@ def test_a_service_that_is_cut_off_stopped_or_killed_is_followed_by_the_standby_
     cut_off.process.kill()
     after = client.until(lambda update: update.epoch > before.epoch)
     check_takeover(before, after, client)
-    assert [one.component for one in asked(session)] == [other]
+    assert [status.component for status in asked(session)] == [other]

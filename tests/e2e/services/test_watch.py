@@ -39,12 +39,12 @@ def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint,
     lines = start("watch", *at, ready=False)
     once = start("watch", "--once", "--json", "--timeout", DEADLINE, *at, ready=False)
     assert once.wait() == 0
-    found = json.loads(once.output)
-    (source,) = found["sources"]
+    scene = json.loads(once.output)
+    (source,) = scene["sources"]
     assert (source["name"], source["state"], source["tracks"]) == ("camera", "ok", 1)
     assert source["rate"] > 0
-    assert found["hypotheses"][0]["id"] == 42
-    assert found["service"]["state"] == "ok"
+    assert scene["hypotheses"][0]["id"] == 42
+    assert scene["service"]["state"] == "ok"
     lines.wait_line(lambda line: "1 track 1 hypothesis 0 undetermined" in line)
     assert lines.interrupt() == 0
     assert "\x1b" not in lines.output

@@ -3,8 +3,3 @@
 A single service needs none of it. :class:`Follower` is a part of the service's loop; what a takeover does to
 ids is computed in the core, in :mod:`comotion.following`.
 """
-
-from .election import DEFAULT_LEASE_S, Election, Follower
-from .etcd import Entry, Etcd, EtcdUnavailableError
-
-__all__ = ["DEFAULT_LEASE_S", "Election", "Entry", "Etcd", "EtcdUnavailableError", "Follower"]

@@ -136,28 +136,19 @@ class Etcd:
 
     def _request(self, request: "Callable[[Etcd3Client], Answer]", *, refusable: bool = False) -> Answer:
         """Ask the member that answered last, then the others; where it may refuse, that is its answer."""
-        from etcd3gw.exceptions import Etcd3Exception  # noqa: PLC0415
+        from etcd3gw import exceptions  # noqa: PLC0415
 
-        reason = ""
+        lost, broken = exceptions.ConnectionFailedError, exceptions.InternalServerError
+        reason, no_answer = "", (lost, exceptions.ConnectionTimeoutError, broken)
         for _ in range(len(self._members)):
             try:
                 return request(self._members[0])
-            except Etcd3Exception as error:
-                if refusable and not isinstance(error, _no_answer()):
+            except exceptions.Etcd3Exception as error:
+                if refusable and not isinstance(error, no_answer):
                     raise
                 reason = str(error).split("\n")[0][:200]
                 self._members.append(self._members.pop(0))
         raise EtcdUnavailableError(f"etcd does not answer at {', '.join(self.urls)}: {reason}")
-
-
-def _no_answer() -> tuple[type[Exception], ...]:
-    from etcd3gw import exceptions  # noqa: PLC0415
-
-    return (
-        exceptions.ConnectionFailedError,
-        exceptions.ConnectionTimeoutError,
-        exceptions.InternalServerError,
-    )
 
 
 def _member(url: str, tls: TlsFiles | None) -> "Etcd3Client":
