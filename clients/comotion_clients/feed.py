@@ -155,38 +155,6 @@ class Viewed:
 _READ = (TruthBatch, ObservationBatch, Status, Preview, HypothesisUpdate)
 
 
-class _Feed(SceneFeed):
-    """Gives a display what arrives of one scene, and counts."""
-
-    def __init__(self, session: zenoh.Session, scene: str) -> None:
-        super().__init__(session, scene, _READ, updates_kept=UPDATES_KEPT)
-        self._ages: deque[float] = deque(maxlen=_AGES_KEPT)
-        self._shown = 0
-
-    def show(self, display: Display) -> None:
-        """Give received messages to a display, and let it show them."""
-        messages = [message for message, _ in self.pour(display)]
-        updates = [message for message in messages if isinstance(message, HypothesisUpdate)]
-        display.refresh(time.monotonic())
-        if updates:
-            self._shown += 1
-            self._ages.append((time.time_ns() - updates[-1].published_ns) / 1e9)
-            display.age_s = self._ages[-1]
-
-    def status(self) -> StatusFields:
-        """Build the Status of the viewer."""
-        updates = self.of[HypothesisUpdate]
-        counters = {"updates": self._shown, "lost": updates.counters.lost, "dropped": updates.dropped}
-        return StatusFields(ages={"hypotheses": self._ages[-1]} if self._ages else {}, counters=counters)
-
-    def viewed(self) -> Viewed:
-        """What was shown so far."""
-        updates, names = self.of[HypothesisUpdate], ("median", "p99", "max")
-        ages = np.percentile(self._ages, (50, 99, 100)).tolist() if self._ages else [None] * 3
-        counts = self._shown, updates.counters.lost, updates.dropped
-        return Viewed(*counts, dict(zip(names, ages, strict=True)))
-
-
 def follow(display: Display, duration: float | None = None, **where: Unpack[Where]) -> Viewed:
     """Give a display the messages of a scene until a signal arrives, `duration` s are over, or it is closed.
 
@@ -195,20 +163,32 @@ def follow(display: Display, duration: float | None = None, **where: Unpack[Wher
     ValueError
         If the scene name or an endpoint is not valid.
     """
-    feeds: list[_Feed] = []
-    status = lambda: feeds[0].status() if feeds else StatusFields()  # noqa: E731
+    ages: deque[float] = deque(maxlen=_AGES_KEPT)
+    counts: dict[str, int] = {}
+
+    def status() -> StatusFields:
+        return StatusFields(ages={"hypotheses": ages[-1]} if ages else {}, counters=dict(counts))
+
     with (
         viewer("view", status=status, **where) as component,
-        _Feed(component.session, component.scene) as feed,
+        SceneFeed(component.session, component.scene, _READ, updates_kept=UPDATES_KEPT) as feed,
     ):
-        feeds.append(feed)
         component.ready()
+        updates, shown = feed.of[HypothesisUpdate], 0
         end = float("inf") if duration is None else time.monotonic() + duration
         while not component.stop.wait(POLL_S) and not display.closed:
-            feed.show(display)
+            messages = [message for message, _ in feed.pour(display)]
+            display.refresh(time.monotonic())
+            if new := [message for message in messages if isinstance(message, HypothesisUpdate)]:
+                shown += 1
+                ages.append((time.time_ns() - new[-1].published_ns) / 1e9)
+                display.age_s = ages[-1]
+            counts |= {"updates": shown, "lost": updates.counters.lost, "dropped": updates.dropped}
             if time.monotonic() >= end:
                 break
-        return feed.viewed()
+        values = np.percentile(ages, (50, 99, 100)).tolist() if ages else [None] * 3
+        age_s = dict(zip(("median", "p99", "max"), values, strict=True))
+        return Viewed(shown, updates.counters.lost, updates.dropped, age_s)
 
 
 def play(display: Display, messages: Iterable[tuple[int, Message]], *, in_time: bool = False) -> int:
