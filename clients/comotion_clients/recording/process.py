@@ -99,11 +99,12 @@ class Result:
         return lines
 
 
-class _Recorder:
+class _Recorder(Series):
     """Writes pending payloads to the files and flushes them to the disk every second."""
 
-    def __init__(self, series: Series, pending: PendingPayloads) -> None:
-        self.series, self.pending = series, pending
+    def __init__(self, options: SeriesOptions) -> None:
+        super().__init__(options)
+        self.pending = PendingPayloads()
         self.begun = time.monotonic()
         self._flush_at = self.begun + FLUSH_S
         self._reported_losses = 0
@@ -113,58 +114,64 @@ class _Recorder:
         """Write the pending payloads, waiting up to `timeout` s for the first."""
         self.pending.wait(timeout)
         for arrival in self.pending.drain():
-            self.series.add(arrival)
+            self.add(arrival)
         if time.monotonic() >= self._flush_at:
-            self.series.flush()
+            self.flush()
             self._flush_at = time.monotonic() + FLUSH_S
-            lost = self.losses()["lost"]
+            lost = self.lost.total()
             if lost > self._reported_losses:
                 _log.warning("%s, %d so far", counted(lost - self._reported_losses, "lost message"), lost)
             self._reported_losses = lost
 
     def losses(self) -> dict[str, int]:
         """Total numbers of lost and dropped messages."""
-        return {"lost": self.series.lost.total(), "dropped": self.pending.dropped}
+        return {"lost": self.lost.total(), "dropped": self.pending.dropped}
 
     def status(self) -> StatusFields:
         """Build the Status of the recorder."""
-        series, losses, wall = self.series, self.losses(), time.time_ns()
+        losses, wall = self.losses(), time.time_ns()
         return StatusFields(
             state="degraded" if losses["lost"] or losses["dropped"] else "ok",
-            rates=self._rates.of({**series.messages}),
-            ages={kind: max(0.0, (wall - at) / 1e9) for kind, at in series.newest.items()},
+            rates=self._rates.of({**self.messages}),
+            ages={kind: max(0.0, (wall - at) / 1e9) for kind, at in self.newest.items()},
             counters={
-                "messages": series.messages.total(),
-                "bytes": series.file_bytes,
-                "files": len(series.paths),
+                "messages": self.messages.total(),
+                "bytes": self.file_bytes,
+                "files": len(self.paths),
                 **losses,
             },
-            rejected=cast("dict[RejectionReason, int]", dict(series.invalid)),
-            message=f"records into {series.path.name}",
+            rejected=cast("dict[RejectionReason, int]", dict(self.invalid)),
+            message=f"records into {self.path.name}",
         )
 
     def line(self) -> str:
         """Format the progress as one line."""
-        series, lost = self.series, self.losses()["lost"]
-        seconds = time.monotonic() - self.begun
+        seconds, lost = time.monotonic() - self.begun, self.lost.total()
         losses = f", {lost} lost" if lost else ""
         return (
-            f"{series.path.name}: {seconds:.0f} s, {counted(series.messages.total(), 'message')}, "
-            f"{series.file_bytes / 2**20:.2f} MiB{losses}"
+            f"{self.path.name}: {seconds:.0f} s, {counted(self.messages.total(), 'message')}, "
+            f"{self.file_bytes / 2**20:.2f} MiB{losses}"
         )
 
     def result(self) -> Result:
         """Summarise the recording so far."""
-        series = self.series
         return Result(
-            files=[str(path) for path in series.paths],
+            files=[str(path) for path in self.paths],
             seconds=time.monotonic() - self.begun,
-            messages={**series.messages},
-            bytes=sum(path.stat().st_size for path in series.paths),
-            lost=dict(series.lost),
+            messages={**self.messages},
+            bytes=sum(path.stat().st_size for path in self.paths),
+            lost=dict(self.lost),
             dropped=dict(self.pending.dropped_of),
-            invalid=dict(series.invalid),
+            invalid=dict(self.invalid),
         )
+
+    def remove_files_of_nothing(self) -> bool:
+        """Remove the files if nothing was received; its own Status is a message of the scene too."""
+        if any(count for kind, count in self.messages.items() if kind != "status"):
+            return False
+        for path in self.paths:
+            path.unlink(missing_ok=True)
+        return True
 
 
 def record(
@@ -194,15 +201,13 @@ def record(
     StorageError
         If the disk is full; the files are intact.
     """
-    pending = PendingPayloads()
-    series = Series(options)
-    recorder = _Recorder(series, pending)
+    recorder = _Recorder(options)
     timeout = None if duration is None else ROUTER_TIMEOUT_S
     recording = partial(Component, role="recorder", status=recorder.status, connect_timeout=timeout)
     progress = reporting(terminal_s=_TERMINAL_LINE_S, plain_s=_PLAIN_LINE_S)
     try:
         with recording(name=name, **where) as component:
-            with receiving(component.session, component.keys, pending), progress as report:
+            with receiving(component.session, component.keys, recorder.pending), progress as report:
                 recorder.begun = time.monotonic()
                 end = float("inf") if duration is None else recorder.begun + duration
                 component.ready()
@@ -210,23 +215,14 @@ def record(
                     recorder.step(min(_STEP_S, left))
                     report(recorder.line)
             recorder.step(0.0)
-        series.close(recorder.losses())
+        recorder.close(recorder.losses())
     except StorageError as error:
-        series.abandon()
+        recorder.abandon()
         raise StorageError(f"the recording has stopped: {error}") from None
     except BaseException:
-        series.abandon()
-        _without_files_of_nothing(series)
+        recorder.abandon()
+        recorder.remove_files_of_nothing()
         raise
-    if _without_files_of_nothing(series):
+    if recorder.remove_files_of_nothing():
         raise KnownError(f"no message was received in scene {options.scene!r}: nothing was recorded")
     return recorder.result()
-
-
-def _without_files_of_nothing(series: Series) -> bool:
-    """Remove the files if nothing was received, and tell; its own Status is a message of the scene too."""
-    if any(count for kind, count in series.messages.items() if kind != "status"):
-        return False
-    for path in series.paths:
-        path.unlink(missing_ok=True)
-    return True

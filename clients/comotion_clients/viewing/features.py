@@ -171,7 +171,7 @@ class Cameras:
     names
         Names of hypotheses by id.
     dense
-        Whether to draw the regions of hypotheses too. Needs the extra `dense`.
+        Whether to draw the regions of hypotheses too.
 
     Attributes
     ----------
