@@ -207,10 +207,8 @@ def test_a_colour_stays_while_its_hypothesis_is_listed_and_no_two_share_one():
 
 def test_the_largest_at_rest_is_the_background_of_its_space():
     palette = Palette()
-    elsewhere, small = (
-        hypothesis(3, state="static", space="b"),
-        hypothesis(2, state="undetermined", size=4),
-    )
+    elsewhere = hypothesis(3, state="static", space="b")
+    small = hypothesis(2, state="undetermined", size=4)
     palette.see([hypothesis(1, state="undetermined", size=30), small, elsewhere])
     assert palette.colour(1) == palette.colour(3) == BACKGROUND
     assert palette.colour(2) == colour(2)

@@ -70,10 +70,8 @@ def update(count=6, stamp_ns=5 * S + 250):
         twist=Twist(linear=[0.0, 1.0, 0.0], angular=[0.0, 0.0, 2.0]),
         box=Box(center=[1.5, 2.0, 0.5], half=[0.3, 0.2, 0.1], rotation=[0.0, 0.0, half, half]),
     )
-    rest, image = (
-        hypothesis(1, size=2, state="static"),
-        hypothesis(9, space="cam/pixels", centroid=[5.0, 5.0]),
-    )
+    rest = hypothesis(1, size=2, state="static")
+    image = hypothesis(9, space="cam/pixels", centroid=[5.0, 5.0])
     positions = np.zeros((count + 1, 3), np.float32)
     positions[:, 0] = np.arange(count + 1)
     positions[-1, 2] = np.nan
