@@ -129,10 +129,7 @@ def poses_in_space(update: HypothesisUpdate) -> HypothesisUpdate:
     turned = [
         body
         if body.pose is None or body.space not in back
-        else replace(
-            body,
-            pose=pose_of(back[body.space] * transform(body.pose), len(body.centroid)),
-        )
+        else replace(body, pose=pose_of(back[body.space] * transform(body.pose), len(body.centroid)))
         for body in update.hypotheses
     ]
     return replace(update, hypotheses=turned)

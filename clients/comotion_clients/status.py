@@ -58,10 +58,7 @@ def status(
     """
     settings = settings or client_settings()
     deadline = time.monotonic() + timeout
-    with (
-        connect(settings, timeout=timeout) as session,
-        _StatusFeed(session, scene) as feed,
-    ):
+    with connect(settings, timeout=timeout) as session, _StatusFeed(session, scene) as feed:
         while True:
             feed.run(LOOK_S)
             state = missing(feed.model.status(time.monotonic()), expect)

@@ -67,11 +67,8 @@ class Tracking:
         np.add.at(shared, (row, column), 1)
         overlap = shared / (shared.sum(1)[:, None] + shared.sum(0)[None, :] - shared)
         kept = listed != UNDETERMINED
-        self._instants.append(
-            _Instant(
-                _numbered(true, self._objects), _numbered(listed[kept], self._hypotheses), overlap[:, kept]
-            )
-        )
+        numbers = _numbered(true, self._objects), _numbered(listed[kept], self._hypotheses)
+        self._instants.append(_Instant(*numbers, overlap[:, kept]))
 
     def figures(self) -> TrackingFigures:
         """Figures over all instants; 0 where nothing is matched, NaN without any."""

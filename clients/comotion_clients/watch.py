@@ -86,10 +86,7 @@ def watch(
 
 def _snapshot(model: SceneModel, settings: SessionSettings, timeout: float) -> Snapshot:
     """Collect messages for a moment; how the scene is then."""
-    with (
-        connect(settings, timeout=timeout) as session,
-        SceneFeed(session, model.scene, _READ) as feed,
-    ):
+    with connect(settings, timeout=timeout) as session, SceneFeed(session, model.scene, _READ) as feed:
         deadline = time.monotonic() + timeout
         while not model.seen:
             if time.monotonic() > deadline:

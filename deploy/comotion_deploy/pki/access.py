@@ -145,7 +145,8 @@ def _source(grant: Grant, scene: str) -> list[Rule]:
 
 def _service(grant: Grant, scene: str) -> list[Rule]:
     queries, short = [f"{scene}/query/*"], grant.name[:TOKEN_NAME_CHARACTERS]
-    read = [f"{scene}/obs/*", *_with_cache(f"{scene}/status/*"), *_with_cache(f"{scene}/hypotheses")]
+    cached = ("status/*", "hypotheses")
+    read = [f"{scene}/obs/*", *(f"{scene}/{key}{end}" for key in cached for end in ("", "/@adv/**"))]
     presence = [f"{scene}/live/*/*", f"{scene}/*/*/@adv/**", f"{scene}/*/@adv/**"]
     # A service that stands alone adds claim and session to its token; the agent of a host numbers services.
     names = [grant.name, f"{grant.name}-$*"]
@@ -185,10 +186,6 @@ def _cached(keys: list[str]) -> list[Rule]:
         ("ingress", ["put", "reply"], [*keys, *caches]),
         ("ingress", ["declare_queryable", "liveliness_token"], caches),
     ]
-
-
-def _with_cache(key: str) -> list[str]:
-    return [key, f"{key}/@adv/**"]
 
 
 def _rate_limits(grants: Sequence[Grant]) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ its folder and restart the routers.
 import os
 import secrets
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -138,7 +139,14 @@ class Authority:
         """Read and check the certificates of all components, by name."""
         folders = sorted(p.parent for p in self.folder.glob(f"[!.]*/{CERTIFICATE_FILE}"))
         entries = [self._check(folder) for folder in folders]
-        return _without_doubles(entries)
+        names = Counter(entry.grant.common_name for entry in entries if entry.grant and not entry.problem)
+        # Of several components with one common name none is trusted: their rules would add up.
+        return [
+            replace(entry, problem="another component has its common name")
+            if entry.grant and not entry.problem and names[entry.grant.common_name] > 1
+            else entry
+            for entry in entries
+        ]
 
     def _common_name(self, folder: Path, grant: Grant, *, renew: bool) -> str:
         if not renew:
@@ -196,17 +204,6 @@ def export(folder: Path, name: str, out: Path) -> list[Path]:
         (out / other).mkdir(mode=0o700, exist_ok=True)
         shutil.copy2(folder / other / CERTIFICATE_FILE, out / other / CERTIFICATE_FILE)
     return [out / entry for entry in (name, *others)]
-
-
-def _without_doubles(entries: list[Issued]) -> list[Issued]:
-    """Trust none of several components with the same common name: their rules would add up."""
-    names = [entry.grant.common_name for entry in entries if entry.grant is not None and not entry.problem]
-    return [
-        replace(entry, problem="another component has its common name")
-        if entry.grant is not None and not entry.problem and names.count(entry.grant.common_name) > 1
-        else entry
-        for entry in entries
-    ]
 
 
 def _write(path: Path, content: bytes, mode: int = _OWN_ONLY) -> None:
