@@ -72,10 +72,7 @@ def watch(
         console = Console(width=None if sys.stdout.isatty() else POSE_WIDTH if pose else PLAIN_WIDTH)
         console.print(render(snapshot, console.width, WHOLE, sort, keys=False, pose=pose))
         return
-    with (
-        viewer("watch", **where) as component,
-        SceneFeed(component.session, component.scene, _READ) as feed,
-    ):
+    with viewer("watch", **where) as component, SceneFeed(component.session, component.scene, _READ) as feed:
         if where.get("ready_file") is not None:
             component.ready()
         if json or not sys.stdout.isatty():

@@ -78,7 +78,7 @@ def flat(moments):
 
 
 def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update():
-    features = Features()
+    features = Features(Palette(), {})
     first, ids = drawn_at(features.draw(update([3, UNDETERMINED]), {}), "spaces/world/features/a")
     later, _ = drawn_at(features.draw(update([UNDETERMINED, 3], 2 * S), {}), "spaces/world/features/a")
     assert colours(first) == [list(colour(3)), list(GREY)]
@@ -123,7 +123,7 @@ def test_bodies_have_boxes_and_what_is_at_rest_has_none():
 
 
 def test_an_image_waits_for_the_update_that_knows_its_features():
-    cameras = Cameras()
+    cameras = Cameras(Palette(), {})
     cameras.add(preview(2 * S, [11, 10, 99]), 0.0)
     assert cameras.due(update([1, 2], S), 0.1) == []
     (moment,) = cameras.due(update([1, 2], 2 * S), 0.2)
@@ -138,7 +138,7 @@ def test_an_image_waits_for_the_update_that_knows_its_features():
 
 
 def test_without_a_service_images_are_shown_grey_and_never_pile_up():
-    cameras = Cameras()
+    cameras = Cameras(Palette(), {})
     for k in range(MAX_DELAYED + 5):
         cameras.add(preview(k, [10]), 0.0)
     moments = cameras.due(None, MAX_DELAY_S + 0.1)

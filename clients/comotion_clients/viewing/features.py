@@ -54,9 +54,8 @@ class Features:
     `palette` has seen the updates.
     """
 
-    def __init__(self, palette: Palette | None = None, names: Names | None = None) -> None:
-        self._palette = palette or Palette()
-        self._names = {} if names is None else names  # they may still come
+    def __init__(self, palette: Palette, names: Names) -> None:
+        self._palette, self._names = palette, names
         self._spaces: dict[str, _Space] = {}
         self._paths = Paths("spaces")
         self._trails: dict[str, Trails] = {}
@@ -179,12 +178,8 @@ class Cameras:
         View of every camera that has shown an image, by source.
     """
 
-    def __init__(
-        self, palette: Palette | None = None, names: Names | None = None, *, dense: bool = False
-    ) -> None:
-        self._palette = palette or Palette()
-        self._names_of = {} if names is None else names
-        self._dense = dense
+    def __init__(self, palette: Palette, names: Names, *, dense: bool = False) -> None:
+        self._palette, self._names, self._dense = palette, names, dense
         self._paths = Paths("cameras")
         self.views: dict[str, SpaceView] = {}
         self._trails: dict[str, Trails] = {}
@@ -247,7 +242,7 @@ class Cameras:
         middles = [np.median(preview.pixels[hypotheses == h], axis=0) for h in shown.tolist()]
         positions = np.array(middles, np.float32).reshape(-1, 2)
         inks = [self._palette.legible(h) for h in shown.tolist()]
-        words = [named(h, self._names_of) for h in shown.tolist()]
+        words = [named(h, self._names) for h in shown.tolist()]
         row = _ROW_SHARE * float(np.max(preview.pixels[:, 1], initial=1.0))
         return drawing.labels(path, inks, apart(positions, (0, -1), row), words)
 

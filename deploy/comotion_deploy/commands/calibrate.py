@@ -44,12 +44,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
 
         from comotion_sources.calibration.files import Calibration, format_calibration, read_calibration
         from comotion_sources.cameras.opening import open_frames
-        from comotion_sources.pair_calibration import (
-            calibrate_pair,
-            frame_pairs,
-            intrinsics_of,
-            parse_target,
-        )
+        from comotion_sources.pair_calibration import calibrate_pair, frame_pairs, intrinsics_of, parse_target
 
         wanted = parse_target(self.target)
         given_a, given_b = (
