@@ -66,9 +66,9 @@ def colours(drawn):
     return [[c >> 24, c >> 16 & 255, c >> 8 & 255] for c in values(drawn, "colors").tolist()]
 
 
-def said(picture, *messages, arrived=0.0, wall_ns=S):
+def said(picture, *messages, arrived=0.0):
     for message in messages:
-        picture.on_message(message, arrived, wall_ns)
+        picture.on_message(message, arrived, S)
     moments, picture.moments = picture.moments, []
     return moments
 
