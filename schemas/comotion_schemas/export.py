@@ -19,6 +19,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 
 
+@cache
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Map message name -> JSON Schema of its header."""
     schemas = {}
