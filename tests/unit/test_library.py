@@ -95,7 +95,7 @@ def test_the_notebook_runs(tmp_path, monkeypatch, capsys):
             exec(compile("".join(cell["source"]), "library.ipynb", "exec"), names)
     assert "moving 12 features" in capsys.readouterr().out
     assert (tmp_path / "bodies.png").stat().st_size > 10_000
-    assert names["groups"].plot()._repr_png_().startswith(b"\x89PNG")  # which a notebook shows
+    assert names["grouping"].plot()._repr_png_().startswith(b"\x89PNG")  # which a notebook shows
     assert names["scene"].dropped == {}
     assert sum(h.state == "moving" for h in names["update"].hypotheses) == 1
 

@@ -9,7 +9,7 @@ import pytest
 
 import comotion
 from comotion import Fusion
-from comotion.runtime import problems
+from comotion.runtime import health
 from comotion.runtime.clocks import SourceClocks
 from comotion.trajectories.jumps import jumps
 from comotion.trajectories.window import Window
@@ -49,7 +49,7 @@ def told(fusion, frames, *sources):
             fusion.ingest(one)
         now = T0 + k * S // RATE
         (fusion.advance if k % 4 else fusion.update)(now, now)
-        found.append(problems.in_words(fusion.timeline.troubles.lately()))
+        found.append(health.in_words(fusion.timeline.troubles.lately()))
     return found
 
 
