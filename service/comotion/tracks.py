@@ -124,8 +124,9 @@ class Tracks:
             declared = np.zeros((len(slots), 6))
             declared[:, entries] = batch.covariance[rows]
             window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
-        self._stats.observations += int(stored.sum())
-        self._stats.duplicate_rows += int(len(stored) - stored.sum())
+        observed = int(np.count_nonzero(stored))
+        self._stats.observations += observed
+        self._stats.duplicate_rows += len(stored) - observed
 
     def _open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""

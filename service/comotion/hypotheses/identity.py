@@ -122,7 +122,9 @@ def _overruled(window: Window, partition: Partition, current: Slots) -> Bools:
     the id of a body along.
     """
     slots, groups, sources = partition.slots, partition.groups, window.source[partition.slots]
-    old, seen = window.established[slots] != NO_HYPOTHESIS, np.isin(slots, current)
+    here = np.zeros(window.capacity, np.bool_)
+    here[current] = True
+    old, seen = window.established[slots] != NO_HYPOTHESIS, here[slots]
     deciding = old & seen & partition.deciding & (groups >= 0)
     late = ~old & _left_to_others(window.label[slots], sources, deciding)
     return np.asarray(late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, deciding)))

@@ -178,7 +178,7 @@ class Registry(Lifecycle):
             pose = None if group.pose_since is None else group.pose_since(record.reference)
             if number not in present.members:
                 continue
-            record.see(stamp_ns, number, present, posed=pose is not None)
+            centroid = record.see(stamp_ns, number, present, posed=pose is not None)
             record.static = group.static
             described = Hypothesis(
                 id=number,
@@ -186,7 +186,7 @@ class Registry(Lifecycle):
                 size=len(present.members[number]),
                 born_ns=record.reference.born_ns,
                 state=group.state,
-                centroid=present.centroid(number).tolist(),
+                centroid=centroid.tolist(),
                 pose=pose,
                 twist=group.twist,
                 noise=group.noise,
