@@ -198,10 +198,14 @@ class Tracks:
             self._cut(stamp_ns)
         fresh = self._fresh(stamp_ns)
         # Those that are outdated and too short to show motion.
-        forgotten = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
-        if len(forgotten):
-            self._close(forgotten[np.argsort(window.key[forgotten])])
+        forgotten = window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS)
+        if self._method.by_thesis:
+            # No evidence there, where memory grows with the square of their number.
+            forgotten |= window.ended
         slots = window.slots()
+        if forgotten.any():
+            self._close(slots[forgotten[slots]])
+            slots = slots[~forgotten[slots]]
         self.current = slots[fresh[slots] & ~window.ended[slots]]
         window.live[:] = False
         window.live[self.current] = True

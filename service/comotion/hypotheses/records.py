@@ -50,10 +50,6 @@ class Current:
         rows = zip(names.tolist(), np.split(order, first[1:]), strict=False)
         return {number: members for number, members in rows if number != NO_HYPOTHESIS}
 
-    def centroid(self, hypothesis: int) -> Floats:
-        """Of a hypothesis that has members, float64 [dim]."""
-        return np.asarray(self.positions[self.members[hypothesis]].mean(0), np.float64)
-
 
 @dataclass(frozen=True)
 class Members:

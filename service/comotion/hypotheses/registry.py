@@ -157,7 +157,8 @@ class Registry(Lifecycle):
             names |= {new: old for new, old in pairs.items() if new in candidates}
         relabel((window.label, window.established, self.ids), names)
         for new, old in names.items():
-            missing[old].move(None if new == static else present.centroid(new), stamp_ns)
+            centroid = present.positions[present.members[new]].mean(0)
+            missing[old].move(None if new == static else centroid, stamp_ns)
         return bool(names)
 
     def _heirs(self, present: Current, labels: Labels) -> dict[int, int | None]:
