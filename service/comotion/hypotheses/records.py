@@ -17,7 +17,8 @@ _LAST_MEMBERS_NS = 2_000_000_000
 _LASTING_NS = 500_000_000
 # s; the place about which a body moves, and the sides of a box without a pose, are means over so long.
 _PLACE, _SIDES = 5.0, 0.25
-_NEVER = 2**62
+NEVER_NS = 2**62
+"""Later than any time."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +33,15 @@ class Current:
         int64 [n], hypothesis of each, negative for none.
     positions
         float64 [n, dim].
-    sure
-        bool [n]: whether the label is more likely right than wrong.
+    since
+        int64 [n] ns, since when each has its label; later than any time where that is more likely wrong.
     """
 
     keys: Stamps
     slots: Slots
     labels: Labels
     positions: Floats
-    sure: Bools
+    since: Stamps
 
     @cached_property
     def members(self) -> dict[int, Ints]:
@@ -64,7 +65,7 @@ class Members:
     seen
         int64 [m] ns, when each was seen last.
     since
-        int64 [m] ns, since when it was a member more likely than not; later than any time where it was not.
+        int64 [m] ns, since when it was a member; later than any time where it more likely was not.
     """
 
     keys: Stamps
@@ -103,14 +104,9 @@ class Members:
         return both.of(np.argsort(both.keys))
 
     @property
-    def sure(self) -> Bools:
-        """Which are members more likely than not, bool [m]."""
-        return np.asarray(self.since != _NEVER)
-
-    @property
     def shown(self) -> Floats:
         """Points of those that are members more likely than not, else of all."""
-        sure = self.sure
+        sure = self.since != NEVER_NS
         return self.points[sure] if sure.any() else self.points
 
     @property
@@ -162,13 +158,13 @@ class Record:
     stage: Literal["unconfirmed", "present", "absent"] = "unconfirmed"
     support_ns: int | None = None
     since_ns: int | None = None
-    seen_ns: int = -_NEVER
+    seen_ns: int = -NEVER_NS
     posed: bool = False
     members: Members = field(default_factory=Members.none)
     lost: Members = field(default_factory=Members.none)
     axes: Floats | None = None
     spacing: float = 0.0
-    sought_ns: int = -_NEVER
+    sought_ns: int = -NEVER_NS
     sides: Floats = field(default_factory=lambda: np.zeros((2, 0)))
     description: Hypothesis | None = None
     static: bool = False
@@ -206,21 +202,17 @@ class Record:
 
         Returns their centroid, float64 [dim].
         """
-        rows, all_keys = current.members[hypothesis], current.keys
+        rows = current.members[hypothesis]
         positions, seconds = current.positions[rows], max(stamp_ns - self.seen_ns, 0) * 1e-9
         centroid = np.asarray(positions.mean(0), np.float64)
         self._settle(centroid, seconds)
         previous = (self.members, self.lost) if posed == self.posed else (Members.none(), Members.none())
         self.seen_ns, self.posed = stamp_ns, posed
         R, t = self.pose
-        keys, since = all_keys[rows], np.where(current.sure[rows], stamp_ns, _NEVER)
-        for members in previous:
-            at = find(keys, members.keys)
-            lasting = (at >= 0) & (since != _NEVER)
-            since[lasting] = np.minimum(since[lasting], members.since[at[lasting]])
-        self.members = Members(keys, (positions - t) @ R, np.full(len(rows), stamp_ns), since)
+        seen_ns, since = np.full(len(rows), stamp_ns), current.since[rows]
+        self.members = Members(current.keys[rows], (positions - t) @ R, seen_ns, since)
         oldest_ns = stamp_ns - _LAST_MEMBERS_NS
-        gone = [members.lost(all_keys, oldest_ns, posed=posed) for members in previous]
+        gone = [members.lost(current.keys, oldest_ns, posed=posed) for members in previous]
         self.lost = gone[0].joined(gone[1])
         if not posed:
             self._reach(previous[0].joined(previous[1]), seconds)

@@ -24,7 +24,7 @@ from ..trajectories.window import Window
 from .events import Lifecycle
 from .extent import box_of
 from .identity import IdAllocator, appearance, named, recognised, relabel, supported
-from .records import Current, Record, majority
+from .records import NEVER_NS, Current, Record, majority
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
 # before it is confirmed under its own: then the best assignment of all groups decides. With true
@@ -88,8 +88,8 @@ class Registry(Lifecycle):
         previous = window.label[current]
         terms = current, self.allocator.next, stamp_ns
         self.ids = named(window, partition, *terms, by_thesis=self.by_thesis)  # 1
-        sure = partition.confidence >= _SURE
-        present = Current(window.key[current], current, window.label[current], partition.position, sure)
+        since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
+        present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2
             present = replace(present, labels=window.label[current])
         members = present.members
