@@ -61,6 +61,14 @@ def thinned(indices: Ints, count: int) -> Ints:
     return indices[:: max(-(-len(indices) // count), 1)]
 
 
+def median(values: Floats) -> Any:
+    """Median along the first axis, of a row or more without NaN, as that of NumPy for a fifth of the time."""
+    high = len(values) // 2
+    low = high - 1 + len(values) % 2
+    ranked = np.partition(values, (low, high), axis=0)
+    return (ranked[low] + ranked[high]) / 2
+
+
 def distinct(values: NDArray[np.signedinteger[Any]]) -> tuple[Labels, Ints]:
     """The distinct ones of integers [n], int64 ascending, and which of them each is, intp [n].
 

@@ -30,7 +30,7 @@ NOT_KEPT = {"kept": False}
 """Metadata of a field that a snapshot does not keep."""
 _UNIONS = (Union, UnionType)
 _ATOMS = frozenset((int, str, float, bool, NoneType))
-FORMAT = 15
+FORMAT = 16
 """Version of the layout and of the state in it."""
 MAX_BYTES = 1 << 30
 _MAGIC = b"comotion"

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas.doubts import other_unit, trading
 
-from .arrays import Bools, Floats, Floats32, Ints
+from .arrays import Bools, Floats, Floats32, Ints, median
 from .config import Unit
 from .event_time.entries import Instants
 from .event_time.troubles import Troubles
@@ -162,7 +162,7 @@ class ExtentCheck:
             return
         self._scenes.clear()
         places = {number: positions[sessions == number] for number in present}
-        self._views = {number: (np.median(own, axis=0), own) for number, own in places.items()}
+        self._views = {number: (median(own), own) for number, own in places.items()}
         first = {number: other_unit(places[number], self.unit) for number in present[:_MAX_VIEWS]}
         self._doubts = {number: text for number, text in first.items() if text}
 

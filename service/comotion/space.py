@@ -107,9 +107,9 @@ class Space:
             column[current] for column in (window.key, window.source, window.id)
         )
         tracks["position"] = np.nan
-        tracks["position"][:, : window.dim] = window.newest(current)
+        tracks["position"][:, : window.dim] = newest = window.newest(current)
         self.frame.follow(distinct(tracks["session"])[0].tolist(), self.tracks.sessions())
-        self.extent.look(tracks["session"], window.newest(current))
+        self.extent.look(tracks["session"], newest)
         partition = self._partition(stamp_ns, effort)
         labels, hypotheses, events = registry.update(window, partition, current, stamp_ns, boxes=effort.boxes)
         # Links and joints follow from motion in the frame; what is published is relative to the world.

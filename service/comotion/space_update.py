@@ -14,6 +14,7 @@ The residual is below .02 of the size of the scene for bodies of metal and below
 recordings of docs/research/unseen.md); with ids that roll by one it is .3 to 1.
 """
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from comotion_schemas import Event, Hypothesis, Pose
 
-from .arrays import Bools, Floats, Slots, distinct
+from .arrays import Bools, Floats, Slots, distinct, median
 from .partition import BodyMotion, SpaceSpec
 from .trajectories.window import Window
 
@@ -109,17 +110,18 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
     -------
     float64 [n] in 0..1; 1 where no noise is known.
     """
-    share = np.zeros(len(tracks))
+    labels, share = tracks["label"], np.zeros(len(tracks))
     for body in hypotheses:
         if body.noise:
-            members = tracks["label"] == body.id
+            members = labels == body.id
             share[members] = _unbiased(body, seen[members])
     if not share.any():
         return np.ones(len(tracks))
-    away = tracks["position"] - np.median(tracks["position"], axis=0)
+    positions = tracks["position"][:, : len(hypotheses[0].centroid)]
+    away = positions - median(positions)
     # Per axis, as the noise is.
-    size = np.sqrt(np.nanmean(np.square(away), axis=1))
-    share /= max(float(np.median(size)), 1e-12)
+    size = np.sqrt(np.square(away).mean(axis=1))
+    share /= max(float(median(size)), 1e-12)
     own = 1 / (1 + (share / _HALF) ** 4)
     _, numbers = distinct(tracks["session"])
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)
@@ -135,5 +137,5 @@ def _unbiased(body: Hypothesis, seen: Floats) -> float:
         # Of the coordinates of its members, a pose takes so many degrees of freedom.
         freedom = 3 if dim == 2 else 6 - (members == 2)
         squared /= 1 - freedom / (members * dim)
-    life = float(np.median(seen)) if len(seen) else _KNOWN_AFTER
-    return float(np.sqrt(squared / np.clip(life / _KNOWN_AFTER, 0.01, 1.0)))
+    life = float(median(seen)) if len(seen) else _KNOWN_AFTER
+    return math.sqrt(squared / min(max(life / _KNOWN_AFTER, 0.01), 1.0))

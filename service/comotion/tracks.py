@@ -124,8 +124,9 @@ class Tracks:
             declared = np.zeros((len(slots), 6))
             declared[:, entries] = batch.covariance[rows]
             window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
-        self._stats.observations += int(stored.sum())
-        self._stats.duplicate_rows += int(len(stored) - stored.sum())
+        observed = int(np.count_nonzero(stored))
+        self._stats.observations += observed
+        self._stats.duplicate_rows += len(stored) - observed
 
     def _open(self, ids: Ids, session: int) -> Slots:
         """Open a trajectory for each of the ids, which have none; returns their slots, intp [n]."""
@@ -197,10 +198,14 @@ class Tracks:
             self._cut(stamp_ns)
         fresh = self._fresh(stamp_ns)
         # Those that are outdated and too short to show motion.
-        forgotten = np.flatnonzero(window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS))
-        if len(forgotten):
-            self._close(forgotten[np.argsort(window.key[forgotten])])
+        forgotten = window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS)
+        if self._method.by_thesis:
+            # No evidence there, where memory grows with the square of their number.
+            forgotten |= window.ended
         slots = window.slots()
+        if forgotten.any():
+            self._close(slots[forgotten[slots]])
+            slots = slots[~forgotten[slots]]
         self.current = slots[fresh[slots] & ~window.ended[slots]]
         window.live[:] = False
         window.live[self.current] = True

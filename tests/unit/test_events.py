@@ -145,7 +145,7 @@ def current(places, count=8):
     keys = np.concatenate([100 * one + np.arange(count) for one in places])
     positions = np.concatenate([CORNERS[:count] + centre for centre in places.values()])
     labels = np.repeat(list(places), count)
-    return Current(keys, np.arange(len(keys)), labels, positions, np.ones(len(keys), bool))
+    return Current(keys, np.arange(len(keys)), labels, positions, np.zeros(len(keys), int))
 
 
 def appeared(seconds, centre, scale=1.0):

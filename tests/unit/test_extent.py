@@ -25,19 +25,19 @@ class Body:
 
     def __init__(self, dim=3):
         self.dim, self.record = dim, Record(PoseReference.new(0))
-        self.posed, self.reference = True, self.record.reference
+        self.posed, self.reference, self.since = True, self.record.reference, {}
 
     def move(self, R, t):
         self.reference.R[: self.dim, : self.dim], self.reference.t[: self.dim] = R, t
 
-    def box(self, stamp_ns, points, keys=None, labels=None, sure=None):
+    def box(self, stamp_ns, points, keys=None, labels=None):
         """Points float64 [n, dim] in the axes of the body."""
         R, t = self.reference.R[: self.dim, : self.dim], self.reference.t[: self.dim]
         count = len(points)
         keys = np.arange(count) if keys is None else np.array(keys)
         labels = np.ones(count, int) if labels is None else np.array(labels)
-        sure = np.ones(count, bool) if sure is None else np.array(sure)
-        current = Current(keys, np.arange(count), labels, points @ R.T + t, sure)
+        since = np.array([self.since.setdefault(key, stamp_ns) for key in keys.tolist()])
+        current = Current(keys, np.arange(count), labels, points @ R.T + t, since)
         self.record.see(stamp_ns, 1, current, posed=self.posed)
         return box_of(self.record)
 

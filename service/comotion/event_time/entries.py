@@ -130,7 +130,7 @@ class Instants:
 
     def of(self, rows: Bools) -> Self:
         """The same with some of the rows."""
-        return replace(self, stamps=self.stamps[rows], rows=self.rows[rows])
+        return self if rows.all() else replace(self, stamps=self.stamps[rows], rows=self.rows[rows])
 
     @property
     def stamp_ns(self) -> int:

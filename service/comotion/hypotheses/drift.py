@@ -158,7 +158,7 @@ def _judged(seen: _Seen, drifting: Collection[int]) -> set[int]:
         if len(gains) == 2:
             apart = {number: _calmest(rest[own]) for number, own in views.items()}
         judged.add(max(apart, key=lambda number: apart[number]))
-    motions = _motions(rest)
+    motions = _motions(rest) if drifting else {}
     return judged - {number for number in drifting if _gain(motions, seen[seen["source"] == number]) < 1}
 
 
@@ -195,14 +195,14 @@ def _gain(motions: dict[int, _Motion], seen: _Seen) -> float:
     seen = seen[np.isin(seen["label"], list(shared))]
     centre = seen["first"].mean(0)
     extent = float(np.sqrt(((seen["first"] - centre) ** 2).sum(1).mean()))
-    apart = np.empty_like(seen["last"])
+    bodies = list(shared)
+    turn, shift = (np.array([getattr(shared[body], name) for body in bodies]) for name in ("R", "t"))
+    row = (seen["label"][:, None] == bodies).argmax(1)
+    R, t = turn[row], shift[row]
+    apart = seen["last"] - np.einsum("nij,nj->ni", R, seen["first"]) - t
     was = _offsets(seen["first"], seen["first_speed"], centre)
     change = _offsets(seen["last"], seen["last_speed"], centre)
-    lasting = change.copy()
-    for body, motion in shared.items():
-        rows = seen["label"] == body
-        apart[rows] = seen["last"][rows] - seen["first"][rows] @ motion.R.T - motion.t
-        lasting[rows] -= np.einsum("cd,ndp->ncp", motion.R, was[rows])
+    lasting = change - R @ was
     # That of the worse side: thousands of exact features do not make the others exact.
     sides = [list(side.values()) for side in (shared, _motions(seen))]
     squares = [sum(m.squared for m in side) / max(sum(m.freedom for m in side), 1) for side in sides]
@@ -233,8 +233,9 @@ def _agreed(motions: dict[int, _Motion], places: Floats) -> dict[int, _Motion]:
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
     """Derivatives of places [n, dim] by turn, shift and delay, float64 [n, dim, p]."""
     dim = len(centre)
-    arm = np.pad(places - centre, ((0, 0), (0, 3 - dim)))
-    turn = np.stack([np.cross(axis, arm)[:, :dim] for axis in np.eye(3)[6 - 2 * dim :]], 2)
+    arm = np.zeros((len(places), 3))
+    arm[:, :dim] = places - centre
+    turn = np.cross(np.eye(3)[6 - 2 * dim :], arm[:, None])[:, :, :dim].transpose(0, 2, 1)
     shift = np.broadcast_to(np.eye(dim), (len(arm), dim, dim))
     return np.concatenate([turn, shift, speeds[:, :, None]], 2)
 

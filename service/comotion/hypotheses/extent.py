@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box
 
-from ..arrays import Floats, Ints
+from ..arrays import Floats, Ints, median
 from ..rigid.kernels.rotation import quaternion
 from .records import Record
 
@@ -49,7 +49,7 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
     due = seek and record.seen_ns >= record.sought_ns + _SEEK_NS
     if due or not record.spacing:
         apart = _apart(points)
-        record.spacing = float(np.median(apart))
+        record.spacing = float(median(apart))
     if due:
         near = points[apart <= _FAR * record.spacing]
         axes, record.sought_ns = _best_axes(near, axes), record.seen_ns
@@ -63,17 +63,17 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
 
 def _points(record: Record) -> Floats:
     """Points of the body, float64 [m, dim] in its axes: its members, and those that were lost."""
-    members = record.members
-    present = members.present
-    lost = np.flatnonzero(~present & members.lasted)
+    lost = np.flatnonzero(record.lost.lasted)
+    points = record.lost.points
     if len(lost) > _MAX_POINTS:
-        apart = _apart(members.points[lost])
-        near = lost[apart <= _FAR * np.median(apart)]
-        far = near[_farthest(members.points[near])]
-        rows = np.isin(np.arange(len(present)), np.setdiff1d(lost, far), invert=True)
-        record.members = members.of(rows)
+        apart = _apart(points[lost])
+        near = lost[apart <= _FAR * median(apart)]
+        far = near[_farthest(points[near])]
+        rows = np.isin(np.arange(len(points)), np.setdiff1d(lost, far), invert=True)
+        record.lost = record.lost.of(rows)
         lost = far
-    return np.concatenate([members.shown, members.points[lost]])
+    shown = record.members.shown
+    return np.concatenate([shown, points[lost]]) if len(lost) else shown
 
 
 def _apart(points: Floats) -> Floats:
@@ -87,15 +87,17 @@ def _sides(along: Floats, far: float) -> tuple[Floats, Floats]:
 
     Of all, where more than half are: then the body has other points than those that `far` was measured on.
     """
-    near = along
-    while 2 * len(near) >= len(along):
-        ends = np.unique([near.argmin(0), near.argmax(0)])
-        square = ((near[ends, None] - near) ** 2).sum(axis=2)
-        second = min(2, len(near) - 1)
-        alone = np.partition(square, second, axis=1)[:, second] > far**2
+    near = np.ascontiguousarray(along.T)
+    while 2 * near.shape[1] >= len(along):
+        # By axis: sums over it, and its ends, take a third of the time.
+        axes, ends = np.arange(len(near)), np.array([near.argmin(1), near.argmax(1)])
+        apart = near[:, ends.ravel(), None] - near[:, None]
+        square = np.square(apart, out=apart).sum(axis=0)
+        alone = np.count_nonzero(square <= far**2, axis=1) <= min(2, near.shape[1] - 1)
         if not alone.any():
-            return near.min(0), near.max(0)
-        near = np.delete(near, ends[alone], axis=0)
+            low, high = near[axes, ends]
+            return low, high
+        near = np.delete(near, ends.ravel()[alone], axis=1)
     return along.min(0), along.max(0)
 
 

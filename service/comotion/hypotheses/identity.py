@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from comotion_schemas import UNDETERMINED
 
-from ..arrays import Bools, Floats, Labels, Slots, distinct, last_true, thinned
+from ..arrays import Bools, Floats, Ints, Labels, Slots, distinct, last_true, thinned
 from ..matching import continued, largest_first, largest_total
 from ..partition import NO_HYPOTHESIS, Partition
 from ..trajectories.window import Window
@@ -93,11 +93,11 @@ def named(
         of long standing do, and sources that agree, in the best assignment.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
-    if not by_thesis:
-        vote = vote & ~_overruled(window, partition, current)
-    last, voters = window.label[slots], groups[vote]
     # Whose the votes are does not matter in the method of the thesis.
-    sources = window.source[slots[vote]] * (not by_thesis)
+    _, sources = distinct(window.source[slots] * (not by_thesis))
+    if not by_thesis:
+        vote = vote & ~_overruled(window, partition, sources, current)
+    last, voters, sources = window.label[slots], groups[vote], sources[vote]
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
     count = len(partition.described)
@@ -114,41 +114,46 @@ def named(
     return ids
 
 
-def _overruled(window: Window, partition: Partition, current: Slots) -> Bools:
-    """Trajectories that have no say in which hypothesis a group continues, bool [N].
+def _overruled(window: Window, partition: Partition, sources: Ints, current: Slots) -> Bools:
+    """Trajectories that have no say in which hypothesis a group continues, bool [N], by sources intp [N].
 
     These are late members, and trajectories out of sight, of a source without an established member, where
     those of others are enough: in the hypothesis, or in the group. So a crowd of a new source does not take
     the id of a body along.
     """
-    slots, groups, sources = partition.slots, partition.groups, window.source[partition.slots]
-    old, seen = window.established[slots] != NO_HYPOTHESIS, np.isin(slots, current)
+    slots, groups = partition.slots, partition.groups
+    here = np.zeros(window.capacity, np.bool_)
+    here[current] = True
+    old, seen = window.established[slots] != NO_HYPOTHESIS, here[slots]
     deciding = old & seen & partition.deciding & (groups >= 0)
     late = ~old & _left_to_others(window.label[slots], sources, deciding)
     return np.asarray(late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, deciding)))
 
 
-def _left_to_others(sets: Labels, sources: Slots, established: Bools) -> Bools:
+def _left_to_others(sets: Labels, sources: Ints, established: Bools) -> Bools:
     """Whose set has enough established members, none of its own source; bool [N], as all arguments are."""
-    names, row = distinct(sets)
-    owners, column = distinct(sources)
-    cells = (row * len(owners) + column)[established]
-    counts = np.bincount(cells, minlength=len(names) * len(owners)).reshape(len(names), len(owners))
-    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, column] == 0))
+    row, counts = _counts(sets, sources, established)
+    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, sources] == 0))
 
 
-def balanced(labels: Labels, sources: Slots) -> Floats:
-    """How much each vote for a hypothesis, int64 [N], counts, float64 [N], by the sources intp [N].
+def balanced(labels: Labels, sources: Ints) -> Floats:
+    """How much each vote for a hypothesis, int64 [N], counts, float64 [N], by the sources intp [N] from 0.
 
     The votes of a source grow with the root of their number: what two sources see outweighs what a third sees
     otherwise with as many features as both. In the mean a vote for a hypothesis counts 1.
     """
-    names, row = distinct(labels)
-    owners, column = distinct(sources)
-    counts = np.bincount(row * len(owners) + column, minlength=len(names) * len(owners))
-    roots = np.sqrt(counts.reshape(len(names), len(owners)))
+    row, counts = _counts(labels, sources)
+    roots = np.sqrt(counts)
     mean = (roots**2).sum(1) / np.maximum(roots.sum(1), 1.0)
-    return np.asarray(mean[row] / roots[row, column])
+    return np.asarray(mean[row] / roots[row, sources])
+
+
+def _counts(sets: Labels, sources: Ints, counted: Bools | slice = slice(None)) -> tuple[Ints, Ints]:
+    """Row of each set [N] in a table, and the table: how many of it are of each source, those `counted`."""
+    names, row = distinct(sets)
+    width = int(sources.max(initial=0)) + 1
+    counts = np.bincount((row * width + sources)[counted], minlength=len(names) * width)
+    return row, counts.reshape(-1, width)
 
 
 def supported(window: Window, slots: Slots) -> Labels:

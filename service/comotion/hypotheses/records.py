@@ -17,7 +17,8 @@ _LAST_MEMBERS_NS = 2_000_000_000
 _LASTING_NS = 500_000_000
 # s; the place about which a body moves, and the sides of a box without a pose, are means over so long.
 _PLACE, _SIDES = 5.0, 0.25
-_NEVER = 2**62
+NEVER_NS = 2**62
+"""Later than any time."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +33,15 @@ class Current:
         int64 [n], hypothesis of each, negative for none.
     positions
         float64 [n, dim].
-    sure
-        bool [n]: whether the label is more likely right than wrong.
+    since
+        int64 [n] ns, since when each has its label; later than any time where that is more likely wrong.
     """
 
     keys: Stamps
     slots: Slots
     labels: Labels
     positions: Floats
-    sure: Bools
+    since: Stamps
 
     @cached_property
     def members(self) -> dict[int, Ints]:
@@ -49,10 +50,6 @@ class Current:
         names, first = np.unique(self.labels[order], return_index=True)
         rows = zip(names.tolist(), np.split(order, first[1:]), strict=False)
         return {number: members for number, members in rows if number != NO_HYPOTHESIS}
-
-    def centroid(self, hypothesis: int) -> Floats:
-        """Of a hypothesis that has members, float64 [dim]."""
-        return np.asarray(self.positions[self.members[hypothesis]].mean(0), np.float64)
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class Members:
     seen
         int64 [m] ns, when each was seen last.
     since
-        int64 [m] ns, since when it was a member more likely than not; later than any time where it was not.
+        int64 [m] ns, since when it was a member; later than any time where it more likely was not.
     """
 
     keys: Stamps
@@ -86,45 +83,31 @@ class Members:
         """Some of the rows."""
         return Members(self.keys[rows], self.points[rows], self.seen[rows], self.since[rows])
 
-    def followed_by(self, now: "Members", current: Stamps, *, posed: bool) -> "Members":
-        """Those that are seen `now`, and those of these that are lost and still tell something.
+    def lost(self, current: Stamps, oldest_ns: int, *, posed: bool) -> "Members":
+        """Those that are not seen, and still tell something.
 
         `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
-        nothing tells where a feature is that was lost long ago.
+        nothing tells where a feature is that was lost before `oldest_ns`.
         """
-        at = find(now.keys, self.keys)
-        lasting = (at >= 0) & now.sure
-        now.since[lasting] = np.minimum(now.since[lasting], self.since[at[lasting]])
-        telling = self.seen >= now.seen[0] - _LAST_MEMBERS_NS
+        telling = self.seen >= oldest_ns
         if posed:
             telling |= self.lasted
-        lost = telling & (find(self.keys, current) < 0)
-        if not lost.any():
-            return now
-        parts = vars(now), vars(self.of(lost))
-        joined = Members(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-        return joined.of(np.argsort(joined.keys))
+        telling &= find(self.keys, current) < 0
+        return self if telling.all() else self.of(telling)
 
-    @property
-    def present(self) -> Bools:
-        """Which were seen at the last update, bool [m]."""
-        return np.asarray(self.seen == self.seen.max(initial=0))
-
-    @property
-    def sure(self) -> Bools:
-        """Which are members more likely than not, bool [m]."""
-        return np.asarray(self.since != _NEVER)
+    def joined(self, others: "Members") -> "Members":
+        """These and others, ascending."""
+        if not len(self.keys) or not len(others.keys):
+            return self if len(self.keys) else others
+        parts = vars(self), vars(others)
+        both = Members(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+        return both.of(np.argsort(both.keys))
 
     @property
     def shown(self) -> Floats:
-        """Points of those that are seen and members more likely than not, else of all that are seen."""
-        sure = self.present & self.sure
-        return self.points[sure if sure.any() else self.present]
-
-    @property
-    def last(self) -> "Members":
-        """Those that were seen within the last two seconds."""
-        return self.of(self.seen >= self.seen.max(initial=0) - _LAST_MEMBERS_NS)
+        """Points of those that are members more likely than not, else of all."""
+        sure = self.since != NEVER_NS
+        return self.points[sure] if sure.any() else self.points
 
     @property
     def lasted(self) -> Bools:
@@ -153,8 +136,9 @@ class Record:
         When it was last seen.
     posed
         Whether its pose was known when it was last seen.
-    members
-        Of now, or as it was last seen; none where nothing is known, as of how it has turned out of sight.
+    members, lost
+        Of now, or as it was last seen, and those that are out of sight; none where nothing is known, as of
+        how it has turned out of sight.
     axes, spacing, sought_ns
         float64 [dim, dim], axes of its box as columns, in those of the body; the usual distance of its points
         to the second neighbour; when both were sought last.
@@ -174,12 +158,13 @@ class Record:
     stage: Literal["unconfirmed", "present", "absent"] = "unconfirmed"
     support_ns: int | None = None
     since_ns: int | None = None
-    seen_ns: int = -_NEVER
+    seen_ns: int = -NEVER_NS
     posed: bool = False
     members: Members = field(default_factory=Members.none)
+    lost: Members = field(default_factory=Members.none)
     axes: Floats | None = None
     spacing: float = 0.0
-    sought_ns: int = -_NEVER
+    sought_ns: int = -NEVER_NS
     sides: Floats = field(default_factory=lambda: np.zeros((2, 0)))
     description: Hypothesis | None = None
     static: bool = False
@@ -201,25 +186,37 @@ class Record:
         return 0.0 if twist is None else float(np.linalg.norm(twist.linear))
 
     @property
+    def last(self) -> Members:
+        """Those that were seen within two seconds before it was last seen."""
+        lost = self.lost
+        return self.members.joined(lost.of(lost.seen >= self.seen_ns - _LAST_MEMBERS_NS))
+
+    @property
     def positions(self) -> Floats:
         """Where its last members were when it was last seen, float64 [m, dim]."""
         R, t = self.pose
-        return np.asarray(self.members.last.points @ R.T + t, np.float64)
+        return np.asarray(self.last.points @ R.T + t, np.float64)
 
-    def see(self, stamp_ns: int, hypothesis: int, current: Current, *, posed: bool) -> None:
-        """Take in its current members, with the reference brought up to date where it is `posed`."""
+    def see(self, stamp_ns: int, hypothesis: int, current: Current, *, posed: bool) -> Floats:
+        """Take in its current members, with the reference brought up to date where it is `posed`.
+
+        Returns their centroid, float64 [dim].
+        """
         rows = current.members[hypothesis]
         positions, seconds = current.positions[rows], max(stamp_ns - self.seen_ns, 0) * 1e-9
-        self._settle(positions.mean(0), seconds)
-        self.seen_ns = stamp_ns
-        previous = self.members if posed == self.posed else Members.none()
-        self.posed = posed
+        centroid = np.asarray(positions.mean(0), np.float64)
+        self._settle(centroid, seconds)
+        previous = (self.members, self.lost) if posed == self.posed else (Members.none(), Members.none())
+        self.seen_ns, self.posed = stamp_ns, posed
         R, t = self.pose
-        since = np.where(current.sure[rows], stamp_ns, _NEVER)
-        now = Members(current.keys[rows], (positions - t) @ R, np.full(len(rows), stamp_ns), since)
-        self.members = previous.followed_by(now, current.keys, posed=posed)
+        seen_ns, since = np.full(len(rows), stamp_ns), current.since[rows]
+        self.members = Members(current.keys[rows], (positions - t) @ R, seen_ns, since)
+        oldest_ns = stamp_ns - _LAST_MEMBERS_NS
+        gone = [members.lost(current.keys, oldest_ns, posed=posed) for members in previous]
+        self.lost = gone[0].joined(gone[1])
         if not posed:
-            self._reach(previous, seconds)
+            self._reach(previous[0].joined(previous[1]), seconds)
+        return centroid
 
     def heir(self, keys: Stamps, labels: Labels) -> int | None:
         """Hypothesis that most of the last members belong to now; None if more of them are lost.
@@ -229,7 +226,7 @@ class Record:
         keys, labels
             int64 [n], the current trajectories, ascending, and their hypotheses.
         """
-        last = self.members.last.keys
+        last = self.last.keys
         at = find(last, keys)
         return majority(labels[at[at >= 0]], len(last) // 2 + 1)
 
@@ -241,7 +238,7 @@ class Record:
         last, moved = self.reference, np.zeros(3)
         if centroid is not None:
             moved[: len(centroid)] = centroid - self.positions.mean(0)
-            self.members = Members.none()
+            self.members = self.lost = Members.none()
         fresh = PoseReference.new(last.born_ns)
         self.reference = replace(fresh, R=last.R.copy(), t=last.t + moved, stamp_ns=stamp_ns)
 
@@ -259,9 +256,10 @@ class Record:
 
         So a wrong member that soon leaves hardly moves them.
         """
-        sides, members = np.array([self.members.shown.min(0), self.members.shown.max(0)]), self.members
+        members, shown = self.members, self.members.shown
+        sides = np.array([shown.min(0), shown.max(0)])
         at = find(members.keys, previous.keys)
-        kept = (at >= 0) & members.present
+        kept = at >= 0
         if kept.any():
             carried = self.sides + np.median(members.points[kept] - previous.points[at[kept]], axis=0)
             sides = carried + (1 - np.exp(-seconds / _SIDES)) * (sides - carried)

@@ -24,7 +24,7 @@ from ..trajectories.window import Window
 from .events import Lifecycle
 from .extent import box_of
 from .identity import IdAllocator, appearance, named, recognised, relabel, supported
-from .records import Current, Record, majority
+from .records import NEVER_NS, Current, Record, majority
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
 # before it is confirmed under its own: then the best assignment of all groups decides. With true
@@ -88,8 +88,8 @@ class Registry(Lifecycle):
         previous = window.label[current]
         terms = current, self.allocator.next, stamp_ns
         self.ids = named(window, partition, *terms, by_thesis=self.by_thesis)  # 1
-        sure = partition.confidence >= _SURE
-        present = Current(window.key[current], current, window.label[current], partition.position, sure)
+        since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
+        present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2
             present = replace(present, labels=window.label[current])
         members = present.members
@@ -157,7 +157,8 @@ class Registry(Lifecycle):
             names |= {new: old for new, old in pairs.items() if new in candidates}
         relabel((window.label, window.established, self.ids), names)
         for new, old in names.items():
-            missing[old].move(None if new == static else present.centroid(new), stamp_ns)
+            centroid = present.positions[present.members[new]].mean(0)
+            missing[old].move(None if new == static else centroid, stamp_ns)
         return bool(names)
 
     def _heirs(self, present: Current, labels: Labels) -> dict[int, int | None]:
@@ -178,7 +179,7 @@ class Registry(Lifecycle):
             pose = None if group.pose_since is None else group.pose_since(record.reference)
             if number not in present.members:
                 continue
-            record.see(stamp_ns, number, present, posed=pose is not None)
+            centroid = record.see(stamp_ns, number, present, posed=pose is not None)
             record.static = group.static
             described = Hypothesis(
                 id=number,
@@ -186,7 +187,7 @@ class Registry(Lifecycle):
                 size=len(present.members[number]),
                 born_ns=record.reference.born_ns,
                 state=group.state,
-                centroid=present.centroid(number).tolist(),
+                centroid=centroid.tolist(),
                 pose=pose,
                 twist=group.twist,
                 noise=group.noise,

@@ -24,6 +24,7 @@ import numpy as np
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats
+from ..rigid.kernels.rotation import rotation_matrix
 from .states import States, skew, turned, turns_between
 
 KINDS: tuple[JointKind, ...] = ("fixed", "prismatic", "revolute")
@@ -78,12 +79,16 @@ class Model:
         """Numbers of a state that the joint determines."""
         return 6 if self.kind == "fixed" else 5
 
-    def predicted(self, q: Floats) -> tuple[Floats, Floats]:
-        """Orientations [n, 3, 3] and places [n, 3] at positions [n]."""
+    def predicted(self, q: Floats) -> tuple[Floats, Floats, Floats]:
+        """Turns since position 0 and orientations [n, 3, 3], and places [n, 3], at positions [n].
+
+        A joint that does not turn has one turn and one orientation, [3, 3].
+        """
         moved = q[:, None] * self.u
-        turns = self.kind == "revolute"
-        E = turned(np.eye(3), moved * turns)
-        return E @ self.R0, self.c + E @ (self.p0 - self.c) + moved * (not turns)
+        if self.kind != "revolute":
+            return np.eye(3), self.R0, self.p0 + moved
+        E = turned(np.eye(3), moved)
+        return E, E @ self.R0, self.c + E @ (self.p0 - self.c)
 
     def positions(self, states: States) -> Floats:
         """Position of each state on the joint, roughly, float64 [n]."""
@@ -144,7 +149,8 @@ def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> F
     """
     model, q, near, hinge = start, start.positions(states), states.p.mean(0), start.kind == "revolute"
     for k in range(steps + 1):
-        white = states.roots @ _derivatives(states, model, q)
+        sides = _across(model.u)
+        white = states.roots @ _derivatives(states, model, q, sides)
         residual, along = white[:, :, _LEFT].copy(), white[:, :, _POSITION].copy()
         # The position of each state is eliminated; what is left along the joint is no residual.
         strength = np.square(along).sum(1) + _NO_DIRECTION
@@ -155,19 +161,21 @@ def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> F
         J = white.reshape(-1, _UNKNOWNS + 2)
         normal = (J * np.repeat(weight, 6)[:, None]).T @ J
         left, right = normal[:_UNKNOWNS, :_UNKNOWNS], normal[:_UNKNOWNS, _LEFT]
-        away = _across(model.u) @ (model.c - near)
+        away = sides @ (model.c - near)
         if hinge:
             # An axis that no turn determines stays where it is.
             left[[6, 7, 8, 9], [6, 7, 8, 9]] += [reach**-2, reach**-2, 1.0, 1.0]
             right[_POINT] -= away / reach**2
-        covariance = np.linalg.pinv(left, _UNDETERMINED, hermitian=True)
+        values, axes = np.linalg.eigh(left)
+        known = values > _UNDETERMINED * values[-1]
+        covariance = (axes[:, known] / values[known]) @ axes[:, known].T
         step, extra = covariance @ right, share[:, _LEFT]
         # Where the joint does not fit, standard deviations are more than the states say, and a gain changes
         # nothing: one step is enough, and the next judgement goes on. With none it would never fit.
         if k == steps or step @ right < _SETTLED * max(float(squared.mean()) / 6, 1.0) ** (1 + (k > 0)):
             break
         q = q + extra - share[:, :_UNKNOWNS] @ step
-        model = _moved(model, step)
+        model = _moved(model, step, sides)
     sigma = np.sqrt(1 / strength) if model.kind != "fixed" else np.zeros(len(q))
     improbability = 0.5 * float(away @ away) / reach**2 if hinge else 0.0
     return Fit(model, q + extra, sigma, residual, squared, covariance, improbability)
@@ -234,11 +242,10 @@ def _across(u: Floats) -> Floats:
     return np.asarray(np.linalg.svd(u[None])[2][1:], np.float64)
 
 
-def _derivatives(states: States, model: Model, q: Floats) -> Floats:
+def _derivatives(states: States, model: Model, q: Floats, sides: Floats) -> Floats:
     """Derivatives of states by the unknowns and by the position, and what is left, float64 [n, 6, 12]."""
-    J, u, sides = np.zeros((len(q), 6, _UNKNOWNS + 2)), model.u, _across(model.u).T
-    R, p = model.predicted(q)
-    E = R @ model.R0.T
+    J, u, sides = np.zeros((len(q), 6, _UNKNOWNS + 2)), model.u, sides.T
+    E, R, p = model.predicted(q)
     J[:, :3, _TURN] = J[:, 3:, _SHIFT] = E
     J[:, :3, _LEFT], J[:, 3:, _LEFT] = turns_between(states.R, R), states.p - p
     if model.kind == "prismatic":
@@ -252,13 +259,13 @@ def _derivatives(states: States, model: Model, q: Floats) -> Floats:
     return J
 
 
-def _moved(model: Model, step: Floats) -> Model:
-    """A joint after a step of its unknowns."""
-    R0, p0, sides = turned(model.R0, step[_TURN]), model.p0 + step[_SHIFT], _across(model.u)
+def _moved(model: Model, step: Floats, sides: Floats) -> Model:
+    """A joint after a step of its unknowns; `sides` are across its axis."""
+    R0, p0 = rotation_matrix(step[_TURN]) @ model.R0, model.p0 + step[_SHIFT]
     bend = step[_AXIS] @ sides
     # Beyond a radian the equations are not linear.
     bend /= max(1.0, float(np.linalg.norm(bend)))
-    u = turned(model.u, bend)
+    u = rotation_matrix(bend) @ model.u
     return replace(model, R0=R0, p0=p0, u=u, c=model.c + step[_POINT] @ sides)
 
 

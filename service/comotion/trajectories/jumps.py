@@ -9,7 +9,7 @@ from bisect import bisect_right
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from ..arrays import Bools, Floats, Ints, Slots, Stamps, median
 from .window import Window
 
 # Steps before and after a jump that are compared with it; and the least ratio of its difference from their
@@ -44,7 +44,7 @@ def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     if not len(slots):
         return slots, slots
     newest = window.newest(slots)
-    window.far = _LEAST * float(np.sqrt(((newest - np.median(newest, 0)) ** 2).sum(1).mean()))
+    window.far = _LEAST * float(np.sqrt(((newest - median(newest)) ** 2).sum(1).mean()))
     recent = since_ns - _CONFIRMED_NS
     candidates = (window.far_ns[slots] > recent) & (window.counts(slots) > _BEFORE + _AFTER + 1)
     if not candidates.any():
