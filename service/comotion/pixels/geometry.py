@@ -1,43 +1,38 @@
-"""Compares groups by epipolar geometry on key frames: whether two are parts of one body, or two bodies.
+"""Compares groups over wide baselines: whether two are parts of one body, or two bodies.
 
 Under strong perspective an affine view of motion tells near from far parts of one rigid body. One fundamental
-matrix per frame pair still explains both, over a wide baseline to within the noise. Two bodies, as a rule, do
-not share one.
+matrix per frame pair still explains both, to within the noise. Two bodies, as a rule, do not share one.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints
-from .consensus import consensus
-from .fits import Model, affine, fundamental, residuals
-from .key_frames import KeyFrames
-from .medians import median
+from ..arrays import Floats, Ints
+from .kernels.epipolar import epipolar_squares
+from .key_frames import KeyFrames, evenly_spaced
 
-# A group is represented by so many of its members in a frame pair.
+# Members that represent a group in a frame pair.
 _POINTS = 50
 # Fewer key frames show no wide baseline. Wide pairs are half of the key frames apart; one more is of the
 # first and the last.
 _LEAST_FRAMES, _WIDE_PAIRS = 13, 3
 # Members of a group that tell how noisy it is, and whether it has parallax; and of each and of both that a
-# joint residual over a wide baseline is formed of.
+# joint residual is formed of.
 _LEAST_MEMBERS, _LEAST_OF_ONE, _LEAST_OF_BOTH = 12, 5, 12
 # Parameters of a fundamental matrix: so many points are fitted by chance.
 _PARAMETERS = 7
-# Observations that the noise of all groups counts for beside that of one.
-_PRIOR_STRENGTH = 20.0
 # Median of a squared standard normal deviate.
 _CHI2_MEDIAN_1D = 0.455
+# Rounds of reweighting in robust fits, and px²; smallest typical squared residual that weights refer to.
+_ROUNDS, _LEAST_TYPICAL = 3, 0.01
 # px; added to residuals so that the ratio of two tiny ones does not decide: of fundamental matrices, and of
 # affine motions.
 _EPIPOLAR_FLOOR_PX, _AFFINE_FLOOR_PX = 0.05, 0.3
-# px; a group that moves less in a frame pair rests, if the other moves so many times as far. Of 127
-# decisions on the development sequences where this was so, none was between parts of one body.
-_RESTING_PX, _TIMES_AS_FAR = 1.5, 10.0
-# px; smallest motion that the larger one is compared with: at rest the noise is all there is.
-_SLOWEST_PX = 0.2
+# px; where a group moves less in a frame pair, any two bodies look like one.
+_RESTING_PX = 1.5
 # nat; log ratio of two groups' joint residual to noise and drift, above which they are two bodies.
 _CONTRADICTION = 0.8
 # nat; largest log ratios of two groups' joint affine residual to the larger own one, at which parallax within
@@ -45,52 +40,71 @@ _CONTRADICTION = 0.8
 # of one body.
 _PARALLAX_EXCESS, _PARALLAX_EPIPOLAR = 1.2, 0.2
 
+Model = Callable[[Floats, Floats, Floats], Floats]
+"""Points [n, 2] in both frames and weights [n] -> squared residuals [n] under a fit, px²."""
+
+
+def affine_squares(x: Floats, y: Floats, weight: Floats) -> Floats:
+    """Squared distances from an affine motion."""
+    rows, root = np.column_stack([x - x.mean(axis=0), np.ones(len(x))]), np.sqrt(weight)[:, None]
+    field = np.linalg.lstsq(root * rows, root * (y - x))[0]
+    return np.asarray(((y - x - rows @ field) ** 2).sum(axis=1))
+
+
+def _residuals(model: Model, x: Floats, y: Floats, weight: Floats) -> Floats:
+    """Squared residuals [n] under a robust fit."""
+    square = model(x, y, weight)
+    for _ in range(_ROUNDS - 1):
+        typical = max(np.median(square), _LEAST_TYPICAL)
+        square = model(x, y, weight / np.sqrt(1 + square / (4 * typical)))
+    return square
+
 
 @dataclass(frozen=True)
-class _Views:
-    """A group in P frame pairs: its points float64 [P, n, 2] in both, and which there are, bool [P, n]."""
+class _View:
+    """A group in a pair of frames: its points, float64 [n, 2], in both."""
 
     x: Floats
     y: Floats
-    seen: Bools
+
+    def __len__(self) -> int:
+        return len(self.x)
 
     @cached_property
-    def count(self) -> Ints:
-        """Points in each pair."""
-        return np.asarray(self.seen.sum(axis=1))
+    def motion(self) -> float:
+        """Median motion, px."""
+        return float(np.median(np.linalg.norm(self.y - self.x, axis=1)))
+
+    def own(self, model: Model) -> float:
+        """Median squared residual under a fit of its own, px²."""
+        return float(np.median(_residuals(model, self.x, self.y, np.ones(len(self)))))
 
     @cached_property
-    def motion(self) -> Floats:
-        """Median motion in each pair, px; NaN of none, as below."""
-        return median(np.where(self.seen, np.linalg.norm(self.y - self.x, axis=2), np.nan), 1)
+    def affine(self) -> float:
+        """Median squared residual under an affine motion of its own, px²."""
+        return self.own(affine_squares)
 
     @cached_property
-    def epipolar(self) -> Floats:
-        """Median squared residual under a fundamental matrix of its own in each pair, px²."""
-        return median(residuals(fundamental, self.x, self.y, self.seen.astype(float)), 1)
-
-    @cached_property
-    def affine(self) -> Floats:
-        """Median squared residual under an affine motion of its own in each pair, px²."""
-        return median(residuals(affine, self.x, self.y, self.seen.astype(float)), 1)
-
-    @cached_property
-    def variance(self) -> Floats:
+    def variance(self) -> float:
         """Of the Sampson distances under a matrix of its own, px²; of `_LEAST_MEMBERS` points or more."""
-        return self.epipolar / _CHI2_MEDIAN_1D * self.count / np.maximum(self.count - _PARAMETERS, 1)
+        return self.own(epipolar_squares) / _CHI2_MEDIAN_1D * len(self) / (len(self) - _PARAMETERS)
 
-    def joint(self, other: "_Views", rows: Ints, model: Model) -> tuple[Floats, Floats]:
-        """Median squared residual of either group when both are fitted together, px², in some pairs."""
-        points = [self.x[rows], other.x[rows]], [self.y[rows], other.y[rows]]
-        # A large group must not outvote a small one.
-        prior = [views.seen[rows] / np.sqrt(views.count[rows, None]) for views in (self, other)]
-        square = residuals(model, *(np.concatenate(part, axis=1) for part in (*points, prior)))
-        n = self.seen.shape[1]
-        return median(square[:, :n], 1), median(square[:, n:], 1)
+    def expected(self, typical: float, drift: float) -> float:
+        """Variance of the Sampson distances under a matrix that explains it, px², typical of a few."""
+        variance = self.variance if len(self) >= _LEAST_MEMBERS else typical
+        return variance + (drift * self.motion) ** 2
+
+
+def _joint(model: Model, a: _View, b: _View) -> tuple[float, float]:
+    """Median squared residual of either group when both are fitted together, px²."""
+    # A large group must not outvote a small one.
+    weight = np.repeat([len(a) ** -0.5, len(b) ** -0.5], [len(a), len(b)])
+    square = _residuals(model, np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y]), weight)
+    return float(np.median(square[: len(a)])), float(np.median(square[len(a) :]))
 
 
 class Geometry:
-    """Compares the epipolar geometry of groups: of the pieces by consensus, of any over wide baselines.
+    """Compares the epipolar geometry of groups over wide baselines.
 
     Parameters
     ----------
@@ -103,31 +117,21 @@ class Geometry:
     """
 
     def __init__(self, frames: KeyFrames, pieces: list[Ints], drift: float) -> None:
-        self._frames = frames
-        self._positions = frames.positions.astype(np.float64)
-        self._visible = frames.visible
+        self._positions, self._visible = frames.positions.astype(np.float64), frames.visible
         self._pieces = pieces
         self._drift = drift
         self._wide = wide_pairs(len(self._positions))
-        self._views: dict[bytes, _Views] = {}
-
-    @cached_property
-    def consensus(self) -> Floats:
-        """How alike the pieces rank epipolar geometries, [P, P]; the draw is fixed."""
-        return consensus(self._frames, self._pieces, np.random.default_rng(0))
+        self._views: dict[bytes, list[_View]] = {}
 
     def two_bodies(self, first: Ints, second: Ints) -> bool:
         """Whether no fundamental matrix explains two groups together to within noise and drift."""
-        a, b = self._of(first), self._of(second)
-        enough = (np.minimum(a.count, b.count) >= _LEAST_OF_ONE) & (a.count + b.count >= _LEAST_OF_BOTH)
-        rows = np.flatnonzero(enough & (self._typical > 0))
-        if not len(rows):
-            return False
-        excess = [
-            np.maximum(square / _CHI2_MEDIAN_1D, 1e-12) / self._expected(views)[rows]
-            for square, views in zip(a.joint(b, rows, fundamental), (a, b), strict=True)
-        ]
-        return bool(0.5 * np.log(np.maximum(*excess)).mean() > _CONTRADICTION)
+        excess = []
+        for a, b, typical in zip(self._of(first), self._of(second), self._typical, strict=True):
+            if typical and min(len(a), len(b)) >= _LEAST_OF_ONE and len(a) + len(b) >= _LEAST_OF_BOTH:
+                pairs = zip(_joint(epipolar_squares, a, b), (a, b), strict=True)
+                ratios = [square / view.expected(typical, self._drift) for square, view in pairs]
+                excess.append(max(*ratios, 1e-12) / _CHI2_MEDIAN_1D)
+        return bool(excess) and bool(0.5 * np.log(excess).mean() > _CONTRADICTION)
 
     def one_body(self, first: Ints, second: Ints) -> bool:
         """Whether two groups are clearly parts of one body with depth.
@@ -139,52 +143,34 @@ class Geometry:
         """
         if min(len(first), len(second)) < _LEAST_MEMBERS:
             return False
-        a, b = self._of(first), self._of(second)
-        moves = np.maximum(a.motion, b.motion) > _RESTING_PX
-        rows = np.flatnonzero((np.minimum(a.count, b.count) >= _LEAST_MEMBERS) & moves)
-        # Where both rest, any two bodies look like one.
-        if not len(rows) or _one_rests(a, b, rows):
-            return False
-        own = np.maximum(a.affine[rows], b.affine[rows])
-        parallax = _log_ratio(np.maximum(*a.joint(b, rows, affine)), own, _AFFINE_FLOOR_PX)
-        if parallax.mean() > _PARALLAX_EXCESS:
-            return False
-        excess = np.maximum(
-            *(
-                _log_ratio(square, _CHI2_MEDIAN_1D * views.variance[rows], _EPIPOLAR_FLOOR_PX)
-                for square, views in zip(a.joint(b, rows, fundamental), (a, b), strict=True)
-            )
-        )
-        return bool(excess.mean() < _PARALLAX_EPIPOLAR)
-
-    def _expected(self, views: _Views) -> Floats:
-        """Variance of the Sampson distances of a group that a joint fundamental matrix explains, px²."""
-        freedom = np.where(views.count < _LEAST_MEMBERS, 0, views.count - _PARAMETERS)
-        variance = (freedom * views.variance + _PRIOR_STRENGTH * self._typical) / (freedom + _PRIOR_STRENGTH)
-        return np.asarray(variance + (self._drift * views.motion) ** 2)
+        parallax, excess = [], []
+        for a, b in zip(self._of(first), self._of(second), strict=True):
+            if min(len(a), len(b)) >= _LEAST_MEMBERS and min(a.motion, b.motion) > _RESTING_PX:
+                own = max(a.affine, b.affine)
+                parallax.append(_log_ratio(max(_joint(affine_squares, a, b)), own, _AFFINE_FLOOR_PX))
+                ratios = (
+                    _log_ratio(square, _CHI2_MEDIAN_1D * view.variance, _EPIPOLAR_FLOOR_PX)
+                    for square, view in zip(_joint(epipolar_squares, a, b), (a, b), strict=True)
+                )
+                excess.append(max(ratios))
+        shown = bool(excess) and np.mean(parallax) <= _PARALLAX_EXCESS
+        return bool(shown and np.mean(excess) < _PARALLAX_EPIPOLAR)
 
     @cached_property
-    def _typical(self) -> Floats:
+    def _typical(self) -> list[float]:
         """Median variance of the pieces in each wide pair, px²; 0 where no piece is large enough."""
-        large = [self._of(piece) for piece in self._pieces if len(piece) >= _LEAST_MEMBERS]
-        typical = np.zeros(len(self._wide))
-        for pair in range(len(typical)):
-            seen = [views.variance[pair] for views in large if views.count[pair] >= _LEAST_MEMBERS]
-            typical[pair] = np.median(seen) + 1e-6 if seen else 0.0
-        return typical
+        views = [self._of(piece) for piece in self._pieces if len(piece) >= _LEAST_MEMBERS]
+        seen = [[v[k].variance for v in views if len(v[k]) >= _LEAST_MEMBERS] for k in range(len(self._wide))]
+        return [float(np.median(variances)) + 1e-6 if variances else 0.0 for variances in seen]
 
-    def _of(self, group: Ints) -> _Views:
+    def _of(self, group: Ints) -> list[_View]:
         key = group.tobytes()
         if key not in self._views:
-            x, y = np.zeros((2, len(self._wide), min(len(group), _POINTS), 2))
-            seen = np.zeros(x.shape[:2], np.bool_)
-            for k, (first, second) in enumerate(self._wide):
+            self._views[key] = []
+            for first, second in self._wide:
                 members = group[self._visible[first, group] & self._visible[second, group]]
-                if len(members) > _POINTS:
-                    members = members[(np.arange(_POINTS) * len(members)) // _POINTS]
-                x[k, : len(members)], y[k, : len(members)] = self._positions[[first, second]][:, members]
-                seen[k, : len(members)] = True
-            self._views[key] = _Views(x, y, seen)
+                members = members[evenly_spaced(len(members), _POINTS)]
+                self._views[key].append(_View(*self._positions[[first, second]][:, members]))
         return self._views[key]
 
 
@@ -193,15 +179,9 @@ def wide_pairs(count: int) -> list[tuple[int, int]]:
     if count < _LEAST_FRAMES:
         return []
     half = count // 2
-    ends = np.unique(np.round(np.linspace(half, count - 1, _WIDE_PAIRS)).astype(int)).tolist()
-    return [(end - half, end) for end in ends] + [(0, count - 1)]
+    starts = evenly_spaced(count - half, _WIDE_PAIRS).tolist()
+    return [(start, start + half) for start in starts] + [(0, count - 1)]
 
 
-def _log_ratio(square: Floats, own: Floats, floor_px: float) -> Floats:
-    return np.log((np.sqrt(square) + floor_px) / (np.sqrt(own) + floor_px))
-
-
-def _one_rests(a: _Views, b: _Views, rows: Ints) -> bool:
-    """Whether in one of some pairs one group rests while the other moves."""
-    slow, fast = np.minimum(a.motion, b.motion)[rows], np.maximum(a.motion, b.motion)[rows]
-    return bool(((slow < _RESTING_PX) & (fast > _TIMES_AS_FAR * np.maximum(slow, _SLOWEST_PX))).any())
+def _log_ratio(square: float, own: float, floor_px: float) -> float:
+    return float(np.log((np.sqrt(square) + floor_px) / (np.sqrt(own) + floor_px)))

@@ -19,9 +19,10 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
 from ..config import PixelsConfig
+from .consensus import consensus
 from .distances import distances
 from .geometry import Geometry
-from .key_frames import KeyFrames, frame_pairs
+from .key_frames import KeyFrames
 from .merging import SIMILARITY, Merging, sums_over_groups
 from .neighbour_sampling import sample_members
 from .similarity import combine, explain, preference, subspace
@@ -64,14 +65,17 @@ def group(frames: KeyFrames, parameters: PixelsConfig, *, previous: Labels | Non
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
-    pairs, distance = frame_pairs(frames), distances(frames)
+    distance = distances(frames)
     members = sample_members(distance.local, parameters.local_motions, np.random.default_rng(0))  # 2
-    kernel = preference(explain(pairs, members), frames.variance)  # 3
+    kernel = preference(explain(frames, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
     superclusters = link(similarity)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
+    agreed = consensus(frames, pieces, np.random.default_rng(0))
     geometry = Geometry(frames, pieces, parameters.drift)
-    merging = Merging(similarity, distance.image, superclusters, geometry, parameters.smallest, previous)
+    merging = Merging(
+        similarity, distance.image, superclusters, agreed, geometry, parameters.smallest, previous
+    )
     merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
     mean = sums_over_groups(similarity, labels) / np.bincount(labels)[:, None]

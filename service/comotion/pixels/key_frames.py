@@ -47,23 +47,6 @@ class KeyFrames:
         )
 
 
-@dataclass(frozen=True)
-class FramePairs:
-    """Where N trajectories start and how far they move over Q pairs of frames.
-
-    Attributes
-    ----------
-    start, displacement
-        float32 [Q, 2, N], px; 0 where a trajectory is not seen in both frames.
-    seen
-        float32 [Q, N]; 1 where it is, else 0.
-    """
-
-    start: Floats32
-    displacement: Floats32
-    seen: Floats32
-
-
 def evenly_spaced(count: int, most: int) -> Ints:
     """Up to `most` indices below `count`, evenly spread, both ends included."""
     if count <= most:
@@ -135,13 +118,19 @@ def key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -
     return KeyFrames(positions, visible, variance.astype(np.float32))
 
 
-def frame_pairs(frames: KeyFrames, steps: tuple[int, ...] = STEPS) -> FramePairs:
-    """All pairs (t, t + s) of key frames, s in `steps`."""
+def frame_pairs(frames: KeyFrames) -> tuple[Floats32, Floats32, Floats32]:
+    """Where N trajectories start and how far they move over Q pairs of key frames (t, t + s), s in `STEPS`.
+
+    Returns
+    -------
+    Starts and displacements float32 [Q, 2, N], px, and seen float32 [Q, N]: 1 where a trajectory is seen in
+    both frames; else all are 0.
+    """
     count = len(frames.positions)
-    first = np.concatenate([np.arange(max(count - s, 0)) for s in steps])
-    second = np.concatenate([np.arange(min(s, count), count) for s in steps])
+    first = np.concatenate([np.arange(max(count - s, 0)) for s in STEPS])
+    second = np.concatenate([np.arange(min(s, count), count) for s in STEPS])
     seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
     start = frames.positions[first]
     masked = np.stack([start, frames.positions[second] - start]) * seen[..., None]
     start, displacement = np.ascontiguousarray(masked.transpose(0, 1, 3, 2))
-    return FramePairs(start, displacement, seen)
+    return start, displacement, seen

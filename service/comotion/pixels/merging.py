@@ -47,8 +47,10 @@ class Merging:
         float32 [N, N]; of the trajectories, and how far apart they are in the image, px.
     superclusters
         intp [N], 0 to P - 1.
+    consensus
+        float64 [P, P]; of the superclusters about epipolar geometries.
     geometry
-        Compares groups; its pieces are the superclusters.
+        Compares groups over wide baselines.
     smallest
         Members below which a group dissolves.
     previous
@@ -61,6 +63,7 @@ class Merging:
         similarity: Floats32,
         distance: Floats32,
         superclusters: Ints,
+        consensus: Floats,
         geometry: Geometry,
         smallest: int,
         previous: Labels | None,
@@ -70,7 +73,7 @@ class Merging:
         self._size = np.bincount(superclusters).astype(np.float64)
         self._members = [np.flatnonzero(superclusters == k) for k in range(len(self._size))]
         self._sums = sums_over_groups(sums_over_groups(similarity, superclusters).T, superclusters)
-        self._consensus = geometry.consensus * np.outer(self._size, self._size)
+        self._consensus = consensus * np.outer(self._size, self._size)
         self._open = np.ones(len(self._size), np.bool_)
         self._previous = previous
         self._decided: dict[tuple[int, int], bool] = {}

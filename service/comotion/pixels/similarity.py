@@ -4,7 +4,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Ints
 from .kernels.affine import fit_local_motions, total_residuals
-from .key_frames import FramePairs, KeyFrames
+from .key_frames import KeyFrames, frame_pairs
 
 # px² per member; regularisation of the affine motion of a group. px²; squared residual from which on it costs
 # no more.
@@ -25,21 +25,21 @@ _MOTIONS_PER_DRAW = 300
 _NEGLIGIBLE = 1e-6
 
 
-def explain(pairs: FramePairs, groups: list[Ints]) -> Floats32:
+def explain(frames: KeyFrames, groups: list[Ints]) -> Floats32:
     """Mean squared residuals of N trajectories under H local motions, [H, N] px²; inf where none applies.
 
     Parameters
     ----------
-    pairs
-        Frame pairs of the trajectories: a motion is an affine field in each.
+    frames
+        Key frames of the trajectories: a motion is an affine field in each pair of them.
     groups
         Members of local motions, each intp [H_r, M_r].
     """
-    observed = pairs.start, pairs.displacement, pairs.seen
+    observed = frame_pairs(frames)
     parts = [fit_local_motions(*observed, members.T, _RIDGE) for members in groups]
     motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     square = total_residuals(*observed, motions, used * np.float32(_CAP))
-    count = used.T @ pairs.seen
+    count = used.T @ observed[2]
     square /= np.maximum(count, np.float32(1))
     square[count == 0] = np.inf
     return square
@@ -108,28 +108,22 @@ def _best_residuals(square: Floats32) -> Floats32:
     return np.where(finite.any(axis=0), mean, np.float32(np.inf))
 
 
-def subspace(
-    frames: KeyFrames,
-    dimensions: int = _RANK,
-    rank: int = _COMPLETION_RANK,
-    rounds: int = _COMPLETION_ROUNDS,
-) -> Floats32:
-    """Right singular vectors of the completed trajectory matrix, float32 [dimensions, N].
+def subspace(frames: KeyFrames) -> Floats32:
+    """Right singular vectors of the completed trajectory matrix, float32 [_RANK, N]; 0 beyond its rank.
 
-    The matrix has 2F rows of x and y (shape interaction, Costeira and Kanade 1998). Unseen entries are
-    completed at `rank` by `rounds` of imputation. Rows beyond the matrix's rank are 0.
+    The matrix has 2F rows of x and y (shape interaction, Costeira and Kanade 1998).
     """
-    matrix = _complete(frames, rank, rounds)
+    matrix = _complete(frames)
     values, vectors = np.linalg.eigh(matrix @ matrix.T)
-    values, vectors = values[::-1][:dimensions], vectors[:, ::-1][:, :dimensions]
+    values, vectors = values[::-1][:_RANK], vectors[:, ::-1][:, :_RANK]
     nonzero = values > 1e-12 * max(float(values[0]), 1e-300)
-    singular_vectors = np.zeros((dimensions, matrix.shape[1]), np.float32)
+    singular_vectors = np.zeros((_RANK, matrix.shape[1]), np.float32)
     projected = vectors[:, nonzero].T @ matrix / np.sqrt(values[nonzero])[:, None]
     singular_vectors[: len(projected)] = projected
     return singular_vectors
 
 
-def _complete(frames: KeyFrames, rank: int, rounds: int) -> Floats:
+def _complete(frames: KeyFrames) -> Floats:
     """Trajectory matrix [2F, N] with its unseen entries completed, scaled to 1 at most."""
     count, total = frames.visible.shape
     seen = np.repeat(frames.visible, 2, axis=0)
@@ -138,11 +132,11 @@ def _complete(frames: KeyFrames, rank: int, rounds: int) -> Floats:
     if seen.all():
         return values
     matrix = np.where(seen, values, _last_seen(frames.visible, values))
-    basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -min(rank, 2 * count) :]
+    basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -min(_COMPLETION_RANK, 2 * count) :]
     gaps = ~frames.visible.all(axis=0)
     complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~seen[:, gaps]
     moments = complete @ complete.T
-    for _ in range(rounds):
+    for _ in range(_COMPLETION_ROUNDS):
         # One step of orthogonal iteration follows the subspace: the matrix changes little per round.
         basis = np.linalg.qr(moments @ basis + rest @ (rest.T @ basis))[0]
         np.copyto(rest, basis @ (basis.T @ rest), where=unseen)

@@ -1,4 +1,4 @@
-"""Fits fundamental matrices to few points each, and gives the residuals of groups of points under them."""
+"""Fits fundamental matrices to points in two frames, and gives the residuals of points under them."""
 
 import numpy as np
 
@@ -18,22 +18,38 @@ def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -
     """
     misfits = np.zeros((len(picks), len(starts) - 1))
     for h in range(len(picks)):
-        f = _fundamental(first[picks[h]], second[picks[h]])
+        matrix = _fundamental(first[picks[h]], second[picks[h]], np.ones(picks.shape[1]))
         for g in range(len(starts) - 1):
             for i in range(starts[g], starts[g + 1]):
-                x, y, u, v = first[i, 0], first[i, 1], second[i, 0], second[i, 1]
-                a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
-                b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
-                c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
-                d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
-                e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
-                misfits[h, g] += (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
+                misfits[h, g] += _sampson(matrix, first[i, 0], first[i, 1], second[i, 0], second[i, 1])
             misfits[h, g] /= max(starts[g + 1] - starts[g], 1)
     return misfits
 
 
 @compiled()
-def _fundamental(first: Floats, second: Floats) -> Floats:
+def epipolar_squares(first: Floats, second: Floats, weight: Floats) -> Floats:
+    """Squared Sampson distances of points [n, 2] under a matrix fitted to them with weights [n], px² [n]."""
+    matrix = _fundamental(first, second, weight)
+    squares = np.empty(len(first))
+    for i in range(len(first)):
+        squares[i] = _sampson(matrix, first[i, 0], first[i, 1], second[i, 0], second[i, 1])
+    return squares
+
+
+@compiled()
+def _sampson(f: Floats, x: float, y: float, u: float, v: float) -> float:
+    """Squared Sampson distance of (x, y) in one frame and (u, v) in the other, px²."""
+    a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
+    b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
+    c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
+    d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
+    e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
+    square: float = (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
+    return square
+
+
+@compiled()
+def _fundamental(first: Floats, second: Floats, weight: Floats) -> Floats:
     """Fundamental matrix [3, 3] of points [m, 2], by the normalised eight-point method (Hartley 1997)."""
     left, right = _normalising(first), _normalising(second)
     normal = np.zeros((9, 9))
@@ -43,6 +59,7 @@ def _fundamental(first: Floats, second: Floats) -> Floats:
         u, v = right[0, 0] * second[i, 0] + right[0, 2], right[1, 1] * second[i, 1] + right[1, 2]
         row[0], row[1], row[2], row[3], row[4], row[5] = u * x, u * y, u, v * x, v * y, v
         row[6], row[7], row[8] = x, y, 1.0
+        row *= weight[i]
         for a in range(9):
             for b in range(9):
                 normal[a, b] += row[a] * row[b]
