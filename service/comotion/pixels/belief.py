@@ -17,7 +17,7 @@ from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import group_gain, rest_gain
 from .newborns import nearest_votes
-from .proposals import Together, as_one, find_groups
+from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
 from .recent import Recent
 
 BACKGROUND = 0
@@ -32,6 +32,8 @@ _PLACE = 0.25
 _FIRST = 1.0
 # ns; a body is shown once its age times its members is so much: few members take longer to be sure of.
 _LASTED_NS = 3_000_000_000
+# nat; against rest, by all members of a group: so much takes them off the background at once.
+_LEAVES_AS_ONE = 20.0
 # Steps from one comparison of pairs of bodies to the next.
 _MERGE_EVERY = 3
 # ns; a body is dropped if it could not be shown, or had no member, for so long.
@@ -197,14 +199,21 @@ class Belief:
     def _propose(self, recent: Recent, rest: Floats, stamp_ns: int) -> None:
         """Make bodies of trajectories that nothing explains, or members of bodies that move alike."""
         labels = self.labels(recent.slots)
-        free = (labels < 0) & (rest < 0) & recent.seen[0]
-        for members in find_groups(recent, free):
+        free = (labels <= BACKGROUND) & (rest < 0) & recent.seen[0]
+        for group in find_groups(recent, free):
+            leaves = rest[group].sum() < -_LEAVES_AS_ONE
+            members = group if leaves else group[labels[group] < 0]
+            if len(members) < LEAST_MEMBERS:
+                continue
             is_member = np.isin(np.arange(len(labels)), members)
             fits = {column: as_one(recent, labels == column, is_member) for column, _ in self._living()}
             column = max(fits, key=lambda candidate: fits[candidate], default=BACKGROUND)
             if fits.get(column, 0.0) <= 0:
                 column = self._new_column(stamp_ns)
-            self._evidence[recent.slots[members], column] = _FIRST
+            slots = recent.slots[members]
+            self._evidence[slots, column] = _FIRST
+            # What has left the background as one need not be shown to have left it one by one.
+            self._evidence[slots, BACKGROUND] = np.minimum(self._evidence[slots, BACKGROUND], 0.0)
 
     def _merge(self, recent: Recent, motion: dict[int, float]) -> None:
         labels = self.labels(recent.slots)

@@ -26,8 +26,8 @@ _FIRST_ROUNDS, _REWEIGHTED = 8, 4
 # px²; smallest typical squared residual that weights refer to. Ridge of a camera, per trajectory.
 _LEAST_TYPICAL, _RIDGE = 0.05, 1e-5
 # px²; variance of a displacement about the structure from which on the background is not rigid, and the time
-# scale of it.
-_RIGID_PX2, _SCALE = 1.0, 1
+# scale of it; that over which what is new in view was not seen.
+_RIGID_PX2, _SCALE, _LONG = 1.0, 1, 2
 # In squared depths of the background: precision of a newborn trajectory's, the most that is kept of one, and
 # its share that is kept from step to step.
 _NEWBORN, _MOST, _KEPT = 0.25, 400.0, 0.5
@@ -39,8 +39,8 @@ _CHI2_MEDIAN_2D = chdtri(2, 0.5)
 class _Views(NamedTuple):
     """n trajectories now, float64 [n, 2], and at S past instants, [S, n, 2]; seen, and in use, bool [S, n].
 
-    Places are in the extent of the background. The variance of a displacement is [n], its floor that of
-    typical squared residuals.
+    Places are in the extent of the background, which is in px. The variance of a displacement is [n], its
+    floor that of typical squared residuals; `scales` intp [S] are those of the instants.
     """
 
     place: Floats
@@ -49,6 +49,18 @@ class _Views(NamedTuple):
     used: Bools
     variance: Floats
     floor: float
+    scales: Ints
+    extent: float
+
+
+class _Structure(NamedTuple):
+    """Depths [n], precisions [n]; displacements relative to it, their variance [S]; what rests, bool [n]."""
+
+    depth: Floats
+    precision: Floats
+    relative: Recent
+    spread: Floats
+    rests: Bools
 
 
 class Steadying:
@@ -80,32 +92,22 @@ class Steadying:
         """
         lost, self.rigid = not self.rigid, False
         depth, precision = self._carried(recent.slots, keys)
-        displacement, tolerance = recent.displacement.copy(), np.full(recent.seen.shape, np.inf)
-        scales = np.flatnonzero((recent.seen & members).sum(axis=1) >= _LEAST_BACKGROUND)
+        # Whether what came into view lately rests is for the structure to say.
+        new = ~recent.seen[_LONG]
+        background = members | new
+        scales = np.flatnonzero((recent.seen & background).sum(axis=1) >= _LEAST_BACKGROUND)
         if not len(scales):
-            return replace(recent, tolerance=tolerance)
-        views, extent = _views(recent, scales, members)
-        start = np.random.default_rng(0).standard_normal(len(depth)) if lost else depth
-        fitted, weight = start, views.used.astype(np.float64)
-        for _ in range(_FIRST_ROUNDS if lost else 1):
-            cameras, weight, typical = _cameras(views, fitted, weight)
-            fitted, information = _depths(views, cameras, fitted, start, precision, typical)
-        at_rest = _project(cameras, views.place, fitted)[0]
-        square = ((at_rest - views.past) ** 2).sum(axis=2) * extent**2
-        spread = median(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
-        noise = median(np.where(views.used, 2 * recent.variance, np.nan), 1)
-        # At least what the noise of the background does to its cameras.
-        least = noise * _PARAMETERS / (2 * views.used.sum(axis=1))
-        tolerance[scales] = np.maximum(spread - noise, least)[:, None] / 2
-        self.rigid = bool((spread[scales == _SCALE] < _RIGID_PX2).any())
-        displacement[scales] = (at_rest - views.past) * extent
-        rests = rest_gain(replace(recent, displacement=displacement, tolerance=tolerance)) > 0
-        # What moves keeps its depth, so that its motion is that of its body.
-        rests |= lost
-        depth, precision = np.where(rests, fitted, start), np.where(rests, information, precision)
-        displacement[scales] = (_project(cameras, views.place, depth)[0] - views.past) * extent
-        self._keep(recent.slots, views.place, depth, precision, members)
-        return replace(recent, displacement=displacement, tolerance=tolerance)
+            return replace(recent, tolerance=np.full(recent.seen.shape, np.inf))
+        views = _views(recent, scales, background)
+        fits = [] if lost else [_structure(recent, views, depth, precision, 1)]
+        if lost or np.count_nonzero(new & recent.seen[0] & ~fits[0].rests) >= _LEAST_BACKGROUND:
+            # Before a plane any epipole was as good: another one may explain what came into view as well.
+            depth = np.random.default_rng(0).standard_normal(len(depth))
+            fits.append(_structure(recent, views, depth, np.full(len(depth), _NEWBORN), _FIRST_ROUNDS))
+        best = max(fits, key=lambda fit: np.count_nonzero(fit.rests & background))
+        self.rigid = bool((best.spread[scales == _SCALE] < _RIGID_PX2).any())
+        self._keep(recent.slots, views.place, best.depth, best.precision, background)
+        return best.relative
 
     def _carried(self, slots: Slots, keys: Stamps) -> tuple[Floats, Floats]:
         extra = len(keys) - len(self._keys)
@@ -124,15 +126,42 @@ class Steadying:
         self._depth[slots], self._precision[slots] = depth / np.sqrt(square), precision * square
 
 
-def _views(recent: Recent, scales: Ints, members: Bools) -> tuple[_Views, float]:
-    """Places in the extent of the background, and that extent in px."""
+def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int) -> _Structure:
+    """Cameras and depths in turns."""
+    depth, weight = prior, views.used.astype(np.float64)
+    for _ in range(rounds):
+        cameras, weight, typical = _cameras(views, depth, weight)
+        depth, information = _depths(views, cameras, depth, prior, precision, typical)
+    displacement, tolerance = recent.displacement.copy(), np.full(recent.seen.shape, np.inf)
+    displacement[views.scales] = _departure(views, cameras, depth)
+    square = (displacement[views.scales] ** 2).sum(axis=2)
+    spread = median(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
+    noise = median(np.where(views.used, 2 * recent.variance, np.nan), 1)
+    # At least what the noise of the background does to its cameras.
+    least = noise * _PARAMETERS / (2 * views.used.sum(axis=1))
+    tolerance[views.scales] = np.maximum(spread - noise, least)[:, None] / 2
+    rests = rest_gain(replace(recent, displacement=displacement, tolerance=tolerance)) > 0
+    # What moves keeps its depth, so that its motion is that of its body.
+    known = rests | (rounds > 1)
+    depth, precision = np.where(known, depth, prior), np.where(known, information, precision)
+    displacement[views.scales] = _departure(views, cameras, depth)
+    relative = replace(recent, displacement=displacement, tolerance=tolerance)
+    return _Structure(depth, precision, relative, spread, rests)
+
+
+def _departure(views: _Views, cameras: Floats, depth: Floats) -> Floats:
+    """Of where trajectories were from where they are, had they rested, px [S, n, 2]."""
+    return (_project(cameras, views.place, depth)[0] - views.past) * views.extent
+
+
+def _views(recent: Recent, scales: Ints, members: Bools) -> _Views:
     own = recent.position[members]
     centre = own.mean(axis=0)
     extent = max(float(np.sqrt(((own - centre) ** 2).mean())), 1.0)
     place, seen = (recent.position - centre) / extent, recent.seen[scales]
     past = place - recent.displacement[scales] / extent
     variance, floor = 2 * recent.variance / extent**2, _LEAST_TYPICAL / extent**2
-    return _Views(place, past, seen, seen & members, variance, floor), extent
+    return _Views(place, past, seen, seen & members, variance, floor, scales, extent)
 
 
 def _cameras(views: _Views, depth: Floats, weight: Floats) -> tuple[Floats, Floats, Floats]:
