@@ -34,8 +34,6 @@ _FIRST = 1.0
 _LASTED_NS = 3_000_000_000
 # nat; against rest, by all members of a group: so much takes them off the background at once.
 _LEAVES_AS_ONE = 20.0
-# Steps from one comparison of pairs of bodies to the next.
-_MERGE_EVERY = 3
 # ns; a body is dropped if it could not be shown, or had no member, for so long.
 _GONE_NS = 1_000_000_000
 # Members without which a body that is not shown is dropped.
@@ -94,7 +92,7 @@ class Belief:
         self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
         # By slot: whether its own motion has been seen, and not its place alone.
         self._seen = labels >= 0
-        self._together, self._steps = Together(), 0
+        self._together = Together()
         self._recent: Recent | None = None
 
     def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
@@ -111,9 +109,7 @@ class Belief:
         least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
         self._evidence[recent.slots] = np.maximum(evidence, least)
         self._propose(recent, rest, stamp_ns)
-        if self._steps % _MERGE_EVERY == 0:
-            self._merge(recent, motion)
-        self._steps += 1
+        self._merge(recent, motion)
         self._review(recent, stamp_ns)
         self._recent = recent
 
@@ -144,18 +140,6 @@ class Belief:
         if self._recent is not None:
             residual[self._recent.slots] = 2 * self._recent.variance
         return residual[slots]
-
-    def compare(self, slots: Slots, groups: Ints) -> None:
-        """Take in groups of a whole window, which were found by structure: intp [m] each.
-
-        Two bodies that lie in one group, for the largest part of each, come nearer to being merged.
-        """
-        labels = self.labels(slots)
-        shared = np.zeros((len(self.bodies), int(groups.max(initial=0)) + 1))
-        on_body = labels > BACKGROUND
-        np.add.at(shared, (labels[on_body], groups[on_body]), 1)
-        compared = np.flatnonzero(shared.sum(axis=1) >= _GOING_ON).tolist()
-        self._together.vote({column: int(shared[column].argmax()) for column in compared})
 
     def admit(self, window: Window) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""

@@ -20,8 +20,6 @@ _MOTION_WEIGHT = 10.0
 _AS_ONE = 0.3
 # Comparisons with motion as one until two bodies are merged, and if one is not shown; limit of the sum.
 _MERGE_AFTER, _MERGE_UNSHOWN, _MOST_SUM = 4.0, 0.5, 7.0
-# Comparisons that a group of the whole window counts for.
-_VOTE = 1.3
 # px; of two groups that both move less over the longest time scale, nothing is learnt.
 _LEAST_MOTION_PX = 1.0
 
@@ -101,11 +99,6 @@ class Together:
         for a, b in combinations(sorted(members), 2):
             if max(motion[a], motion[b]) >= _LEAST_MOTION_PX:
                 self._add((a, b), as_one(recent, members[a], members[b]))
-
-    def vote(self, group: dict[int, int]) -> None:
-        """Take in the group of a whole window in which each body lies."""
-        for (a, first), (b, second) in combinations(sorted(group.items()), 2):
-            self._add((a, b), _VOTE if first == second else -_VOTE)
 
     def merged(self, shown: set[int]) -> tuple[int, int] | None:
         """A pair that has moved as one for long enough: soon, if not both of them are shown."""

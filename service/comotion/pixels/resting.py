@@ -8,13 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Bools, Ints, Labels, Slots
-from ..config import PixelsConfig
+from ..arrays import Bools, Labels
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
-from .grouping import group
-from .key_frames import LEAST_SEEN, evenly_spaced, key_frames
-from .noise import noise_variance
 from .recent import Recent, recent_motion
 from .steadying import Steadying
 
@@ -33,19 +29,9 @@ _LEAST_TRACKS, _SCALES = 5, 2
 # Variances of a displacement, and px of drift, within which a feature rests: a slow camera moves all by more.
 _GATE, _DRIFT_PX = 9.0, 0.15
 
-# Steps from one grouping of the window to the next; ns of which half of its key frames are, so that features
-# of short lives take part; and trajectories that are compared.
-_EVERY, _RECENT_NS = 3, 1_200_000_000
-_LEAST_COMPARED, _MOST_COMPARED = 8, 300
-
 
 class RestingCamera:
     """Follows one camera and, while its background rests, the belief which trajectories move with which body.
-
-    Parameters
-    ----------
-    config
-        Of the grouping of whole windows.
 
     Attributes
     ----------
@@ -53,10 +39,9 @@ class RestingCamera:
         Whether the camera moved at the last step.
     """
 
-    def __init__(self, config: PixelsConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self.carried = False
-        self._steps, self._undivided = 0, 0
+        self._undivided = 0
         # That the camera rests, and that the background does once its motion is subtracted.
         self._evidence, self._steady = 0.0, 0.0
         self._steadying = Steadying()
@@ -96,30 +81,8 @@ class RestingCamera:
                     continue
             self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
             self._belief.step(window, recent, instant)
-            self._steps += 1
-            if self._steps % _EVERY == 0:
-                self._belief.compare(*self._structure(window, stamps[: bisect_right(stamps, instant)]))
         self._stamp_ns = max(last, first)
         return self._belief
-
-    def _structure(self, window: Window, stamps: Sequence[int]) -> tuple[Slots, Ints]:
-        """Groups of trajectories off the background by their motion: slots and groups, intp [m] each."""
-        slots = window.slots()
-        if self._belief is not None:
-            slots = slots[self._belief.labels(slots) != BACKGROUND]
-        instants = np.array(stamps, np.int64)
-        newest = instants[instants > instants[-1] - _RECENT_NS]
-        half = self._config.key_frames // 2
-        chosen = np.union1d(
-            instants[evenly_spaced(len(instants), half)], newest[evenly_spaced(len(newest), half)]
-        )
-        frames = key_frames(window, slots, chosen, noise_variance(window, slots, stamps))
-        seen = frames.visible.sum(axis=0)
-        ready = np.flatnonzero(seen >= LEAST_SEEN)
-        ready = np.sort(ready[np.argsort(-seen[ready], kind="stable")][:_MOST_COMPARED])
-        if len(ready) < _LEAST_COMPARED:
-            return slots[:0], np.zeros(0, np.intp)
-        return slots[ready], group(frames.of(ready), self._config).labels
 
     def _steadied(self, window: Window, recent: Recent) -> Recent:
         """Motion relative to that of the background; and note whether that shows it at rest."""
