@@ -89,7 +89,7 @@ def test_one_feature_that_is_left_carries_a_body_over_as_it_was_turned(dim):
     w[1:4, 10:] = w[4:, :10] = 0.0
     template, R, t, posed = np.zeros((3, 9)), np.zeros((20, 3, 3)), np.zeros((20, 3)), np.zeros(20, bool)
     rows = y.transpose(1, 2, 0).copy(), w.T.copy(), np.full(9, 1e6), metrics_of(9)
-    fit_poses(*rows, dim, 4, template, PoseArrays(R, t, posed))
+    fit_poses(*rows, dim, np.eye(3), 4, False, template, PoseArrays(R, t, posed))
     assert posed.all()
     np.testing.assert_allclose(R, np.tile(np.eye(3), (20, 1, 1)), atol=1e-6)
 

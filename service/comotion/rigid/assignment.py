@@ -9,11 +9,12 @@ from scipy.spatial.distance import cdist
 
 from ..arrays import Floats, Ints, last_true, thinned
 from ..config import RigidConfig
+from ..partition import NO_HYPOTHESIS
 from .costs import Costs, updated
 from .frames import Frames
 from .procrustes import Body
 
-OUTLIER = -1
+OUTLIER = NO_HYPOTHESIS
 """Label of a trajectory that belongs to no body."""
 # Rounds of prior and assignment at most; chosen on the scenes of docs/research/accuracy.md.
 _ROUNDS = 3
@@ -95,7 +96,8 @@ def assign(
     evidence[stays, own_columns[stays] + 1] -= config.stay
     labels = np.asarray(np.argmin(evidence, 1) - 1)
     weight, x = _weight(frames), np.ascontiguousarray(position[:, : frames.dim])
-    margin, spacing = _margin(evidence), _spacing(x[weight > 0])
+    least, spacing = np.partition(evidence, 1, axis=1), _spacing(x[weight > 0])
+    margin = least[:, 1] - least[:, 0]
     unclear = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _CLEAR)
     if not len(unclear):
         return Assignment(labels, evidence, spacing)
@@ -103,11 +105,8 @@ def assign(
     counted = weight * (1 - np.exp(-margin))
     cost = evidence
     for _ in range(_ROUNDS):
-        prior = np.maximum(
-            _log_prior(x, unclear, labels, counted, body.shape[1], spacing), -config.prior_floor
-        )
         cost = evidence.copy()
-        cost[unclear, 1:] -= config.prior_weight * prior
+        cost[unclear, 1:] += _place_costs(x, unclear, labels, counted, body.shape[1], spacing, config)
         new_labels = np.asarray(np.argmin(cost, 1) - 1)
         if np.array_equal(new_labels, labels):
             break
@@ -134,11 +133,11 @@ def joined(
     labels[rejoining] = OUTLIER
     x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
     spacing = result.assignment.spacing
-    prior = _log_prior(x, joining, labels, _weight(frames), len(bodies), spacing)
+    place = _place_costs(x, joining, labels, _weight(frames), len(bodies), spacing, config)
     cost = np.zeros((len(labels), 1 + len(bodies)))
     cost[:known_count] = result.assignment.cost
     cost[joining] = np.column_stack([evidence.outlier, evidence.body])[joining]
-    cost[joining, 1:] -= config.prior_weight * np.maximum(prior, -config.prior_floor)
+    cost[joining, 1:] += place
     labels[joining] = np.argmin(cost[joining], 1) - 1
     return SearchResult(bodies, Assignment(labels, cost, spacing), evidence)
 
@@ -186,26 +185,23 @@ def same_body(chances: Floats) -> NDArray[np.float32]:
     return same
 
 
-def _margin(evidence: Floats) -> Floats:
-    """Difference of the two least costs of each trajectory, float64 [N]."""
-    ordered = np.partition(evidence, 1, axis=1)
-    return np.asarray(np.maximum(ordered[:, 1] - ordered[:, 0], 0))
-
-
 def _weight(frames: Frames) -> Floats:
     """Weight of each trajectory in the density of its body, 0 to 1, float64 [N]."""
     return np.where(frames.informative, np.minimum(frames.life / _FULL_WEIGHT_AFTER, 1.0), 0.0)
 
 
-def _log_prior(x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float) -> Floats:
-    """Log density of each body's members at x[points], relative to the densest body there, [n, K]."""
+def _place_costs(
+    x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float, config: RigidConfig
+) -> Floats:
+    """Cost of each body at x[points], nat [n, K]: minus the log density of its members, beyond the least."""
     log_density = np.full((len(points), bodies), -np.inf)
     for k in range(bodies):
         members = np.flatnonzero((labels == k) & (weight > 0))
         if len(members):
             log_density[:, k] = _log_density(x, points, members, weight[members], spacing)
     top = log_density.max(1, keepdims=True, initial=-np.inf)
-    return np.where(np.isfinite(top), log_density - np.where(np.isfinite(top), top, 0.0), 0.0)
+    cost = np.where(np.isfinite(top), np.where(np.isfinite(top), top, 0.0) - log_density, 0.0)
+    return config.prior_weight * np.minimum(cost, config.prior_floor)
 
 
 def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing: float) -> Floats:

@@ -15,14 +15,14 @@ from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
 from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import SearchResult
-from .costs import Costs, pose_costs
+from .costs import Costs, path_price
 from .fits import Fitted
 from .frames import Frames
 from .subset import Scene
 
 # s of motion that explains the members better than rest does by more than its price, until a hypothesis is
-# known to be separate; and s of evidence to the contrary, until it no longer is.
-_SEPARATE_AFTER, _FORGET_AFTER = 1.0, 2.0
+# known to be separate; twice as long of evidence to the contrary, until it no longer is.
+_SEPARATE_AFTER = 1.0
 # Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated
 # over time gains once or twice the price by chance.
 _CLEARLY = 4.0
@@ -85,7 +85,7 @@ class Belief:
             record.moves = moves[k]
             record.seconds += step if moves[k] else 0.0
             record.contrary = record.contrary + step if against else 0.0
-            if record.contrary > _FORGET_AFTER:
+            if record.contrary > 2 * _SEPARATE_AFTER:
                 record.seconds = 0.0
         member_of = np.append(self._member_of, _UNKNOWN)[find(frames.key, self._keys)]
         clear = _clear(evidence, labels)
@@ -158,8 +158,7 @@ def past_evidence(scene: Scene, fitted: list[Fitted], costs: Costs, config: Rigi
     """
     hypotheses, current = scene.hypotheses, scene.judged & scene.frames.current
     evidence = np.zeros((len(hypotheses), len(fitted)))
-    dof = 3 if scene.frames.dim == 2 else 6
-    price = pose_costs(dof, len(scene.frames.stamps), config) + config.birth_price
+    price = path_price(3 if scene.frames.dim == 2 else 6, len(scene.frames.stamps), config)
     continued = continued_by(scene, fitted)
     for hypothesis in np.unique(hypotheses[scene.separate]).tolist():
         members = hypotheses == hypothesis

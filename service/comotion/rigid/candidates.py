@@ -1,7 +1,7 @@
 """Candidates for new bodies: clusters of rows that move alike (step 5)."""
 
 import numpy as np
-from scipy.cluster.hierarchy import linkage
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from ..arrays import Bools, Floats, Ints
@@ -56,22 +56,13 @@ def clusters(frames: Frames, rows: Ints) -> list[Ints]:
 
 
 def _cut_clusters(tree: Floats) -> list[Ints]:
-    """Clusters of two or more at any of the cuts, ascending indices.
-
-    A node of the dendrogram is a cluster at every cut from its own height up to that of its parent.
-    """
-    count = len(tree) + 1
-    height = np.append(tree[:, 2], np.inf)
-    parent = np.full(2 * count - 1, len(tree))
-    children = tree[:, :2].astype(np.intp)
-    parent[children] = np.arange(len(tree))[:, None]
-    above = height[parent[count:]]
-    cuts = np.array(CUTS)[:, None]
-    cut = ((height[:-1] <= cuts) & (cuts < above)).any(0)
-    members: list[Ints] = [np.array([i]) for i in range(count)]
-    for left, right in children.tolist():
-        members.append(np.concatenate([members[left], members[right]]))
-    return [np.sort(members[count + j]) for j in np.flatnonzero(cut).tolist()]
+    """Clusters of two or more at any of the cuts, ascending indices, each once."""
+    found: dict[bytes, Ints] = {}
+    for cut in CUTS:
+        names = fcluster(tree, cut, "distance")
+        for members in (np.flatnonzero(names == name) for name in range(1, names.max() + 1)):
+            found |= {members.tobytes(): members} if len(members) > 1 else {}
+    return list(found.values())
 
 
 def _normalised_deviation(frames: Frames, rows: Ints) -> Floats:

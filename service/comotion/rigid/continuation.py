@@ -17,10 +17,10 @@ from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
 from .costs import stacked
 from .frames import Frames
-from .kernels.procrustes import continue_poses
+from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
 from .kernels.residuals import recent_residuals
-from .procrustes import Body, static_body
+from .procrustes import ITERATIONS, Body, static_body
 from .resampling import extended
 from .subset import is_small
 from .tracks import Tracks
@@ -142,8 +142,8 @@ def _followed(frames: Frames, body: Body) -> Body:
     y = np.ascontiguousarray(frames.y[body.rows, first:].transpose(1, 2, 0))
     w = np.ascontiguousarray(frames.w[body.rows, first:].T)
     noise = 1 / frames.tolerance[body.rows], frames.metric[body.rows]
-    template = np.ascontiguousarray(body.template.T)
-    continue_poses(y, w, *noise, frames.dim, first, template, PoseArrays(R, t, posed))
+    template, newer = np.ascontiguousarray(body.template.T), PoseArrays(R[first:], t[first:], posed[first:])
+    fit_poses(y, w, *noise, frames.dim, R[first - 1], ITERATIONS, True, template, newer)
     return replace(body, R=R, t=t, posed=posed)
 
 

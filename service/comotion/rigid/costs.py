@@ -16,7 +16,7 @@ from .procrustes import Body
 _UNCOVERED_SHARE = 0.7
 # Variances of the deformation of a body that are compared, in tolerances of its rows, and its correlation
 # time, s: from .3 to 1 s it hardly matters, 4 s lose slow bodies (docs/research/unseen.md).
-_DEFORMATIONS = np.array([0.0, 0.5, 1, 2, 4, 8, 16, 32, 64])
+_DEFORMATIONS = np.append(0.0, 2.0 ** np.arange(-1, 7))
 _DEFORMATION_TIME = 0.7
 # Most that a body deforms, as a share of how it moves; chosen on half of the recordings of
 # docs/research/unseen.md.
@@ -114,20 +114,9 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
     return excess
 
 
-def pose_costs(dof: int, poses: float, config: RigidConfig) -> float:
-    """Price of a number of poses, nat."""
-    return 0.5 * dof * (1 + config.pose_price) * poses
-
-
-def opening_price(body: Body, config: RigidConfig) -> float:
-    """Price of a body and its path, nat."""
-    return 0.0 if body.static else pose_costs(body.dof, body.free, config) + config.birth_price
-
-
-def restless_price(body: Body, config: RigidConfig) -> float:
-    """Price of a body with a pose in each frame, nat."""
-    posed = int(body.posed.sum())
-    return 0.0 if body.static else pose_costs(body.dof, posed, config) + config.birth_price
+def path_price(dof: int, poses: float, config: RigidConfig) -> float:
+    """Price of a body and its path of some poses, nat; the static one, of no degree of freedom, has none."""
+    return 0.5 * dof * (1 + config.pose_price) * poses + config.birth_price if dof else 0.0
 
 
 def _residuals(

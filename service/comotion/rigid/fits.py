@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 from ..config import RigidConfig
-from .costs import Costs, body_costs_of, deformation, opening_price, outlier_costs, restless_price
+from .costs import Costs, body_costs_of, deformation, outlier_costs, path_price
 from .frames import Frames
 from .procrustes import Body, fit_body, static_body
 from .rest import settled
@@ -63,8 +63,8 @@ class Fits:
         return Costs(
             body_cost,
             self._outlier,
-            opening=np.array([opening_price(body, config) for body in bodies]),
-            restless=np.array([restless_price(body, config) for body in bodies]),
+            opening=np.array([path_price(body.dof, body.free, config) for body in bodies]),
+            restless=np.array([path_price(body.dof, int(body.posed.sum()), config) for body in bodies]),
             soft=np.array([body.soft for body in fitted]),
             slides=slides,
             squared=np.stack([body.squared for body in fitted], 1),

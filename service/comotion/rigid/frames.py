@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Stamps
+from ..arrays import Bools, Floats, Ints, Stamps, ranks
 from .kernels.records import RowArrays
 
 # Names of rows: the key of the trajectory times this, plus the place among its rows.
@@ -123,8 +123,4 @@ class Frames:
 
 def row_names(key: Stamps, owner: Ints) -> Stamps:
     """Stable names of rows int64 [P], by int64 [N] keys of trajectories and intp [P], that of each row."""
-    order = np.argsort(owner, kind="stable")
-    ordered = owner[order]
-    place = np.zeros(len(owner), np.int64)
-    place[order] = np.arange(len(owner)) - np.searchsorted(ordered, ordered)
-    return key[owner] * _ROWS_PER_TRACK + place
+    return key[owner] * _ROWS_PER_TRACK + ranks(owner, np.arange(len(owner)))

@@ -1,6 +1,5 @@
 """Describes each body for publication (step 10): state, twist, noise and pose."""
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -40,9 +39,7 @@ def _described(
     body = result.bodies[k]
     if not (result.assignment.labels == k).any():
         return Group()
-    pose_since: Callable[[PoseReference], Pose | None] = partial(_pose_at_rest, frames)
-    if not body.static:
-        pose_since = partial(_pose_since, frames, body, point, now)
+    pose_since = partial(_pose_since, frames, body, point, now)
     if not members.any():
         return Group(static=body.static, pose_since=pose_since)
     return Group(
@@ -54,18 +51,16 @@ def _described(
     )
 
 
-def _pose_at_rest(frames: Frames, reference: PoseReference) -> Pose:
-    reference.stamp_ns = int(frames.stamps[-1])
-    return as_pose(reference.R, reference.t, frames.dim)
-
-
 def _pose_since(
     frames: Frames, body: Body, point: Floats, now: Local | None, reference: PoseReference
 ) -> Pose | None:
     """Pose since birth; the reference is brought up to date."""
-    if now is None:
+    if body.static:
+        reference.stamp_ns = int(frames.stamps[-1])
+    elif now is None:
         return None
-    follow(reference, frames, body, now, lambda at: local_motions(frames, [body], at, [point])[0])
+    else:
+        follow(reference, frames, body, now, lambda at: local_motions(frames, [body], at, [point])[0])
     return as_pose(reference.R, reference.t, frames.dim)
 
 

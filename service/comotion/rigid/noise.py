@@ -28,11 +28,8 @@ _ROUND, _FLATTEST = 2.25, 0.01
 _CURVATURES = (0.0, *(side * curvature for curvature in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
 # Degrees of freedom that the prior of a source's variances has at least and at most.
 _LEAST_PRIOR, _MOST_PRIOR = 4.0, 1e4
-_HALF = np.sqrt(0.5)
-DIRECTIONS = {
-    2: np.array([[1.0, 0], [0, 1], [_HALF, _HALF]]),
-    3: np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [_HALF, _HALF, 0], [_HALF, 0, _HALF], [0, _HALF, _HALF]]),
-}
+_THREE = np.vstack([np.eye(3), np.sqrt(0.5) * (1 - np.eye(3)[::-1])])
+DIRECTIONS = {2: _THREE[[0, 1, 3], :2], 3: _THREE}
 """By dimension: the axes, then the directions between two of them, along which wild differences are found."""
 
 

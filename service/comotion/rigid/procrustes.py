@@ -6,14 +6,12 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
 from .frames import Frames
+from .kernels.frame_pose import SLIGHT_PULL
 from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
-from .kernels.rotation import rotation_matrix
 
-# Chosen on the scenes of docs/research/accuracy.md.
-_ITERATIONS = 4
-# Pull towards the rotation that is near, as a share of the moments: far above rounding, far below noise.
-_SLIGHT_PULL = 1e-6
+ITERATIONS = 4
+"""Iterations of a fit; chosen on the scenes of docs/research/accuracy.md."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,8 @@ def fit_body(frames: Frames, rows: Ints) -> Body:
     y = np.ascontiguousarray(frames.y[rows].transpose(1, 2, 0))
     inverse = 1 / frames.tolerance[rows]
     noise = inverse, frames.metric[rows]
-    fit_poses(y, np.ascontiguousarray(w.T), *noise, frames.dim, _ITERATIONS, template, poses)
+    terms = y, np.ascontiguousarray(w.T), *noise, frames.dim, np.eye(3)
+    fit_poses(*terms, ITERATIONS, False, template, poses)
     pair = int((w > 0).any(1).sum()) <= 2
     dof = 3 if frames.dim == 2 else (5 if pair else 6)
     return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof, int(posed.sum()))
@@ -101,15 +100,13 @@ def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) 
     """
     y, b = target - target.mean(0), source - source.mean(0)
     H = y.T @ b
+    size = np.linalg.norm(H) or 1.0
+    H += SLIGHT_PULL * size * (np.eye(3) if near is None else near)
     if dim == 2:
-        angle = np.arctan2(H[1, 0] - H[0, 1], H[0, 0] + H[1, 1])
-        R = rotation_matrix(np.array([0.0, 0.0, angle]))
-    else:
-        pull = _SLIGHT_PULL * np.linalg.norm(H) or 1.0
-        H += pull * (np.eye(3) if near is None else near)
-        U, _, Vt = np.linalg.svd(H)
-        U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
-        R = U @ Vt
+        H[2, 2] += size
+    U, _, Vt = np.linalg.svd(H)
+    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
+    R = U @ Vt
     return R, target.mean(0) - R @ source.mean(0)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Labels
+from ..arrays import Bools, Floats, Ints
 from ..config import RigidConfig
 from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
@@ -15,7 +15,7 @@ from .candidates import cluster_rows
 from .costs import Costs, excess_costs
 from .fits import Fits, Fitted
 from .selection import STATIC, membership_prices, select, supported
-from .subset import Scene, Subset, choose_subset, extended_rows, known_rows, unexplained
+from .subset import Scene, Subset, choose_subset, known_rows, rows_to_fit, unexplained
 
 
 def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
@@ -34,13 +34,15 @@ def search(
     them, twice.
     """
     subset = choose_subset(scene, outlying, excess)
-    count, labels, new = _first_bodies(scene, fits if scene.small else None, subset, config)
-    if not (new or outlying.any()):
+    labels, new = _first_bodies(scene, fits if scene.small else None, subset, config)
+    if not (len(new) or outlying.any()):
         return followed
     if not scene.small:
-        rows = extended_rows(scene, subset, labels, count)
+        members = [np.isin(np.arange(len(outlying)), subset.tracks[labels == k]) for k in new]
+        rows = known_rows(scene) + [rows_to_fit(scene, group) for group in members]
         return _decided(scene, _compare_all(scene, fits, rows, config))
-    result = _compare_all(scene, fits, _assigned_rows(scene, count, labels), config)
+    rows = _assigned_rows(scene, 1 + int(labels.max(initial=0)), labels)
+    result = _compare_all(scene, fits, rows, config)
     labels = without_sliders(result.assignment.labels, result.evidence)
     rows = _assigned_rows(scene, len(result.bodies), labels)
     return _decided(scene, _compare_all(scene, fits, rows, config))
@@ -57,13 +59,11 @@ def has_news(scene: Scene, result: SearchResult, config: RigidConfig) -> bool:
     labels = result.assignment.labels
     excess = excess_costs(result.evidence, labels, config)
     subset = choose_subset(scene, unexplained(scene, labels, excess), excess)
-    return _first_bodies(scene, None, subset, config)[2]
+    return bool(len(_first_bodies(scene, None, subset, config)[1]))
 
 
-def _first_bodies(
-    scene: Scene, fits: Fits | None, subset: Subset, config: RigidConfig
-) -> tuple[int, Ints, bool]:
-    """How many bodies the subset has, the cheapest for each of its trajectories [n], and if any is new.
+def _first_bodies(scene: Scene, fits: Fits | None, subset: Subset, config: RigidConfig) -> tuple[Ints, Ints]:
+    """The cheapest body for each of the trajectories of the subset, intp [n], and which bodies are new.
 
     `fits` are those of the scene, if it is searched as a whole.
     """
@@ -73,7 +73,7 @@ def _first_bodies(
     fitted = fits.of(previous_rows + clusters, still=False)  # 6
     chosen, costs = select(part, fitted, fits.costs(fitted), config)  # 7, 8
     labels = without_sliders(cheapest(costs.body, costs.outlier), costs)
-    return len(chosen), labels, max(chosen) > len(previous_rows)
+    return labels, np.flatnonzero(np.array(chosen) > len(previous_rows))
 
 
 def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
@@ -92,7 +92,9 @@ def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: Rigid
     frames, hypotheses, bodies = scene.frames, scene.hypotheses, [body.body for body in fitted]
     cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
     rough = cheapest(cost + prices, evidence.outlier)
-    own = _own_columns(hypotheses, continued(hypotheses, rough, len(bodies), largest_total))
+    heirs = continued(hypotheses, rough, len(bodies), largest_total)
+    columns = {hypothesis: k for k, hypothesis in heirs.items()}
+    own = np.array([columns.get(hypothesis, -1) for hypothesis in hypotheses.tolist()], np.intp)
     # A resting member of a resting body looks like the background: its membership has a price here too.
     resting = np.array([body.costed.rests for body in fitted])
     cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
@@ -115,11 +117,3 @@ def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
         if not any(np.array_equal(rows, group) for group in groups):
             groups.append(rows)
     return groups
-
-
-def _own_columns(hypotheses: Labels, heirs: dict[int, int]) -> Ints:
-    """Column of the body that continues each trajectory's hypothesis, or -1, intp [N]."""
-    columns = np.full(len(hypotheses), -1, np.intp)
-    for k, hypothesis in heirs.items():
-        columns[hypotheses == hypothesis] = k
-    return columns

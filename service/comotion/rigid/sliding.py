@@ -13,16 +13,16 @@ from .frames import Frames
 from .kernels.residuals import LEAST_COVERED
 from .procrustes import Body
 
-# Fewest trajectories that a host of sliders was fitted to; and the cost of a trajectory under it, in the cost
-# of the noise, up to which it does not slide.
-_LEAST_OWNERS, _EXPLAINED = 4, 1.5
+# Fewest trajectories that a host of sliders was fitted to; and the variance, in that of the noise, up to
+# which a trajectory rests in its host, and up to which it may leave its line.
+_LEAST_OWNERS, _NOISY = 4, 1.5
 # Half nats that the degree of freedom of a frame must gain beyond the noise that it fits: the more, the more
 # limbs with two markers stay bodies. Least s of sliding: bodies that begin to move slide on each other
 # at first.
 _PRICE, _LEAST_TIME = 1.6, 1.45
-# Most that a feature slides, rms, in rms radii of its host, and its variance across the line, in that of the
-# noise. All were chosen on stress scenes of even seeds, so that the markers keep their figures.
-_REACH, _ACROSS = 0.5, 1.5
+# Most that a feature slides, rms, in rms radii of its host. All were chosen on stress scenes of even seeds,
+# so that the markers keep their figures.
+_REACH = 0.5
 # Most trajectories that are examined in one update: a bound of the work where nothing is explained.
 _MOST = 128
 
@@ -61,7 +61,7 @@ def _unexplained(
 ) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
     large = [k for k, candidate in enumerate(bodies) if candidate.static or k in hosts]
-    due = 0.5 * _EXPLAINED * frames.dim * seen
+    due = 0.5 * _NOISY * frames.dim * seen
     unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_TIME * config.frame_rate)
     unexplained &= np.bincount(frames.owner, minlength=len(seen)) == 1
     return frames.rows_of(thinned(np.flatnonzero(unexplained), _MOST))
@@ -77,7 +77,7 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     line = np.linalg.eigh((w[:, :, None] * x).transpose(0, 2, 1) @ x)[1][:, :, -1]
     along = np.einsum("nfi,ni->nf", x, line)
     across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
-    paid = np.minimum(across / (_ACROSS * frames.noise[rows, None]), cap).sum(1)
+    paid = np.minimum(across / (_NOISY * frames.noise[rows, None]), cap).sum(1)
     cost = 0.5 * (paid + (1 + _PRICE) * held + cap * (seen - held))
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
     near = (w * along**2).sum(1) / total <= _REACH**2 * radius

@@ -18,11 +18,11 @@ from ..arrays import Floats, Ints, last_true, thinned
 # no more, and beyond three pairs more and more span two bodies.
 _ROWS, _NEAREST = 64, 3
 # Fewest differences of a pair at a lag, and fewest pairs of a source.
-_LEAST_FRAMES, _LEAST_PAIRS = 8, 8
+_FEWEST = 8
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
 # s; lags at which the change of distances is read, and fewest lags that tell white noise from slow.
-_LAGS, _LEAST_LAGS = np.array([1, 2, 4, 8, 16, 32, 64]) / 15, 3
+_LAGS, _LEAST_LAGS = 2.0 ** np.arange(7) / 15, 3
 # s; correlation times that are tried: octaves up to half of the usual window, and two beyond it.
 _TIMES = np.array([2, 4, 8, 16, 32, 64, 256, 1024]) / 15
 # Least white noise, in tolerances: interpolation and rounding leave at least this.
@@ -73,11 +73,12 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     second = _nearest(y, w, rows, drawn).ravel()
     lags = np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp))
     measured = variograms(y, w, first, second, lags)
-    measurable = np.isfinite(measured).sum(0) >= _LEAST_PAIRS
+    measurable = np.isfinite(measured).sum(0) >= _FEWEST
     if measurable.sum() < _LEAST_LAGS:
         return SlowNoise()
     measured = measured[:, measurable] / (tolerance[first] + tolerance[second])[:, None]
-    usual = _usual(measured)
+    # np.nanquantile would take longer than all the rest.
+    usual = np.array([np.quantile(column[np.isfinite(column)], _QUANTILE) for column in measured.T])
     if usual.min() <= 0:  # pairs at rest without any noise
         return SlowNoise()
     noise = _fitted(lags[measurable], _TIMES * frame_rate, usual, w.shape[1])
@@ -109,7 +110,7 @@ def variograms(y: Floats, w: Floats, first: Ints, second: Ints, lags: Ints) -> F
         seen = both[:, lag:] & both[:, :-lag]
         change = (apart[:, lag:] - apart[:, :-lag]) * seen
         count = seen.sum(1)
-        enough = count >= _LEAST_FRAMES
+        enough = count >= _FEWEST
         values[enough, k] = 0.5 * (change[enough] ** 2).sum(1) / count[enough]
     return values
 
@@ -138,18 +139,6 @@ def _variograms(lags: tuple[int, ...], times: tuple[float, ...], frames: int) ->
         np.column_stack([white, (1 - np.exp(-k / time)) * _typical(1.5 * frames / np.minimum(k, 2 * time))])
         for time in times
     ]
-
-
-def _usual(values: Floats) -> Floats:
-    """The quantile of each column of float64 [n, m] over the values that are not NaN, float64 [m]."""
-    # As np.nanquantile, which takes longer than all the rest.
-    values = np.sort(values, axis=0)
-    position = _QUANTILE * (np.isfinite(values).sum(0) - 1)
-    low = position.astype(np.intp)
-    columns = np.arange(values.shape[1])
-    below, above = values[low, columns], values[np.minimum(low + 1, len(values) - 1), columns]
-    share = position - low
-    return np.asarray(np.where(share > 0, below + (above - below) * share, below))
 
 
 def _typical(freedom: Floats) -> Floats:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels
-from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER
 from .frames import Frames
@@ -21,7 +20,7 @@ from .kernels.distances import farthest_points
 SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
 # Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
-_MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
+MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
 # Unexplained members of hypotheses that are taken first, by their excess. The others are drawn at
 # random, so that lasting outliers do not exclude them.
 _LARGEST_EXCESS = 32
@@ -31,8 +30,6 @@ FIT_ROWS = 64
 _ENDED_SHARE = 0.25
 # Representatives are chosen among the longest-lived trajectories, this many for each.
 _LONGEST_LIVED = 4
-# Label of a trajectory that is not in the subset.
-_OUTSIDE = -2
 
 
 @dataclass(frozen=True)
@@ -111,7 +108,7 @@ def choose_subset(scene: Scene, outlying: Bools, excess: Floats) -> Subset:
     explained = scene.judged & ~outlying
     explaining = np.setdiff1d(hypotheses[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
-    each = int(np.clip(most // max(len(explaining), 1), _LEAST_OF_EACH, _MOST_OF_EACH))
+    each = int(np.clip(most // max(len(explaining), 1), _LEAST_OF_EACH, MOST_OF_EACH))
     groups = [representatives(frames, scene.newest, explained & (hypotheses == h), each) for h in explaining]
     remaining = max(SUBSET_ROWS - sum(len(group) for group in groups), SUBSET_ROWS - most)
     groups.append(_drawn(np.flatnonzero(outlying), hypotheses, excess, int(frames.stamps[-1]), remaining))
@@ -135,36 +132,8 @@ def known_rows(scene: Scene) -> list[Ints]:
     """Rows to fit each known hypothesis but the static one to; two at least."""
     hypotheses = np.setdiff1d(scene.hypotheses, [NO_HYPOTHESIS, -1 if scene.static is None else scene.static])
     usable = scene.frames.informative
-    groups = [_rows_of_representatives(scene, (scene.hypotheses == h) & usable) for h in hypotheses.tolist()]
+    groups = [rows_to_fit(scene, (scene.hypotheses == h) & usable) for h in hypotheses.tolist()]
     return [rows for rows in groups if len(rows) >= 2]
-
-
-def extended_rows(scene: Scene, subset: Subset, labels: Ints, bodies: int) -> list[Ints]:
-    """Rows to fit each body to, from all trajectories that it probably moves.
-
-    They are the representatives of its members in the subset and, outside it, of the hypothesis that it
-    continues. Each hypothesis that none of the bodies continues is one more body.
-
-    Parameters
-    ----------
-    labels
-        intp [n], body of each trajectory of the subset: 0 for the static one, below 0 for an outlier.
-    bodies
-        Number of bodies in the subset, with the static one.
-    """
-    hypotheses = scene.hypotheses[subset.tracks]
-    # Of the subset only explained trajectories are drawn in proportion to their hypotheses.
-    fair = (labels > 0) & ~subset.unexplained & (hypotheses != scene.static)
-    heirs = continued(hypotheses[fair], labels[fair], bodies, largest_total)
-    column = np.full(len(scene.hypotheses), _OUTSIDE)
-    column[subset.tracks] = labels
-    groups = [
-        (column == k) | ((column == _OUTSIDE) & (scene.hypotheses == heirs.get(k, _OUTSIDE)))
-        for k in range(1, bodies)
-    ]
-    covered = {scene.static, NO_HYPOTHESIS, *heirs.values()}
-    groups += [scene.hypotheses == h for h in np.unique(scene.hypotheses).tolist() if h not in covered]
-    return [_rows_of_representatives(scene, group & scene.judged) for group in groups]
 
 
 def representatives(frames: Frames, newest: Floats, members: Bools, count: int) -> Ints:
@@ -182,7 +151,7 @@ def representatives(frames: Frames, newest: Floats, members: Bools, count: int) 
     return np.concatenate([chosen_current, chosen_ended])
 
 
-def _rows_of_representatives(scene: Scene, members: Bools) -> Ints:
+def rows_to_fit(scene: Scene, members: Bools) -> Ints:
     """Rows of `members` bool [N]: all of them if they are few, else those of representatives."""
     rows = scene.frames.rows_of(members)
     if len(rows) <= FIT_ROWS:

@@ -4,14 +4,14 @@ import numpy as np
 
 from ...arrays import Floats
 from ...compiled import compiled
-from .rotation import closed_form, newton_rotation, planar_rotation, rotation_matrix
+from .rotation import closed_form, newton_rotation, rotation_matrix
 
 # Pull towards the neighbouring frame's rotation, as a share of the moments. It settles what the points
 # leave open, such as the turn of a pair about its own axis. Chosen on the scenes of
 # docs/research/accuracy.md.
 _PULL = 1e-3
-# What keeps the equations of a pose regular: far above rounding, far below noise.
-_SLIGHT_PULL = 1e-6
+SLIGHT_PULL = 1e-6
+"""What keeps the equations of a pose regular, as a share: far above rounding, far below noise."""
 
 
 @compiled()
@@ -32,15 +32,15 @@ def frame_pose(
     """
     H, centres = np.zeros((3, 3)), np.zeros((2, 3))
     moments(y, b, weights, centres, H)
+    size = np.sqrt((H * H).sum())
+    for p in range(3):
+        for q in range(3):
+            H[p, q] += _PULL * size * near[p, q]
     if dim == 2:
-        planar_rotation(H, R)
-    else:
-        pull = _PULL * np.sqrt((H * H).sum())
-        for p in range(3):
-            for q in range(3):
-                H[p, q] += pull * near[p, q]
-        if not (started and newton_rotation(H, start, R)):
-            closed_form(H, R)
+        # The largest moment keeps the axis where it is.
+        H[2, 2] += size
+    if not (started and newton_rotation(H, start, R)):
+        closed_form(H, R)
     translation(R, centres, t)
 
 
@@ -129,7 +129,7 @@ def newton_step(
     turns = left[0, 0] + left[1, 1] + left[2, 2]
     for p in range(6):
         # What the points leave open stays as it is; in 2-D all but a turn about z and a shift in the plane.
-        left[p, p] += (_PULL * turns if p < 3 else _SLIGHT_PULL * left[p, p]) + 1e-300
+        left[p, p] += (_PULL * turns if p < 3 else SLIGHT_PULL * left[p, p]) + 1e-300
         if dim == 2 and p in (0, 1, 5):
             left[p, :] = 0.0
             left[:, p] = 0.0

@@ -19,7 +19,9 @@ def fit_poses(
     inverse: Floats,
     metric: Floats,
     dim: int,
+    near: Floats,
     iterations: int,
+    known: bool,
     b: Floats,
     poses: PoseArrays,
 ) -> None:
@@ -35,41 +37,43 @@ def fit_poses(
     y, w, inverse, metric
         float64 [F, 3, m], [F, m] (0: unobserved) and [m], inverse tolerance 1 / v, and [m, 6], of
         :class:`~.records.RowArrays`.
+    near
+        float64 [3, 3], a rotation near that of the newest frame.
+    known
+        Whether the template stays as it is.
     b, poses
         Out: float64 [3, m], and the poses of the frames that have one.
     """
     R, t, posed = poses
     count, m = w.shape
-    in_template = np.zeros(m)
-    _seed(y, w, b, in_template)
+    in_template = np.ones(m) if known else np.zeros(m)
+    if not known:
+        _seed(y, w, b, in_template)
     need = 2 if (dim == 2 or m <= 2) else 3
     started = np.zeros(count, np.bool_)
-    weights, soft, identity = np.zeros(m), 1.0 / (SOFT * dim), np.eye(3)
+    weights, soft = np.zeros(m), 1.0 / (SOFT * dim)
     all_round = True
     for i in range(m):
         all_round &= is_round_metric(metric[i])
     for iteration in range(iterations):
         weighed = not all_round and iteration == iterations - 1
-        sums, neighbour = np.zeros((4, m)), -1
+        sums, neighbour, has_near = np.zeros((4, m)), near, known
         for f in range(count - 1, -1, -1):
             robust = soft if iteration > 0 and posed[f] else 0.0
             posed[f] = weigh(y[f], w[f], inverse, b, in_template, R[f], t[f], robust, weights) >= need
             if posed[f]:
-                near = R[neighbour] if neighbour >= 0 else identity
                 # The frame's own rotation of the last iteration is nearer still than its neighbour's.
-                start = R[f].copy() if iteration > 0 and started[f] else near
-                frame_pose(y[f], b, weights, dim, near, start, neighbour >= 0, R[f], t[f])
-                started[f] = True
-                neighbour = f
+                start = R[f].copy() if iteration > 0 and started[f] else neighbour
+                frame_pose(y[f], b, weights, dim, neighbour, start, has_near, R[f], t[f])
+                started[f] = has_near = True
+                neighbour = R[f]
                 if weighed:
                     newton_step(y[f], weights, metric, b, dim, R[f], t[f])
                 _collect(y[f], w[f], inverse, metric, b, in_template, R[f], t[f], soft, not weighed, sums)
-        for i in range(m):
-            if sums[3, i] > 0:
-                in_template[i] = 1.0
-                b[:, i] = sums[:3, i] / sums[3, i]
-        if iteration < iterations - 1:
-            _bridge(y, w, inverse, dim, need, b, in_template, poses)
+        if not known:
+            _take_means(sums, b, in_template)
+            if iteration < iterations - 1:
+                _bridge(y, w, inverse, dim, need, b, in_template, poses)
 
 
 @compiled()
@@ -121,46 +125,6 @@ def _bridge(
 
 
 @compiled()
-def continue_poses(
-    y: Floats,
-    w: Floats,
-    inverse: Floats,
-    metric: Floats,
-    dim: int,
-    first: int,
-    b: Floats,
-    poses: PoseArrays,
-) -> None:
-    """Poses x = R b + t of a known template at frames from `first` on, each from the one before, in place.
-
-    Parameters
-    ----------
-    y, w, inverse, metric
-        As of :func:`fit_poses`, of the frames from `first` on only.
-    first
-        Frames before it have their poses.
-    b, poses
-        float64 [3, m], the template; the poses of all frames.
-    """
-    R, t, posed = poses
-    m = w.shape[1]
-    in_template, weights = np.ones(m), np.zeros(m)
-    need = 2 if (dim == 2 or m <= 2) else 3
-    soft, all_round = 1.0 / (SOFT * dim), True
-    for i in range(m):
-        all_round &= is_round_metric(metric[i])
-    for f in range(len(w)):
-        now, previous = first + f, first + f - 1
-        R[now], t[now] = R[previous], t[previous]
-        for robust in (0.0, soft, soft):
-            posed[now] = weigh(y[f], w[f], inverse, b, in_template, R[now], t[now], robust, weights) >= need
-            if posed[now]:
-                frame_pose(y[f], b, weights, dim, R[previous], R[previous], True, R[now], t[now])
-        if posed[now] and not all_round:
-            newton_step(y[f], weights, metric, b, dim, R[now], t[now])
-
-
-@compiled()
 def _seed(y: Floats, w: Floats, b: Floats, in_template: Floats) -> None:
     """Template of the rows that are observed in the frame with most rows, the newest of equals."""
     best, most = 0, 0
@@ -175,6 +139,15 @@ def _seed(y: Floats, w: Floats, b: Floats, in_template: Floats) -> None:
             in_template[i] = 1.0
             for c in range(3):
                 b[c, i] = y[best, c, i]
+
+
+@compiled()
+def _take_means(sums: Floats, b: Floats, in_template: Floats) -> None:
+    """Take the weighted means of rows, from their sums [4, m], for the template."""
+    for i in range(len(in_template)):
+        if sums[3, i] > 0:
+            in_template[i] = 1.0
+            b[:, i] = sums[:3, i] / sums[3, i]
 
 
 @compiled()

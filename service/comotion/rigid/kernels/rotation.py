@@ -16,18 +16,6 @@ _TINY = 1e-9
 
 
 @compiled()
-def planar_rotation(H: Floats, R: Floats) -> None:
-    """R about z that maximises tr(R^T H), H = sum w (y - ybar)(b - bbar)^T [3, 3]."""
-    c, s = H[0, 0] + H[1, 1], H[1, 0] - H[0, 1]
-    length = np.sqrt(c * c + s * s)
-    c, s = (c / length, s / length) if length > 0 else (1.0, 0.0)
-    R[:] = 0.0
-    R[0, 0] = R[1, 1] = c
-    R[1, 0], R[0, 1] = s, -s
-    R[2, 2] = 1.0
-
-
-@compiled()
 def newton_rotation(H: Floats, near: Floats, R: Floats) -> bool:
     """Whether Newton's method finds the maximum of tr(R^T H) over rotations, in place.
 
