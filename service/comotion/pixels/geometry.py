@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Floats, Ints
-from .kernels.epipolar import epipolar_squares
+from .kernels.epipolar import fundamental, sampson
 from .key_frames import KeyFrames, evenly_spaced
 
 # Members that represent a group in a frame pair.
@@ -42,6 +42,11 @@ _PARALLAX_EXCESS, _PARALLAX_EPIPOLAR = 1.2, 0.2
 
 Model = Callable[[Floats, Floats, Floats], Floats]
 """Points [n, 2] in both frames and weights [n] -> squared residuals [n] under a fit, px²."""
+
+
+def epipolar_squares(x: Floats, y: Floats, weight: Floats) -> Floats:
+    """Squared Sampson distances from a fundamental matrix."""
+    return sampson(fundamental(x, y, weight), x, y)
 
 
 def affine_squares(x: Floats, y: Floats, weight: Floats) -> Floats:

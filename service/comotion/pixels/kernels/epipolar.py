@@ -18,39 +18,33 @@ def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -
     """
     misfits = np.zeros((len(picks), len(starts) - 1))
     for h in range(len(picks)):
-        matrix = _fundamental(first[picks[h]], second[picks[h]], np.ones(picks.shape[1]))
+        matrix = fundamental(first[picks[h]], second[picks[h]], np.ones(picks.shape[1]))
+        squares = sampson(matrix, first, second)
         for g in range(len(starts) - 1):
             for i in range(starts[g], starts[g + 1]):
-                misfits[h, g] += _sampson(matrix, first[i, 0], first[i, 1], second[i, 0], second[i, 1])
+                misfits[h, g] += squares[i]
             misfits[h, g] /= max(starts[g + 1] - starts[g], 1)
     return misfits
 
 
 @compiled()
-def epipolar_squares(first: Floats, second: Floats, weight: Floats) -> Floats:
-    """Squared Sampson distances of points [n, 2] under a matrix fitted to them with weights [n], px² [n]."""
-    matrix = _fundamental(first, second, weight)
+def sampson(f: Floats, first: Floats, second: Floats) -> Floats:
+    """Squared Sampson distances of points [n, 2] in both frames under a fundamental matrix, px² [n]."""
     squares = np.empty(len(first))
     for i in range(len(first)):
-        squares[i] = _sampson(matrix, first[i, 0], first[i, 1], second[i, 0], second[i, 1])
+        x, y, u, v = first[i, 0], first[i, 1], second[i, 0], second[i, 1]
+        a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
+        b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
+        c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
+        d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
+        e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
+        squares[i] = (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
     return squares
 
 
 @compiled()
-def _sampson(f: Floats, x: float, y: float, u: float, v: float) -> float:
-    """Squared Sampson distance of (x, y) in one frame and (u, v) in the other, px²."""
-    a = f[0, 0] * x + f[0, 1] * y + f[0, 2]
-    b = f[1, 0] * x + f[1, 1] * y + f[1, 2]
-    c = f[2, 0] * x + f[2, 1] * y + f[2, 2]
-    d = f[0, 0] * u + f[1, 0] * v + f[2, 0]
-    e = f[0, 1] * u + f[1, 1] * v + f[2, 1]
-    square: float = (u * a + v * b + c) ** 2 / max(a * a + b * b + d * d + e * e, 1e-12)
-    return square
-
-
-@compiled()
-def _fundamental(first: Floats, second: Floats, weight: Floats) -> Floats:
-    """Fundamental matrix [3, 3] of points [m, 2], by the normalised eight-point method (Hartley 1997)."""
+def fundamental(first: Floats, second: Floats, weight: Floats) -> Floats:
+    """Fundamental matrix [3, 3] of weighted points [m, 2], by the eight-point method (Hartley 1997)."""
     left, right = _normalising(first), _normalising(second)
     normal = np.zeros((9, 9))
     row = np.empty(9)
