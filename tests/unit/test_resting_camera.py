@@ -227,3 +227,10 @@ def test_a_window_may_grow_before_a_carried_camera():
         fusion, Carried(), path(180, 0), ids=lambda n: np.arange(WALL + HAND) + 100 * (max(n - 130, 0) // 20)
     )
     assert not fusion.faults.take()
+
+
+def test_a_camera_may_be_silent_for_longer_than_the_window():
+    fusion = Fusion()
+    play(fusion, Scene(), path(45, 0))
+    play(fusion, Scene(), path(30, 0), first=45 + 20 * RATE)
+    assert not fusion.faults.take()

@@ -63,7 +63,8 @@ class RestingCamera:
             int64 [capacity]; hypotheses of the slots so far, negative for none: a belief begins with them.
         """
         last = min(stamp_ns, stamps[-1])
-        first = stamps[0] if self._stamp_ns is None else max(self._stamp_ns, last - window.span_ns)
+        # After a gap the window begins later than the last step.
+        first = max(self._stamp_ns or stamps[0], last - window.span_ns, stamps[0])
         _, sizes = np.unique(labels[labels >= 0], return_counts=True)
         undivided = sizes.max(initial=0) > (1 - _DIVIDED) * sizes.sum()
         undivided &= sizes.sum() > (1 - _UNLABELLED) * len(window.slots())
