@@ -10,9 +10,8 @@ from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .noise import gross_errors, noise_variance
 
-LEAST_SEEN = 4
-"""Key frames that a trajectory must be seen in to be compared."""
-
+# Key frames that a trajectory must be seen in to be compared.
+_LEAST_SEEN = 4
 # Most ended trajectories that are compared, as a share of the current ones; and the number of compared ones
 # up to which that sets no limit.
 _ENDED_SHARE, _FEW_TRACKS = 0.5, 400
@@ -77,7 +76,7 @@ def compared_trajectories(
     instants = np.array(stamps, np.int64)
     slots = window.slots()
     chosen = instants[evenly_spaced(len(instants), p.key_frames)]
-    frames = key_frames(window, slots, chosen, noise_variance(window, slots, stamps))
+    frames = _key_frames(window, slots, chosen, noise_variance(window, slots, stamps))
     chosen = choose(frames.visible.sum(axis=0), ~np.isin(slots, current), p.most_tracks)
     return slots[chosen], frames.of(chosen)
 
@@ -97,14 +96,14 @@ def choose(seen: Ints, ended: Bools, limit: int) -> Ints:
     limit
         Most that are compared.
     """
-    ready = np.flatnonzero(seen >= LEAST_SEEN)
+    ready = np.flatnonzero(seen >= _LEAST_SEEN)
     current = len(ready) - int(ended[ready].sum())
     most = min(limit, max(_FEW_TRACKS, round((1 + _ENDED_SHARE) * current)))
     rank = np.lexsort((-seen[ready], ended[ready]))
     return np.sort(ready[rank[:most]])
 
 
-def key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -> KeyFrames:
+def _key_frames(window: Window, slots: Slots, stamps: Stamps, variance: Floats) -> KeyFrames:
     """States of trajectories (slots intp [N]), of a noise float64 [N] px², at instants int64 [F] ns.
 
     Features of one camera share its frames, so that only observed states count. With several

@@ -151,6 +151,8 @@ class Tracker:
         What moves leaves its place: a straight edge goes on there, and they have gone along it.
         """
         away = np.linalg.norm(features.pixels - features.birth, axis=1) > self._config.window / 2
+        if not away.any():
+            return np.asarray(away)
         left = features[away]
         away[away] = likeness(grey, left.birth, left.templates, self._config.window) > self._config.likeness
         return np.asarray(away)
