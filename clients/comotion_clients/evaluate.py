@@ -20,8 +20,8 @@ from .watch_columns import number
 
 POLL_S = 0.1
 REPORT_S = 1.0
-FIRST_UPDATE_TIMEOUT_S = 10.0
-"""Least time that a run of limited duration waits for a router, and for its first update."""
+FIRST_UPDATE_TIMEOUT_S = 20.0
+"""Least time that a run of limited duration waits for a router, and for its first update with truth."""
 
 _READ = (TruthBatch, ObservationBatch, HypothesisUpdate)
 OnUpdate: TypeAlias = Callable[[HypothesisUpdate, Score], None]
@@ -33,7 +33,7 @@ class LiveRun(Scoring):
     Attributes
     ----------
     first_at
-        When the first update has arrived, s of the monotonic clock.
+        When the first update with truth was scored, s of the monotonic clock.
     counters
         Of the subscription to updates: lost and invalid ones.
     """
@@ -48,10 +48,11 @@ class LiveRun(Scoring):
         """Process received messages and score the updates that are due at `now`."""
         for message, arrived, _ in feed.messages():
             self.add(message, arrived)
-            if self.first_at is None and isinstance(message, HypothesisUpdate):
-                self.first_at = arrived
         for update in self.due(now):
-            self._on_update(update, self.score(update))
+            score = self.score(update)
+            self._on_update(update, score)
+            if self.first_at is None and score.scored:
+                self.first_at = now
         self.counters = feed.of[HypothesisUpdate].counters
 
 
@@ -70,7 +71,7 @@ def evaluate(
     Parameters
     ----------
     duration
-        Seconds from the first update on; None: until stopped.
+        Seconds from the first update with truth on; None: until stopped.
     quiet
         Show no progress.
     on_update
