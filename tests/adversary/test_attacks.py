@@ -65,7 +65,7 @@ def attacked(runner, attacks, seconds):
     assert after.fused - before.fused == sent or is_busy, named
     assert after.lost == before.lost, named
     assert not {kind for kind, who in named if who in HONEST} - {"silent"} or is_busy, named
-    assert ("defect", "") not in named
+    assert ("defect", "") not in named, runner.processes["service"].log.read_text()[-8000:]
     assert max((gap.seconds for gap in runner.monitor.findings.gaps), default=0.0) < BOUND_S or is_busy
     assert runner.result.ended == {}
     return {kind for kind, who in named if who.startswith(NAME)}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comotion.pixels.gains import rest_gain
+from comotion.pixels.gains import group_gain, rest_gain
 from comotion.pixels.recent import SCALES_NS, Recent
 from comotion.pixels.steadying import Steadying
 
@@ -61,3 +61,13 @@ def test_what_moves_is_off_the_background_within_two_steps(way):
     assert (gain[5:20, -BOX:] > 0).mean() > 0.99
     assert (gain[22:28, -BOX:] < 0).mean() > 0.9
     assert (gain[22:28, :-BOX] > 0).mean() > 0.99
+
+
+@pytest.mark.parametrize("far_px", [1e12, 1e38])
+def test_a_member_that_is_immensely_far_contradicts_the_motion_of_its_group(far_px):
+    rng = np.random.default_rng(0)
+    place, displacement = rng.uniform(0, 640, (5, 2)), rng.normal(5, 0.3, (4, 5, 2))
+    displacement[:, 0], seen = far_px, np.ones((4, 5), np.bool_)
+    recent = Recent(np.arange(5), place, displacement, seen, np.full(5, 0.1), np.zeros((4, 5)))
+    explained = group_gain(recent, np.ones(5, np.bool_))
+    assert explained.gain[0] < 0 < explained.gain[1:].min()

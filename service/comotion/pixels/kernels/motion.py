@@ -21,6 +21,8 @@ _LEAST_QUADRATIC = 12
 _DEVIATION = 0.15
 # Regularisation per member: px² of the linear part, and of the quadratic one at unit extent.
 _RIDGE_PX2, _QUADRATIC_RIDGE = 25.0, 0.1
+# The least of the linear part: one place far away makes all others one, and the fit singular.
+_LEAST_RIDGE = 1e-9
 # Rounds of reweighting in the robust fit.
 _ROUNDS = 4
 # px²; smallest variance of members about the motion of their group.
@@ -69,7 +71,7 @@ def _fit(start: Floats, step: Floats) -> tuple[Floats, float, Floats]:
     for j in range(len(start)):
         _terms(start[j], centre, extent, rows[j])
     ridge = np.zeros(rows.shape[1])
-    ridge[1:3], ridge[3:] = _RIDGE_PX2 / extent**2, _QUADRATIC_RIDGE
+    ridge[1:3], ridge[3:] = max(_RIDGE_PX2 / extent**2, _LEAST_RIDGE), _QUADRATIC_RIDGE
     field = np.zeros((rows.shape[1], 2))
     square = (step[:, 0] - np.median(step[:, 0])) ** 2 + (step[:, 1] - np.median(step[:, 1])) ** 2
     for _ in range(_ROUNDS):
