@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import rich.table
 
+from comotion_clients.watch_columns import number
+
 _NAMES = re.compile(r"\{(\w+)\}")
 
 
@@ -87,11 +89,6 @@ class Column(NamedTuple):
     def of(self, row: Mapping[str, float]) -> str:
         """The cell of a row."""
         return number(self.times * row[self.key], self.digits)
-
-
-def number(value: float, digits: int) -> str:
-    """Write a number; a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def spread(values: Any, digits: int = 3) -> str:
