@@ -165,12 +165,11 @@ class HypothesisNames(ChainMap[int, str]):
     def on_update(self, update: HypothesisUpdate) -> None:
         """Find the names of an update's hypotheses."""
         held: dict[int, list[str]] = {}
-        for number, source in enumerate(update.sources):
-            names = self._of_features.get((source.name, source.session), {})
-            rows = np.flatnonzero(update.track_source == number) if names else ()
-            for row in rows:
-                if (name := names.get(int(update.track_id[row]))) is not None:
-                    held.setdefault(int(update.track_hypothesis[row]), []).append(name)
+        for source in update.sources:
+            if names := self._of_features.get((source.name, source.session)):
+                for feature, hypothesis in update.hypotheses_of(source.name, source.session).items():
+                    if feature in names:
+                        held.setdefault(hypothesis, []).append(names[feature])
         grown_ns = update.stamp_ns - _YOUNG_NS
         moved = (h for h in update.hypotheses if h.state != "static")
         living = {h.id: held.get(h.id, []) for h in moved if h.state == "moving" or h.born_ns <= grown_ns}

@@ -141,13 +141,7 @@ class Score:
 
 def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
     """Map the tracks of an update: (name, session) -> feature id -> hypothesis id."""
-    of_source = [update.track_source == number for number in range(len(update.sources))]
-    return {
-        (source.name, source.session): dict(
-            zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
-        )
-        for source, rows in zip(update.sources, of_source, strict=True)
-    }
+    return {(ref.name, ref.session): update.hypotheses_of(ref.name, ref.session) for ref in update.sources}
 
 
 def bodies_of(update: HypothesisUpdate) -> dict[int, int]:

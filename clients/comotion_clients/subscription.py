@@ -21,10 +21,9 @@ from comotion_schemas import (
     TruthBatch,
     decode_on,
 )
+from comotion_schemas.inbox import Closed, Inbox
 from comotion_schemas.sequence import Epochs, SequenceCounter
 from comotion_schemas.transport import Receiver
-
-from .inbox import Closed, Inbox
 
 _SILENT_S = 1.0
 _SILENT_PERIODS = 3

@@ -3,11 +3,12 @@
 import json
 import math
 import os
-import socket
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+
+from comotion_schemas.transport import LOOPBACK, SessionSettings, free_port
 
 from .processes import PYTHON, ProcessSpec, comotion
 
@@ -33,9 +34,7 @@ _REPORT_S = 60.0  # longest time for writing the report
 
 def free_endpoint() -> str:
     """Return an endpoint of this machine with an unused port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/{LOOPBACK}:{free_port()}"
 
 
 def demo_processes(
@@ -131,7 +130,6 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
     """
     from comotion_clients.evaluate import as_json, evaluate, summary_lines
     from comotion_experiments.plot import Trace, save_plot
-    from comotion_schemas.transport import SessionSettings
 
     from .launcher import READY_VARIABLE
 

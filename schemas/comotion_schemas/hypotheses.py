@@ -267,6 +267,12 @@ class HypothesisUpdate(Rowwise):
             raise reject("range", "a track names a hypothesis that is not listed")
         self._check_joints()
 
+    def hypotheses_of(self, source: str, session: str) -> dict[int, int]:
+        """Hypothesis, or :data:`UNDETERMINED`, of each current track of a source, by feature id."""
+        numbers = [k for k, ref in enumerate(self.sources) if (ref.name, ref.session) == (source, session)]
+        rows = np.isin(self.track_source, numbers)
+        return dict(zip(self.track_id[rows].tolist(), self.track_hypothesis[rows].tolist(), strict=True))
+
     def _check_joints(self) -> None:
         if not self.joints:
             return

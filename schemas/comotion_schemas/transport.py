@@ -20,7 +20,8 @@ from .errors import KnownError
 from .keys import HEARTBEAT_S, QOS, Keys, Kind, PriorityName, StreamKind
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+LOOPBACK = "127.0.0.1"
+DEFAULT_ENDPOINT = f"tcp/{LOOPBACK}:7447"
 DEFAULT_TLS_ENDPOINT = "tls/localhost:7447"
 TRANSPORT_LIMIT = 32 * 1024 * 1024
 """Above the limit of the codec, so that the receiver rejects an oversized message with a reason."""
@@ -81,6 +82,13 @@ def client_settings(
     files = find_tls(tls)
     default = DEFAULT_ENDPOINT if files is None else DEFAULT_TLS_ENDPOINT
     return SessionSettings(connect=tuple(connect or (default,)), tls=files)
+
+
+def free_port() -> int:
+    """Return an unused TCP port of this machine."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
 
 
 class Publisher(Protocol):

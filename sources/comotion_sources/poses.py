@@ -18,7 +18,7 @@ from comotion_schemas.types import is_name
 
 from .bounded import read_text
 from .calibration.model import Extrinsics
-from .source import Inbox
+from .source import Received
 
 Value = TypeVar("Value")
 # A line has some 40 bytes: a day at 30 Hz.
@@ -131,7 +131,7 @@ class Carrier(PoseBuffer):
     def __init__(self, component: Component, source: str, feature: int, mount: Extrinsics | None) -> None:
         super().__init__(mount)
         self._feature, self._stop = feature, component.stop
-        self._batches = Inbox(component.session, component.keys.stream("obs", source), "obs")
+        self._batches = Received(component.session, component.keys.stream("obs", source), "obs")
 
     def at(self, stamp_ns: int) -> Extrinsics | None:
         """Pose at a stamp; waits until one as new has come, at most for :data:`MAX_LAG_S`."""

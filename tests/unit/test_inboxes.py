@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from comotion import Fusion
-from comotion_clients.inbox import Inbox as ClientInbox
 from comotion_clients.subscription import ActiveSession
-from comotion_sources.source import Inbox
+from comotion_schemas.inbox import Inbox
+from comotion_sources.source import Received
 
 
 class _Session:
@@ -27,16 +27,16 @@ class _Session:
 
 def test_of_more_than_can_wait_the_newest_are_kept_and_the_others_counted():
     session = _Session()
-    inbox = Inbox(session, "a", capacity=2)
+    inbox = Received(session, "a", capacity=2)
     for number in range(5):
         session.send(number)
-    assert [payload[0] for _, payload, _ in inbox.take()] == [3, 4]
-    assert inbox.lost == 3
+    assert [payload[0] for _, payload, _ in inbox.drain()] == [3, 4]
+    assert inbox.dropped == 3
 
 
 def test_a_source_that_is_to_stop_takes_no_more_of_what_waits():
     session, stop = _Session(), threading.Event()
-    inbox = Inbox(session, "a")
+    inbox = Received(session, "a")
     for number in range(5):
         session.send(number)
     taken = []
@@ -83,7 +83,7 @@ def test_one_service_is_heard(heard, accepted):
 
 
 def test_cancelling_a_reader_loses_no_item():
-    inbox: ClientInbox[int] = ClientInbox(4)
+    inbox: Inbox[int] = Inbox(4)
 
     async def read():
         task = asyncio.create_task(inbox.aget(30))

@@ -30,6 +30,7 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.hypotheses import Event
 from comotion_schemas.naming import Names, event_words
 from comotion_schemas.text import counted
+from comotion_schemas.transport import LOOPBACK
 
 from ..bodies import poses_in_space
 from ..feed import Display, play
@@ -127,7 +128,6 @@ class FoxgloveScene(Display):
         self.logged[topic] += 1
 
 
-LOOPBACK = "127.0.0.1"
 _BACKLOG = 256
 """Messages that wait for a slow client; then the oldest are dropped."""
 

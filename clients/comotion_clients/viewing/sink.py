@@ -19,6 +19,8 @@ import numpy as np
 import rerun as rr
 import rerun_cli
 
+from comotion_schemas.transport import LOOPBACK, free_port
+
 from .blueprint import TIMELINE, blueprint, prepare
 from .drawing import Layout, Moment
 
@@ -69,7 +71,6 @@ class Program:
         self._output.close()
 
 
-LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0  # longest wait for delivery
 _FILE_TICK_S = 1.0  # rows of this time form a chunk of a file
 _PAGE_S = 30.0  # longest wait until the page is served
@@ -208,13 +209,6 @@ class RerunSink:
             if time.monotonic() > deadline:
                 raise OSError(f"the page does not answer at port {port}")
             time.sleep(_POLL_S)
-
-
-def free_port() -> int:
-    """Return an unused TCP port of this machine."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])
 
 
 def require_free(port: int) -> None:

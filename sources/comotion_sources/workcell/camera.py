@@ -31,7 +31,7 @@ from comotion_schemas.types import Name
 from ..cameras.tum import write_folder
 from ..cameras.types import Camera, Frame
 from ..poses import Timed
-from ..source import Inbox
+from ..source import Received
 from .scene import Scene, Vector
 from .viewpoint import Viewpoint
 
@@ -142,13 +142,13 @@ class WorkcellCamera(Camera):
         self._session = ""
         # A joint that the last message lacked.
         self._missing: str | None = None
-        self._inbox: Inbox | None = None
+        self._inbox: Received | None = None
 
     def attach(self, component: Component) -> None:
         """Follow the joint states of a scene."""
         self.live = True
         key = component.keys.stream("joints", self.spec.follow)
-        self._inbox = Inbox(component.session, key, "joints")
+        self._inbox = Received(component.session, key, "joints")
 
     def _read(self) -> Iterator[Frame]:
         if self.live:
