@@ -76,8 +76,6 @@ def evaluate(
         Show no progress.
     on_update
         Called with every scored update.
-    where
-        Name of the scene, how to connect, and the file to write once it is subscribed.
 
     Raises
     ------

@@ -54,15 +54,11 @@ def watch(
         Show one snapshot and end; one JSON object per line.
     timeout
         Seconds that `once` waits for a first message.
-    where
-        Name of the scene, how to connect, and the ready file.
 
     Raises
     ------
     TimeoutError
         With `once`, if no router answers or no message of the scene arrives.
-    ValueError
-        If the scene name or an endpoint is not valid.
     """
     if once:
         snapshot = _snapshot(model, where.get("settings") or client_settings(), timeout)

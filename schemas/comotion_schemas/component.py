@@ -88,7 +88,10 @@ class Rates:
 
 
 class Where(TypedDict, total=False):
-    """Where a component runs and how it says that it is ready, as in :class:`Component`."""
+    """Where a component runs and how it says that it is ready, as in :class:`Component`.
+
+    Whatever runs a component takes these as its last parameters, and raises what :class:`Component` does.
+    """
 
     scene: str
     settings: SessionSettings | None

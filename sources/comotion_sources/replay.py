@@ -87,13 +87,6 @@ def play_streams(
         As in :func:`play`.
     message
         One line for Status.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
-
-    Raises
-    ------
-    ValueError
-        If the name of the scene or a source is not valid.
     """
     sources = [Source(s.name, rate=s.rate * schedule.speed, message=message, **where) for s in streams]
     play(StreamLog(streams, new_session_id()), sources, schedule, shown_as=shown_as)
@@ -128,8 +121,6 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
         An MCAP recording.
     schedule
         Range, speed and stamps.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
@@ -138,8 +129,7 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
     ImportError
         If the extra `record` is not installed.
     ValueError
-        If the scene name is not valid, or the recording has no message of a source or is shorter than
-        the start.
+        If the recording has no message of a source or is shorter than the start.
     """
     from comotion_schemas.message_log import MessageLog
 

@@ -99,8 +99,6 @@ class Source(Component):
         One line for Status that describes the source.
     feature_names
         Names of features by id, as of the links of a robot; what they move with is called by them.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Attributes
     ----------
@@ -110,11 +108,6 @@ class Source(Component):
         One line while something is wrong, for Status, which is then ``degraded``.
     more_counters
         Called for further counters of Status.
-
-    Raises
-    ------
-    ValueError
-        If the name of the scene or source is not valid.
     """
 
     def __init__(

@@ -188,13 +188,11 @@ def record(
         Name of the recorder.
     duration
         s; None: until stopped.
-    where
-        Name of the scene, how to connect, and the ready file.
 
     Raises
     ------
     ValueError
-        If the name of the scene or recorder is not valid, or nothing was received.
+        If nothing was received.
     OSError
         If a file exists or cannot be created.
     TimeoutError

@@ -46,8 +46,6 @@ def run(
         s; None: until stopped.
     names
         Names of hypotheses by id.
-    where
-        Name of the scene, how to connect, and the ready file.
 
     Raises
     ------
@@ -55,8 +53,6 @@ def run(
         If rosbags (or for a bag, mcap) is not installed.
     OSError
         If the bag exists or cannot be written.
-    ValueError
-        If the name of the scene is not valid.
     """
     sent = Counter[str]()
     presence = viewer("ros2", status=lambda: StatusFields(counters={"messages": sent.total()}), **where)

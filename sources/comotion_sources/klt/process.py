@@ -38,15 +38,11 @@ def run(what: str, options: CameraOptions, **where: Unpack[Where]) -> None:
         The camera, as in :func:`open_frames`.
     options
         Options of the source.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     InputError
         If the camera or recording cannot be opened or read, or the calibration is missing or does not fit.
-    ValueError
-        If the name of the scene or source is not valid.
     """
     cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
     CameraProcess(what, open_frames(what, options.rate), options, where).run()

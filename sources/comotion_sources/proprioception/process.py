@@ -106,13 +106,11 @@ def run(
         Link -> (object number, name), where known (the workcell).
     name, space
         Name of the source; coordinate space of its poses.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Raises
     ------
     ValueError
-        If the name of the scene or source is not valid, or the log is malformed.
+        If the log is malformed.
     """
     source = SourcePublisher(
         name,

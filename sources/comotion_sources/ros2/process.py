@@ -166,13 +166,6 @@ def run(
         How to connect to the router of the ROS network; None: that of the scene.
     name, space
         Name of the source; coordinate space of its features.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
-
-    Raises
-    ------
-    ValueError
-        If a name is not valid.
     """
     text = f"ROS topic {topic}"
     with SourcePublisher(

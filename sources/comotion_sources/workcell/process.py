@@ -41,13 +41,6 @@ def run(
         Joint states per second.
     name
         Name of the stream of joint states.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
-
-    Raises
-    ------
-    ValueError
-        If the name of the scene or stream is not valid.
     """
     rates, counters = Rates(), {"batches": 0, "overruns": 0}
     text = f"workcell {workcell.name}, {workcell.model.njnt} joints"
