@@ -156,7 +156,7 @@ _READ = (TruthBatch, ObservationBatch, Status, Preview, HypothesisUpdate)
 
 
 def follow(display: Display, duration: float | None = None, **where: Unpack[Where]) -> Viewed:
-    """Give a display the messages of a scene until a signal arrives, `duration` s are over, or it is closed."""
+    """Give a display a running scene until a signal arrives, `duration` s are over, or it is closed."""
     ages: deque[float] = deque(maxlen=_AGES_KEPT)
     counts: dict[str, int] = {}
 
