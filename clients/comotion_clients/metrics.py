@@ -116,25 +116,16 @@ class Truth:
 
 @dataclass(frozen=True)
 class Score:
-    """Score of one update.
+    """Score of one update."""
 
-    Attributes
-    ----------
-    stamp_ns
-        Event time of the update.
-    nmi, misclassification
-        Over the scored tracks; NaN without any.
-    hypotheses, objects
-        Number of hypotheses and of true objects among the scored tracks.
-    scored, singletons
-        Number of tracks with truth; number of these that are undetermined or not in the update.
-    """
-
-    stamp_ns: int
+    stamp_ns: int  # event time of the update
+    # Over the scored tracks; NaN without any.
     nmi: float
     misclassification: float
+    # Number of hypotheses and of true objects among the scored tracks.
     hypotheses: int
     objects: int
+    # Number of tracks with truth; number of these that are undetermined or not in the update.
     scored: int
     singletons: int
 

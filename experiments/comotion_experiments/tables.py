@@ -17,23 +17,12 @@ _NAMES = re.compile(r"\{(\w+)\}")
 
 @dataclass
 class Table:
-    """Rows of cells under titles; rich prints it, :meth:`markdown` writes it.
+    """Rows of cells under titles; rich prints it, :meth:`markdown` writes it."""
 
-    Attributes
-    ----------
-    titles
-        Of the columns.
-    words
-        Number of columns, from the left, that hold words; the others hold numbers.
-    rows
-        The cells.
-    strong, ended
-        Rows in bold, and rows after which a terminal shows a gap.
-    """
-
-    titles: Sequence[str]
-    words: int = 1
-    rows: list[Sequence[str]] = field(default_factory=list)
+    titles: Sequence[str]  # of the columns
+    words: int = 1  # number of columns, from the left, that hold words; the others hold numbers
+    rows: list[Sequence[str]] = field(default_factory=list)  # the cells
+    # Rows in bold, and rows after which a terminal shows a gap.
     strong: set[int] = field(default_factory=set)
     ended: set[int] = field(default_factory=set)
 

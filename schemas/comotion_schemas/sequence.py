@@ -75,14 +75,9 @@ class SequenceCounter:
 
     It remembers the 4096 sessions seen last, and of each the 1024 gaps noted last: an older number counts
     as repeated. After a jump by more than 2^32 a session begins anew, so that one wrong number does no harm.
-
-    Parameters
-    ----------
-    from_zero
-        Count the numbers before the first one as lost too.
     """
 
-    from_zero: bool = False
+    from_zero: bool = False  # count the numbers before the first one as lost too
     # The one seen last at the end.
     _runs: dict[tuple[str, str], _Run] = field(default_factory=dict)
 

@@ -46,28 +46,15 @@ def axis_length(positions: Positions, current: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BodyDrawing:
-    """Draws the hypotheses of one space, and their joints.
+    """Draws the hypotheses of one space, and their joints."""
 
-    Attributes
-    ----------
-    path
-        What is drawn is under it.
-    up
-        Unit vector [dim]; labels are lifted along it.
-    axis
-        Length of an axis, in the unit of the space.
-    palette, names
-        Colours and names of hypotheses.
-    eye
-        Where the space is seen from, in 3-D.
-    """
-
-    path: str
-    up: Sequence[float]
-    axis: float
+    path: str  # what is drawn is under it
+    up: Sequence[float]  # unit vector [dim]; labels are lifted along it
+    axis: float  # length of an axis, in the unit of the space
+    # Colours and names of hypotheses.
     palette: Palette
     names: Names = field(default_factory=dict)
-    eye: Eye | None = None
+    eye: Eye | None = None  # where the space is seen from, in 3-D
 
     def bodies(self, hypotheses: Sequence[Hypothesis]) -> list[Shape]:
         """Draw labels, axes, velocities and boxes.

@@ -82,34 +82,19 @@ _CHECK_S = 0.2  # between two checks whether the window is closed
 class RerunSink:
     """Shows moments by Rerun; a context manager. Several outputs may be combined.
 
-    Attributes
-    ----------
-    window
-        A window on this machine.
-    web_port
-        Port of a web page, and `data_port` of its data; both on this machine.
-    open_browser
-        Open the page in the browser.
-    file
-        Path of a new ``.rrd`` file.
-    memory
-        Memory for the history in the data server, and memory limit of the window.
-    url
-        Address of the page.
-
     Raises
     ------
     OSError
         If a port is in use, the file exists or cannot be written, or the window does not open.
     """
 
-    window: bool = False
-    web_port: int | None = None
+    window: bool = False  # a window on this machine
+    web_port: int | None = None  # port of a web page, and `data_port` of its data; both on this machine
     data_port: int = 9876
-    open_browser: bool = False
-    file: Path | None = None
-    memory: str = "1GiB"
-    url: str | None = field(default=None, init=False)
+    open_browser: bool = False  # open the page in the browser
+    file: Path | None = None  # path of a new ``.rrd`` file
+    memory: str = "1GiB"  # memory for the history in the data server, and memory limit of the window
+    url: str | None = field(default=None, init=False)  # address of the page
 
     def __post_init__(self) -> None:
         self._layout: Layout | None = None

@@ -19,23 +19,14 @@ from .tracker import Tracks
 
 @dataclass(frozen=True)
 class CameraSpace:
-    """The coordinate space that a camera publishes in, and the transformation to it.
+    """The coordinate space that a camera publishes in, and the transformation to it."""
 
-    Attributes
-    ----------
-    name, unit, dim
-        As in ObservationBatch.
-    intrinsics
-        Used to lift pixels to 3-D; None in pixel space.
-    extrinsics
-        Camera to the space; None if the space is the frame of the camera.
-    """
-
+    # As in ObservationBatch.
     name: str
     unit: Unit
     dim: int
-    intrinsics: Intrinsics | None = None
-    extrinsics: Extrinsics | None = None
+    intrinsics: Intrinsics | None = None  # used to lift pixels to 3-D; None in pixel space
+    extrinsics: Extrinsics | None = None  # camera to the space; None if the space is the frame of the camera
 
     def builder(self, source: str, session: str, *, moving: bool = False) -> MessageBuilder:
         """Build the messages of one session of a source in this space."""

@@ -23,62 +23,30 @@ MAX_SKIPPED = 5
 
 @dataclass(frozen=True, kw_only=True)
 class CameraOptions:
-    """Options of a camera source.
+    """Options of a camera source."""
 
-    Attributes
-    ----------
-    name
-        Name of the source; its markers are the separate source ``<name>-markers``.
-    tracker
-        Parameters of the tracker.
-    realtime
-        Play recordings at their recorded rate, or slower if the machine cannot; False: as fast as
-        they can be tracked, with every frame.
-    stamps
-        Of recordings: ``now``, as if taken while played, or ``original``, those of the file (media
-        time from 0 if it has none).
-    rate
-        Most frames per second; None: all.
-    offset_ns
-        Added to every stamp, for a device with a known clock offset.
-    calibration
-        Takes precedence over the calibration that the camera reports.
-    use_depth
-        False: publish pixels although there is depth.
-    space
-        Name of the space; None: see :func:`choose_space`.
-    fixed
-        Require extrinsics for publishing metres.
-    loop
-        Repeat a recording from its start.
-    reconnect
-        Reopen a device that is lost.
-    preview
-        Path of an annotated video, or a folder for PNG images; None: none.
-    share_preview
-        Most images per second that subscribers get; 0: none.
-    markers
-        Fiducial markers to detect; None: none.
-    poses, carrier
-        A trajectory file with the pose of every frame, or source and id of the 6-DoF feature that carries the
-        camera; the extrinsics then lead from the camera to what these are poses of.
-    """
-
-    name: str = "klt"
+    name: str = "klt"  # name of the source; its markers are the separate source ``<name>-markers``
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    # Play recordings at their recorded rate, or slower if the machine cannot; False: as fast as they can be
+    # tracked, with every frame.
     realtime: bool = True
+    # Of recordings: ``now``, as if taken while played, or ``original``, those of the file (media time from 0
+    # if it has none).
     stamps: Stamps = "now"
-    rate: float | None = None
-    offset_ns: int = 0
+    rate: float | None = None  # most frames per second; None: all
+    offset_ns: int = 0  # added to every stamp, for a device with a known clock offset
+    # Takes precedence over the calibration that the camera reports.
     calibration: Calibration = field(default_factory=Calibration)
-    use_depth: bool = True
-    space: str | None = None
-    fixed: bool = False
-    loop: bool = False
-    reconnect: bool = True
-    preview: Path | None = None
-    share_preview: float = 5.0
-    markers: MarkerOptions | None = None
+    use_depth: bool = True  # False: publish pixels although there is depth
+    space: str | None = None  # name of the space; None: see :func:`choose_space`
+    fixed: bool = False  # require extrinsics for publishing metres
+    loop: bool = False  # repeat a recording from its start
+    reconnect: bool = True  # reopen a device that is lost
+    preview: Path | None = None  # path of an annotated video, or a folder for PNG images; None: none
+    share_preview: float = 5.0  # most images per second that subscribers get; 0: none
+    markers: MarkerOptions | None = None  # fiducial markers to detect; None: none
+    # A trajectory file with the pose of every frame, or source and id of the 6-DoF feature that carries the
+    # camera; the extrinsics then lead from the camera to what these are poses of.
     poses: Path | None = None
     carrier: tuple[str, int] | None = None
 
@@ -90,23 +58,12 @@ class CameraOptions:
 
 @dataclass
 class Pacer:
-    """Decides for each frame when it is due, or that it is left out.
+    """Decides for each frame when it is due, or that it is left out."""
 
-    Parameters
-    ----------
-    options
-        Of the user: which frames are published, when, and with which stamps.
-    live
-        Whether the camera is a device: its frames are due on arrival and keep their stamps.
-    wait
-        Waits for a number of seconds.
-    wall, monotonic
-        Clocks, in nanoseconds.
-    """
-
-    options: CameraOptions
-    live: bool
-    wait: Callable[[float], object]
+    options: CameraOptions  # of the user: which frames are published, when, and with which stamps
+    live: bool  # whether the camera is a device: its frames are due on arrival and keep their stamps
+    wait: Callable[[float], object]  # waits for a number of seconds
+    # Clocks, in nanoseconds.
     wall: Callable[[], int] = time.time_ns
     monotonic: Callable[[], int] = time.monotonic_ns
     counters: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTERS, 0))

@@ -40,29 +40,17 @@ class Columns:
 
 @dataclass
 class Templates(Columns):
-    """Templates (patches at birth) of N features, P pixels each.
+    """Templates (patches at birth) of N features, P pixels each."""
 
-    Attributes
-    ----------
-    patch
-        float32 [N, P], grey values without their mean and slope.
-    power
-        float32 [N], sum of the squares of `patch`.
-    gradient_inverse
-        float32 [N, 6, P], maps a difference of patches to four shape and two shift parameters of
-        the affine warp.
-    variance_scale
-        float32 [N], px²: variance of the position in its least certain direction, for grey values
-        of variance 1.
-    shape
-        float32 [N, 2, 2], linear part of the warp from the template to the newest image.
-    """
-
-    patch: Floats
-    power: Floats
+    patch: Floats  # float32 [N, P], grey values without their mean and slope
+    power: Floats  # float32 [N], sum of the squares of `patch`
+    # float32 [N, 6, P], maps a difference of patches to four shape and two shift parameters of the affine
+    # warp.
     gradient_inverse: Floats
+    # float32 [N], px²: variance of the position in its least certain direction, for grey values of variance
+    # 1.
     variance_scale: Floats
-    shape: Floats
+    shape: Floats  # float32 [N, 2, 2], linear part of the warp from the template to the newest image
 
 
 @cache

@@ -36,24 +36,15 @@ _SECONDS = ("time", "t", "stamp", "timestamp")
 class JointSample:
     """Joint positions at one instant.
 
-    Attributes
-    ----------
-    stamp_ns
-        Acquisition time, nanoseconds since the Unix epoch (in a log: the clock of the log).
-    names
-        Names of the joints.
-    positions
-        float64 [J], rad (hinge) or m (slide).
-
     Raises
     ------
     InputError
         If names and positions do not match, a name occurs twice, or a position is not finite.
     """
 
-    stamp_ns: int
-    names: Sequence[str]
-    positions: Vector
+    stamp_ns: int  # acquisition time, nanoseconds since the Unix epoch (in a log: the clock of the log)
+    names: Sequence[str]  # names of the joints
+    positions: Vector  # float64 [J], rad (hinge) or m (slide)
 
     def __post_init__(self) -> None:
         values = np.asarray(self.positions, np.float64)

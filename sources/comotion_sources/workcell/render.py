@@ -30,21 +30,11 @@ _SHADOW_DEPTH = 0.45  # share of the light that a shadow takes
 
 
 class Rendering(NamedTuple):
-    """The images of an ideal camera.
+    """The images of an ideal camera."""
 
-    Attributes
-    ----------
-    image
-        uint8 [H, W, 3], BGR.
-    depth
-        float32 [H, W], z in metres; 0 where nothing is hit.
-    geoms
-        int32 [H, W], geom under each pixel, -1 where nothing is hit.
-    """
-
-    image: NDArray[np.uint8]
-    depth: NDArray[np.float32]
-    geoms: NDArray[np.int32]
+    image: NDArray[np.uint8]  # uint8 [H, W, 3], BGR
+    depth: NDArray[np.float32]  # float32 [H, W], z in metres; 0 where nothing is hit
+    geoms: NDArray[np.int32]  # int32 [H, W], geom under each pixel, -1 where nothing is hit
 
 
 class Renderer:
