@@ -27,7 +27,7 @@ from .subscription import Subscription
 _BATCHES_KEPT = 8192
 """Batches that wait for a client: it reads all of them."""
 _TOKENS_KEPT = 256
-# Components whose token is followed, the first to be heard.
+# Components whose token is followed, the first to arrive.
 _FOLLOWED = 1024
 
 

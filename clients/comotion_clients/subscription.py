@@ -36,11 +36,11 @@ class ActiveSession:
     def __init__(self) -> None:
         self._epochs = Epochs()
         self._session = ""
-        self._heard_s = 0.0
+        self._accepted_s = 0.0
         self._left: deque[str] = deque(maxlen=_REMEMBERED)
 
     def accepts(self, update: HypothesisUpdate, now_s: float) -> bool:
-        """Whether an update is of the service to hear.
+        """Whether an update is of the service to follow.
 
         Parameters
         ----------
@@ -53,13 +53,13 @@ class ActiveSession:
             return False
         if update.session != self._session:
             silent_s = max(_SILENT_S, _SILENT_PERIODS * update.period_ns * 1e-9)
-            replaced = update.session in self._left and now_s - self._heard_s <= silent_s
+            replaced = update.session in self._left and now_s - self._accepted_s <= silent_s
             if replaced and update.epoch == self._epochs.newest:
                 return False
             self._left.append(self._session)
             self._session = update.session
         self._epochs.follow(update.epoch, now_s)
-        self._heard_s = now_s
+        self._accepted_s = now_s
         return True
 
 
@@ -222,7 +222,7 @@ class Subscription(Generic[M]):
         """Count missing sequence numbers; False for an update that is repeated or out of order."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
-        # A service that was cut off and returns is not heard: another has spoken since.
+        # A service that was cut off and returns is not followed: another has published since.
         if isinstance(message, HypothesisUpdate) and not self._active.accepts(message, time.monotonic()):
             self.counters.stale += 1
             return False

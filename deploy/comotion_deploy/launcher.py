@@ -85,7 +85,7 @@ class Child(threading.Thread):
     write
         Takes what it prints.
     log
-        Takes lines that say when it has started and ended.
+        Takes lines about its starts and ends.
     """
 
     def __init__(self, spec: ProcessSpec, folder: Path, write: WriteLine, log: Callable[[str], None]) -> None:
@@ -101,7 +101,7 @@ class Child(threading.Thread):
 
     @property
     def was_ready(self) -> bool:
-        """Whether it has said that it is ready, now or before a restart."""
+        """Whether it has signalled readiness, now or before a restart."""
         self._was_ready |= self._ready_file.exists()
         return self._was_ready
 

@@ -159,7 +159,7 @@ class Process(Present):
         if self.tls is not None and (given is None or given.name == "DEFAULT"):
             from comotion_schemas.tls import load_tls
 
-            with suppress(ValueError):  # said when the session is opened
+            with suppress(ValueError):  # reported when the session is opened
                 identity = load_tls(self.tls).identity
                 self.name = self.name if identity is None else identity.name
         if self.metrics_port is not None:

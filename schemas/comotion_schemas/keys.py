@@ -1,4 +1,4 @@
-"""Keys of the protocol, scene and names <-> Zenoh key expressions, and the quality of service of their kinds.
+"""Builds and parses the Zenoh keys of a scene, and lists the quality of service of each kind.
 
 All streams drop messages under congestion: with BLOCK one stuck subscriber would stall the others.
 """

@@ -132,16 +132,16 @@ class SequenceCounter:
 
 
 class Epochs:
-    """Follows the epoch of a scene upwards; `newest` is that of the last update heard."""
+    """Follows the epoch of a scene upwards; `newest` is that of the last update that was accepted."""
 
     def __init__(self) -> None:
         self.newest = 0
-        self._heard_s = -float("inf")
+        self._accepted_s = -float("inf")
 
     def allows(self, epoch: int, now_s: float) -> bool:
-        """Whether an update of this epoch is to be heard; `now_s` is on a monotonic clock."""
-        return now_s - self._heard_s > EPOCH_LASTS_S or 0 <= epoch - self.newest <= MAX_EPOCH_STEP
+        """Whether an update of this epoch is to be accepted; `now_s` is on a monotonic clock."""
+        return now_s - self._accepted_s > EPOCH_LASTS_S or 0 <= epoch - self.newest <= MAX_EPOCH_STEP
 
     def follow(self, epoch: int, now_s: float) -> None:
-        """Take note of an update that is heard."""
-        self.newest, self._heard_s = epoch, now_s
+        """Take note of an update that is accepted."""
+        self.newest, self._accepted_s = epoch, now_s

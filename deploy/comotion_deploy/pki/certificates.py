@@ -38,7 +38,7 @@ class Grant:
     # Role and name of the component.
     role: CertificateRole
     name: str
-    common_name: str  # common name of the certificate, by which the router knows the component
+    common_name: str  # common name of the certificate, by which the router identifies the component
     scene: str = "default"  # its scene; ``*``: every scene
     sources: tuple[str, ...] = ()  # names under which a source publishes
     joints: tuple[str, ...] = ()  # names of the joint states that a source follows

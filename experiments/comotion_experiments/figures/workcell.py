@@ -56,7 +56,7 @@ class Shot:
     respawn_every: int  # frames between two looks for new features
     times: tuple[float, ...]  # moments to show, s
     apart: tuple[str, str]  # two objects
-    said: str  # about telling them apart, by the thesis
+    claim: str  # of the thesis, on their separation
 
 
 def film_setup(study: Study, shot: Shot, seed: int = 0) -> tuple[CameraSpec, TrackerConfig]:
@@ -171,7 +171,7 @@ def pictures(shot: Shot) -> Callable[[Study], Drawn]:
         numbers = right_rows(shown, shot.times, "-")
         name, other = shot.apart
         what = f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on"
-        numbers.append(row_of(what, shot.said, shown, partial(_apart, name=name, other=other)))
+        numbers.append(row_of(what, shot.claim, shown, partial(_apart, name=name, other=other)))
         if shot is SHELF:
             numbers.append(row_of("the door's hypothesis, closing", "another than opening", shown, _door))
         return Drawn(figure, numbers, _parameters(study, shot, drawn=True))

@@ -49,7 +49,7 @@ def _motions_alone(sequence: Sequence) -> Row:
         return {}
     motions = np.unique(sequence.truth[sequence.truth > 0]).tolist()
     labels = (engine(sequence.of(sequence.truth == motion))[0] for motion in motions)
-    return {"alone": sum(len(np.unique(found)) == 1 for found in labels), "of": len(motions)}
+    return {"alone": sum(len(np.unique(hypotheses)) == 1 for hypotheses in labels), "of": len(motions)}
 
 
 def engine(sequence: Sequence) -> tuple[NDArray[np.int64], float]:

@@ -179,7 +179,7 @@ def run(
 def relay(
     arrivals: Iterable[Arrival | None], source: SourcePublisher, converter: Converter, frame: str | None
 ) -> None:
-    """Convert and publish what arrives; what cannot be used is counted, and said once."""
+    """Convert and publish what arrives; what cannot be used is counted, and logged once."""
     for key, raw, received_ns in filter(None, arrivals):
         kind = kind_of(key)
         if kind is None:
