@@ -74,7 +74,9 @@ Examples:
         if "scores" in parts:
             results["rows"] = self.rows(accuracy.run_method, chosen, accuracy.METHODS, seeds)
         if "motion" in parts:
-            results["motion"] = accuracy.motion_errors(seeds)
+            with progress() as note:
+                note("pose and twist")
+                results["motion"] = accuracy.motion_errors(seeds)
         self.report("accuracy", accuracy.markdown(results), results)
 
 
