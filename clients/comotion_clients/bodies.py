@@ -75,14 +75,7 @@ def joint_lines(joint: Joint, child: Hypothesis, length: float) -> Lines:
     A hinge is its axis, and an arc around it from the lower to the upper position with a spoke to the
     child's place now. A slide is a rail from where the child was at the lower position to the upper one.
 
-    Parameters
-    ----------
-    joint
-        The joint.
-    child
-        Its child, as of the same update.
-    length
-        Of the axis to each side, in the unit of the space.
+    The `child` is of the same update; `length` is that of the axis to each side, in the unit of the space.
     """
     dim = len(child.centroid)
     if joint.point is None or joint.position is None or joint.lower is None or joint.upper is None:

@@ -188,14 +188,8 @@ def follow(display: Display, duration: float | None = None, **where: Unpack[Wher
 def play(display: Display, messages: Iterable[tuple[int, Message]], *, in_time: bool = False) -> int:
     """Give a display a recording; returns the number of updates.
 
-    Parameters
-    ----------
-    display
-        Shows it.
-    messages
-        (Time of receipt in ns, message), in order.
-    in_time
-        At the speed of its times, else as fast as possible: the viewer then plays it.
+    `messages` are (time of receipt in ns, message) in order; `in_time` plays them at the speed of their
+    times, else as fast as possible: the viewer then plays them.
     """
     begun_s, first_ns, updates = time.monotonic(), None, 0
     for log_ns, message in messages:

@@ -42,12 +42,7 @@ class ActiveSession:
     def accepts(self, update: HypothesisUpdate, now_s: float) -> bool:
         """Whether an update is of the service to follow.
 
-        Parameters
-        ----------
-        update
-            The next one that has arrived.
-        now_s
-            When, on a monotonic clock.
+        Updates are given in the order of arrival, at `now_s` on a monotonic clock.
         """
         if not self._epochs.allows(update.epoch, now_s):
             return False

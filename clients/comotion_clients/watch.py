@@ -44,16 +44,9 @@ def watch(
 ) -> None:
     """Show a scene until a signal arrives.
 
-    Parameters
-    ----------
-    model
-        An empty model of the scene.
-    sort, pose
-        Initial order, and whether with angular speed and pose of the hypotheses.
-    once, json
-        Show one snapshot and end; one JSON object per line.
-    timeout
-        Seconds that `once` waits for a first message.
+    The `model` of the scene is empty. `sort` is the initial order; `pose` adds angular speed and pose of the
+    hypotheses; `once` shows one snapshot and ends, and waits for `timeout` s for a first message; `json`
+    prints an object per line.
 
     Raises
     ------

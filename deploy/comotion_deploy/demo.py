@@ -49,18 +49,9 @@ def demo_processes(
 ) -> list[ProcessSpec]:
     """Router, service, three sources of different rates, a reporter and watch.
 
-    Parameters
-    ----------
-    simulated, scale, seed
-        A scene of the simulator, its seconds per second, and its seed.
-    endpoint
-        Where the router listens.
-    out
-        Folder for the results.
-    fusion
-        Options of ``comotion serve``.
-    on_terminal
-        Whether watch owns the terminal.
+    `scale` is in seconds of the `simulated` scene per second, the router listens at `endpoint`, results go to
+    the folder `out`, `fusion` are options of ``comotion serve``, and `on_terminal` says whether watch owns
+    the terminal.
     """
     at = ("--connect", endpoint, "--scene", "demo")
     # All parts of the scene must agree on when it starts; by then everything is up.

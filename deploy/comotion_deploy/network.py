@@ -41,16 +41,8 @@ def is_loopback(address: str) -> bool:
 def require_closed(addresses: Iterable[str], meaning: str, *, insecure: bool, remedy: str = "") -> None:
     """Refuse addresses that other machines can reach, or say what they mean if `insecure`.
 
-    Parameters
-    ----------
-    addresses
-        Where the process is about to listen.
-    meaning
-        What others could do.
-    insecure
-        The user accepts that.
-    remedy
-        What to do instead.
+    The process is about to listen at `addresses`; `meaning` says what others could do, `insecure` that the
+    user accepts it, `remedy` what to do instead.
 
     Raises
     ------

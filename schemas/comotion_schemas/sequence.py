@@ -84,14 +84,8 @@ class SequenceCounter:
     def sight(self, publisher: str, session: str, seq: int) -> Sighting:
         """Take note of a number.
 
-        Parameters
-        ----------
-        publisher
-            Whatever tells the streams apart: the name of a source, or a key.
-        session
-            Session of the publisher; each counts for itself.
-        seq
-            Sequence number, 0 or more.
+        A `publisher` is whatever tells the streams apart, the name of a source or a key; each of its sessions
+        counts for itself; `seq` is 0 or more.
         """
         run = self._runs.get((publisher, session))
         if run is not None and abs(seq - run.newest) <= MAX_JUMP:

@@ -169,12 +169,7 @@ def _tls(tls: TlsFiles, mode: str) -> dict[str, Any]:
 def open_session(settings: SessionSettings, overrides: dict[str, Any] | None = None) -> zenoh.Session:
     """Open a session; use it as a context manager, otherwise the process hangs at exit.
 
-    Parameters
-    ----------
-    settings
-        Endpoints and mode.
-    overrides
-        Top-level keys of the Zenoh configuration to add or replace, e.g. ``access_control``.
+    `overrides` are top-level keys of the Zenoh configuration to add or replace, e.g. ``access_control``.
     """
     config = zenoh_config(settings) | (overrides or {})
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
@@ -188,14 +183,7 @@ def connect(
 ) -> zenoh.Session:
     """Open a session and wait until a router is available; Ctrl-C ends the wait.
 
-    Parameters
-    ----------
-    settings
-        Endpoints and mode.
-    timeout
-        Seconds to wait; None: no limit.
-    given_up
-        Ends the wait when set, from another thread.
+    `timeout` is in s, None: no limit; `given_up` ends the wait when set, from another thread.
 
     Raises
     ------

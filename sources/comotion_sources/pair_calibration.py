@@ -260,12 +260,7 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
 def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[tuple[Frame, Frame]]:
     """Pair the frames of two cameras: every frame of image files, else one pair each 0.3 s.
 
-    Parameters
-    ----------
-    camera_a, camera_b
-        The cameras.
-    timeout
-        Seconds after which the pairs of a live camera end.
+    The pairs of a live camera end after `timeout` s.
 
     Raises
     ------

@@ -34,14 +34,8 @@ MAX_LAG_S = 0.5
 class Timed(Generic[Value]):
     """The last values of something that changes, by their stamps.
 
-    Parameters
-    ----------
-    between
-        Interpolates between two values, by the share of the way from the first to the second.
-    kept_ns
-        How long values are kept; None: all of them.
-    gap_ns
-        Longest time between two values across which is interpolated.
+    `between` interpolates between two values, by the share of the way from the first to the second; values
+    are kept for `kept_ns`, None: all of them; nothing is interpolated across more than `gap_ns`.
     """
 
     def __init__(
@@ -84,12 +78,8 @@ class Timed(Generic[Value]):
 class PoseBuffer(Timed[Extrinsics]):
     """The last poses of a carrier, such as the link of a robot that a camera is mounted on.
 
-    Parameters
-    ----------
-    mount
-        Camera to the carrier; None: the poses are those of the camera.
-    kept_ns
-        How long poses are kept; None: all of them.
+    `mount` leads from the camera to the carrier, None: the poses are those of the camera; poses are kept for
+    `kept_ns`, None: all of them.
     """
 
     def __init__(self, mount: Extrinsics | None = None, kept_ns: int | None = _KEPT_NS) -> None:
@@ -189,14 +179,7 @@ def _pose(line: str) -> tuple[int, Extrinsics]:
 def parsed(path: Path, form: str, parse: Callable[[str], Value]) -> Iterator[Value]:
     """Yield what the lines of a text file say, without comments.
 
-    Parameters
-    ----------
-    path
-        The file.
-    form
-        What a line is to be, for the error.
-    parse
-        Reads a line; raises ValueError.
+    `form` is what a line is to be, for the error; `parse` reads a line, and raises ValueError.
 
     Raises
     ------

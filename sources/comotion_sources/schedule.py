@@ -69,12 +69,8 @@ def parse_start(text: str) -> float | str:
 class Restamp:
     """Changes the stamps and sessions of messages, and closes the gaps that messages left out leave.
 
-    Parameters
-    ----------
-    reference_ns, target_ns
-        A stamp of the log, and the stamp it becomes, ns.
-    speed
-        Seconds of the log per second.
+    `reference_ns` is a stamp of the log and `target_ns` what it becomes; `speed` is in seconds of the log per
+    second.
     """
 
     def __init__(self, reference_ns: int, target_ns: int, speed: float) -> None:

@@ -166,12 +166,7 @@ class Source(Component):
     def receive(self, key: str, settings: SessionSettings | None = None) -> Iterator[Arrival | None]:
         """Receive what others publish, as :meth:`Received.until` the source stops.
 
-        Parameters
-        ----------
-        key
-            The key expression.
-        settings
-            How to connect to the router of another network; None: in the session of the source.
+        `settings` say how to connect to the router of another network; None: in the session of the source.
         """
         other = None if settings is None else self._exit.enter_context(open_session(settings))
         inbox = Received(other or self.session, key)

@@ -240,12 +240,8 @@ class Stream:
 def batches(streams: Stream | Sequence[Stream], *, epoch_ns: int = 0) -> Iterator[Published]:
     """Yield the messages of all streams in time order; at equal times in the order of the streams.
 
-    Parameters
-    ----------
-    streams
-        One per source, with different names.
-    epoch_ns
-        Stamp of t = 0, nanoseconds since the Unix epoch.
+    The streams, one per source, have different names; `epoch_ns` is the stamp of t = 0, nanoseconds since the
+    Unix epoch.
     """
     chosen = [streams] if isinstance(streams, Stream) else streams
     log = StreamLog(chosen, OFFLINE_SESSION, epoch_ns)

@@ -180,14 +180,8 @@ def record(
 ) -> Result:
     """Record a scene until the duration is over or a signal arrives.
 
-    Parameters
-    ----------
-    options
-        Files, and the scene in their metadata.
-    name
-        Name of the recorder.
-    duration
-        s; None: until stopped.
+    `options` are of the files, with the scene in their metadata, `name` is that of the recorder, `duration`
+    is in s, None: until stopped.
 
     Raises
     ------

@@ -163,14 +163,8 @@ _LABELLED = 3
 class Cameras:
     """Delays previews and draws them when they are due.
 
-    Parameters
-    ----------
-    palette
-        Has seen the updates.
-    names
-        Names of hypotheses by id.
-    dense
-        Whether to draw the regions of hypotheses too.
+    The `palette` has seen the updates; `names` are those of hypotheses by id; `dense` draws the regions of
+    hypotheses too.
 
     Attributes
     ----------

@@ -126,16 +126,8 @@ def make_certificate(
 ) -> bytes:
     """Make a certificate that is valid from now.
 
-    Parameters
-    ----------
-    common_name, key
-        Of its owner.
-    not_after
-        End of its validity.
-    issuer
-        Name and key of the authority; None: it is that of an authority itself.
-    hosts, grant
-        Names and addresses of a router; what a component may do.
+    `common_name` and `key` are its owner's, `issuer` is name and key of the authority, None: it is that of an
+    authority itself; `hosts` are names and addresses of a router, `grant` is what a component may do.
 
     Returns
     -------

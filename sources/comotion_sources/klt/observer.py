@@ -48,16 +48,8 @@ def choose_space(
     Without depth: pixels, in ``<source>/pixels``. With depth: metres, in the target frame of the
     extrinsics, or without extrinsics in the camera frame ``<source>/optical``.
 
-    Parameters
-    ----------
-    source
-        Name of the source.
-    has_depth
-        Whether frames have depth.
-    intrinsics, extrinsics
-        Calibration of the camera, if known.
-    name
-        Name of the space; None: as above.
+    `intrinsics` and `extrinsics` are those of the camera, if known; `name` is that of the space, None: as
+    above.
 
     Raises
     ------
@@ -76,16 +68,8 @@ def choose_space(
 class Observer:
     """Builds one batch per frame from tracks, and the truth of newborn features.
 
-    Parameters
-    ----------
-    space
-        Coordinate space of the messages.
-    builder
-        Builds the messages; of the same space.
-    objects
-        Names of the true objects by number.
-    poses
-        Pose of a carried camera over time, in the space; None: the camera is fixed, or its pose unknown.
+    The `builder` is of the same space; `objects` are names of the true objects by number; `poses` those of a
+    carried camera over time, in the space, None: the camera is fixed, or its pose unknown.
 
     Attributes
     ----------

@@ -76,12 +76,7 @@ class DelayedPreview:
 class PreviewStream:
     """Publishes images with their features while there is a subscriber; reduces large ones to 960 px.
 
-    Parameters
-    ----------
-    source
-        The source of the features.
-    rate
-        Most images per second.
+    `source` is that of the features; it sends at most `rate` images per second.
     """
 
     def __init__(self, source: Source, rate: float) -> None:

@@ -32,12 +32,7 @@ _log = logging.getLogger(__name__)
 def run(what: str, options: CameraOptions, **where: Unpack[Where]) -> None:
     """Publish the observations of a camera until it ends or a signal arrives.
 
-    Parameters
-    ----------
-    what
-        The camera, as in :func:`open_frames`.
-    options
-        Options of the source.
+    `what` is a camera, as in :func:`open_frames`.
 
     Raises
     ------

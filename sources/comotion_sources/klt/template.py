@@ -78,14 +78,8 @@ def _detrended(values: Floats, window: int) -> Floats:
 def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
     """Extract the templates of features from an image.
 
-    Parameters
-    ----------
-    grey
-        uint8 [H, W].
-    pixels
-        float32 [N, 2], positions of the features.
-    window
-        Edge of a template in px; an even number is raised by one.
+    `grey` is uint8 [H, W], `pixels` are positions float32 [N, 2], `window` is the edge of a template in px;
+    an even number is raised by one.
     """
     window |= 1
     upright = np.tile(np.eye(2, dtype=np.float32), (len(pixels), 1, 1))
@@ -115,16 +109,8 @@ def align(
 ) -> tuple[Pixels, Floats, NDArray[np.float32]]:
     """Align templates with an image.
 
-    Parameters
-    ----------
-    grey
-        uint8 [H, W].
-    pixels
-        float32 [N, 2], predicted positions of the features.
-    templates
-        Templates of the same features, with the shape of the frame before.
-    window
-        Edge of a template in px, as in :func:`extract`.
+    `grey` is uint8 [H, W], `pixels` are predicted positions float32 [N, 2] of the features of the
+    `templates`, which have the shape of the frame before; `window` is as in :func:`extract`.
 
     Returns
     -------

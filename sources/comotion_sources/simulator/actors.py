@@ -36,14 +36,7 @@ class Poses:
 class Path:
     """The motion of one body; random parameters are drawn at construction.
 
-    Parameters
-    ----------
-    motion
-        Specification of the motion.
-    dim
-        2 or 3.
-    rng
-        Generator for places, frequencies, phases and amplitudes.
+    `dim` is 2 or 3; `rng` draws places, frequencies, phases and amplitudes.
     """
 
     def __init__(self, motion: Motion, dim: int, rng: np.random.Generator) -> None:

@@ -43,12 +43,7 @@ class Renderer:
     Static geoms are rendered once for each place of the camera. A frame renders only the pixels that moving
     bodies may cover, and the shadows.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    intrinsics, extrinsics
-        The camera, without distortion.
+    The camera has no distortion.
     """
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics, extrinsics: Extrinsics) -> None:
@@ -80,12 +75,8 @@ class Renderer:
     def render(self, configuration: Vector, t: float = 0.0) -> Rendering:
         """Render the scene.
 
-        Parameters
-        ----------
-        configuration
-            float64 [joints], rad or m.
-        t
-            Time of the scene in seconds, for the moving shadow.
+        The `configuration` is float64 [joints], rad or m; `t` is the time of the scene in s, for the moving
+        shadow.
         """
         self.scene.place(self._data, configuration)
         layer = {name: values.copy() for name, values in self._still.items()}
