@@ -66,13 +66,9 @@ def client_settings(
 ) -> SessionSettings:
     """Settings of a client.
 
-    Parameters
-    ----------
-    connect
-        Endpoints of routers; None: the router of this machine.
-    tls
-        Certificates of a mutual TLS link, or the folder that ``comotion pki issue`` has written. None: the
-        folder named by ``COMOTION_TLS`` in the environment, if there is one.
+    It connects to the endpoints of routers, None: the router of this machine. `tls` are certificates of a
+    mutual TLS link, or the folder that ``comotion pki issue`` has written; None: the folder named by
+    ``COMOTION_TLS`` in the environment, if there is one.
 
     Raises
     ------
