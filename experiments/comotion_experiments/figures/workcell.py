@@ -27,7 +27,7 @@ from ..inputs import Message
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .runs import SceneRuns, View, ViewRequest
+from .runs import SceneRuns, View, ViewRequest, main_hypothesis
 from .study import (
     DEFAULT,
     Drawn,
@@ -238,14 +238,10 @@ def _door(take: SceneRuns) -> str:
     for seed in take.seeds:
         ids = seed.main_of("door")
         t = seed.run.seconds
-        opening, closing = (_most(ids[(t >= a) & (t < b)]) for a, b in (_OPENING_S, _CLOSING_S))
+        assigned = (ids[(ids >= 0) & (t >= a) & (t < b)] for a, b in (_OPENING_S, _CLOSING_S))
+        opening, closing = map(main_hypothesis, assigned)
         same += opening == closing
     return f"the same in {same} of {len(take.seeds)} seeds"
-
-
-def _most(ids: Any) -> int:
-    assigned = ids[ids >= 0]
-    return int(np.bincount(assigned).argmax()) if len(assigned) else -1
 
 
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:
