@@ -73,14 +73,16 @@ def labels_of(update):
 def by_feature(update):
     """Hypothesis by the name of a source and a feature of it."""
     rows = tracks_of(update).items()
-    return {(name, track): label for (name, _), found in rows for track, label in found.items()}
+    return {(name, track): label for (name, _), labels in rows for track, label in labels.items()}
 
 
 def is_sorted_out(update):
-    """Both bodies of the source of tests/e2e are told apart, each as one hypothesis of its six features."""
-    found = [label for _, label in sorted(by_feature(update).items())]
-    bodies = [{*found[:6]}, {*found[6:]}]
-    return len(found) == 12 and UNDETERMINED not in found and [len({*found}), *map(len, bodies)] == [2, 1, 1]
+    """Both bodies of the source of tests/e2e are separated, each as one hypothesis of its six features."""
+    labels = [label for _, label in sorted(by_feature(update).items())]
+    bodies = [{*labels[:6]}, {*labels[6:]}]
+    return (
+        len(labels) == 12 and UNDETERMINED not in labels and [len({*labels}), *map(len, bodies)] == [2, 1, 1]
+    )
 
 
 def play(fusion, frames, *sources, rate=30, every=1):

@@ -75,14 +75,7 @@ def joint_lines(joint: Joint, child: Hypothesis, length: float) -> Lines:
     A hinge is its axis, and an arc around it from the lower to the upper position with a spoke to the
     child's place now. A slide is a rail from where the child was at the lower position to the upper one.
 
-    Parameters
-    ----------
-    joint
-        The joint.
-    child
-        Its child, as of the same update.
-    length
-        Of the axis to each side, in the unit of the space.
+    The `child` is of the same update; `length` is that of the axis to each side, in the unit of the space.
     """
     dim = len(child.centroid)
     if joint.point is None or joint.position is None or joint.lower is None or joint.upper is None:
@@ -165,12 +158,11 @@ class HypothesisNames(ChainMap[int, str]):
     def on_update(self, update: HypothesisUpdate) -> None:
         """Find the names of an update's hypotheses."""
         held: dict[int, list[str]] = {}
-        for number, source in enumerate(update.sources):
-            names = self._of_features.get((source.name, source.session), {})
-            rows = np.flatnonzero(update.track_source == number) if names else ()
-            for row in rows:
-                if (name := names.get(int(update.track_id[row]))) is not None:
-                    held.setdefault(int(update.track_hypothesis[row]), []).append(name)
+        for source in update.sources:
+            if names := self._of_features.get((source.name, source.session)):
+                for feature, hypothesis in update.hypotheses_of(source.name, source.session).items():
+                    if feature in names:
+                        held.setdefault(hypothesis, []).append(names[feature])
         grown_ns = update.stamp_ns - _YOUNG_NS
         moved = (h for h in update.hypotheses if h.state != "static")
         living = {h.id: held.get(h.id, []) for h in moved if h.state == "moving" or h.born_ns <= grown_ns}

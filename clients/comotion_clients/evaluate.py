@@ -68,16 +68,8 @@ def evaluate(
     Every track that is observed at the stamp of an update is scored, whether the update lists it or
     not. Updates that repeat a stamp, because all sources have ended, are left out.
 
-    Parameters
-    ----------
-    duration
-        Seconds from the first update with truth on; None: until stopped.
-    quiet
-        Show no progress.
-    on_update
-        Called with every scored update.
-    where
-        Name of the scene, how to connect, and the file to write once it is subscribed.
+    `duration` is in s from the first update with truth on, None: until stopped; `quiet` shows no progress;
+    `on_update` is called with every scored update.
 
     Raises
     ------

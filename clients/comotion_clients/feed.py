@@ -27,7 +27,7 @@ from .subscription import Subscription
 _BATCHES_KEPT = 8192
 """Batches that wait for a client: it reads all of them."""
 _TOKENS_KEPT = 256
-# Components whose token is followed, the first to be heard.
+# Components whose token is followed, the first to arrive.
 _FOLLOWED = 1024
 
 
@@ -156,13 +156,7 @@ _READ = (TruthBatch, ObservationBatch, Status, Preview, HypothesisUpdate)
 
 
 def follow(display: Display, duration: float | None = None, **where: Unpack[Where]) -> Viewed:
-    """Give a display the messages of a scene until a signal arrives, `duration` s are over, or it is closed.
-
-    Raises
-    ------
-    ValueError
-        If the scene name or an endpoint is not valid.
-    """
+    """Give a display a running scene until a signal arrives, `duration` s are over, or it is closed."""
     ages: deque[float] = deque(maxlen=_AGES_KEPT)
     counts: dict[str, int] = {}
 
@@ -194,14 +188,8 @@ def follow(display: Display, duration: float | None = None, **where: Unpack[Wher
 def play(display: Display, messages: Iterable[tuple[int, Message]], *, in_time: bool = False) -> int:
     """Give a display a recording; returns the number of updates.
 
-    Parameters
-    ----------
-    display
-        Shows it.
-    messages
-        (Time of receipt in ns, message), in order.
-    in_time
-        At the speed of its times, else as fast as possible: the viewer then plays it.
+    `messages` are (time of receipt in ns, message) in order; `in_time` plays them at the speed of their
+    times, else as fast as possible: the viewer then plays them.
     """
     begun_s, first_ns, updates = time.monotonic(), None, 0
     for log_ns, message in messages:

@@ -116,38 +116,23 @@ class Truth:
 
 @dataclass(frozen=True)
 class Score:
-    """Score of one update.
+    """Score of one update."""
 
-    Attributes
-    ----------
-    stamp_ns
-        Event time of the update.
-    nmi, misclassification
-        Over the scored tracks; NaN without any.
-    hypotheses, objects
-        Number of hypotheses and of true objects among the scored tracks.
-    scored, singletons
-        Number of tracks with truth; number of these that are undetermined or not in the update.
-    """
-
-    stamp_ns: int
+    stamp_ns: int  # event time of the update
+    # Over the scored tracks; NaN without any.
     nmi: float
     misclassification: float
+    # Number of hypotheses and of true objects among the scored tracks.
     hypotheses: int
     objects: int
+    # Number of tracks with truth; number of these that are undetermined or not in the update.
     scored: int
     singletons: int
 
 
 def tracks_of(update: HypothesisUpdate) -> dict[SourceKey, dict[int, int]]:
     """Map the tracks of an update: (name, session) -> feature id -> hypothesis id."""
-    of_source = [update.track_source == number for number in range(len(update.sources))]
-    return {
-        (source.name, source.session): dict(
-            zip(update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist(), strict=True)
-        )
-        for source, rows in zip(update.sources, of_source, strict=True)
-    }
+    return {(ref.name, ref.session): update.hypotheses_of(ref.name, ref.session) for ref in update.sources}
 
 
 def bodies_of(update: HypothesisUpdate) -> dict[int, int]:

@@ -39,7 +39,7 @@ _ORDER = {"service": 0, "source": 1, "recorder": 2, "viewer": 3}
 
 
 class SceneModel(SceneRecords):
-    """Accumulates the messages of one scene, and says how it is."""
+    """Accumulates the messages of one scene, and summarises its state."""
 
     def snapshot(self, now: float) -> Snapshot:
         """Build the snapshot at the time `now`."""

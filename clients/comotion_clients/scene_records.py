@@ -1,4 +1,4 @@
-"""What is heard of a scene: its components, by their tokens, Statuses and batches, updates and events. Pure.
+"""Records of a scene: its components, by their tokens, Statuses and batches, updates and events. Pure.
 
 The caller passes the time: `now` and `arrived` are seconds of one clock, `wall_ns` and `wall_s` the wall
 clock. Clocks are compared by the stamps of Statuses and the round trips of queries: those that a service
@@ -108,7 +108,7 @@ class ComponentRecord:
 
 
 class SceneRecords:
-    """Accumulates what is heard of one scene.
+    """Accumulates the messages and liveliness tokens of one scene.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class SceneRecords:
     names
         Names of hypotheses by id, as people give them; :attr:`names` holds those of sources too.
     all_events
-        Whether events of joints are told beside those of bodies.
+        Whether events of joints are listed beside those of bodies.
     """
 
     def __init__(self, scene: str, names: Names | None = None, *, all_events: bool = False) -> None:
@@ -239,7 +239,7 @@ class SceneRecords:
         return max(speaking, key=lambda status: (status.epoch, status.stamp_ns), default=None)
 
     def sources(self) -> dict[str, ComponentRecord]:
-        """Sources that have a token or have sent something, and those that the service knows."""
+        """Sources that have a token or have sent something, and those in the Status of the service."""
         of_service = {} if self.service is None else self.service.ages
         own = {n: s for n, s in self.components.items() if "source" in s.tokens or s.stream.arrivals}
         return {name: self.components.get(name) or ComponentRecord() for name in sorted({*own, *of_service})}

@@ -148,7 +148,7 @@ class ComponentRow:
 
 @dataclass(frozen=True)
 class RouterRow:
-    """One router, as it describes itself; `dials`: how many routers it is told to connect to."""
+    """One router, as it describes itself; `dials`: how many routers it is configured to connect to."""
 
     name: str
     host: str

@@ -118,33 +118,23 @@ class Observed:
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of the scores of a run.
+    """Summary of the scores of a run."""
 
-    Attributes
-    ----------
-    updates, scored
-        Number of updates; number of those with at least one scored track.
-    mean_nmi, final_nmi
-        Over the scored updates; NaN without truth.
-    mean_misclassification, final_misclassification
-        Over the scored updates; NaN without truth.
-    mean_hypotheses, mean_objects
-        Hypotheses and true objects among the scored tracks; without truth all hypotheses.
-    switches_per_100
-        Tracks whose hypothesis id changed between consecutive updates, per 100 common tracks.
-    hota, idf1, id_switches
-        Of hypotheses as tracked objects (:mod:`.tracking`), over the scored updates; NaN without truth.
-    """
-
+    # Number of updates; number of those with at least one scored track.
     updates: int
     scored: int
+    # Over the scored updates; NaN without truth.
     mean_nmi: float
     final_nmi: float
+    # Over the scored updates; NaN without truth.
     mean_misclassification: float
     final_misclassification: float
+    # Hypotheses and true objects among the scored tracks; without truth all hypotheses.
     mean_hypotheses: float
     mean_objects: float
+    # Tracks whose hypothesis id changed between consecutive updates, per 100 common tracks.
     switches_per_100: float
+    # Of hypotheses as tracked objects (:mod:`.tracking`), over the scored updates; NaN without truth.
     hota: float
     idf1: float
     id_switches: float

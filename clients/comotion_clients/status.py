@@ -38,16 +38,8 @@ def status(
 ) -> SceneStatus:
     """Look at a scene.
 
-    Parameters
-    ----------
-    scene, settings
-        Name of the scene; how to connect.
-    wait
-        Look until the scene is in this state.
-    timeout
-        s to wait for a router, and for that.
-    expect
-        Names of components that must be there.
+    With `wait`, look until the scene is in this state; `timeout` is in s, for that and for a router; `expect`
+    names components that must be there.
 
     Raises
     ------

@@ -20,10 +20,10 @@ from typing import Generic, TypeAlias
 import zenoh
 
 from comotion_schemas import DEFAULT_SCENE, HypothesisUpdate, Keys, transport
+from comotion_schemas.inbox import Closed
 from comotion_schemas.tls import TlsFiles
 from comotion_schemas.transport import client_settings
 
-from .inbox import Closed
 from .subscription import Counters, M, Subscription
 
 __all__ = ["Closed", "Counters", "Subscribing", "Subscription", "subscribe"]

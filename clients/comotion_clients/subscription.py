@@ -21,10 +21,9 @@ from comotion_schemas import (
     TruthBatch,
     decode_on,
 )
+from comotion_schemas.inbox import Closed, Inbox
 from comotion_schemas.sequence import Epochs, SequenceCounter
 from comotion_schemas.transport import Receiver
-
-from .inbox import Closed, Inbox
 
 _SILENT_S = 1.0
 _SILENT_PERIODS = 3
@@ -37,30 +36,25 @@ class ActiveSession:
     def __init__(self) -> None:
         self._epochs = Epochs()
         self._session = ""
-        self._heard_s = 0.0
+        self._accepted_s = 0.0
         self._left: deque[str] = deque(maxlen=_REMEMBERED)
 
     def accepts(self, update: HypothesisUpdate, now_s: float) -> bool:
-        """Whether an update is of the service to hear.
+        """Whether an update is of the service to follow.
 
-        Parameters
-        ----------
-        update
-            The next one that has arrived.
-        now_s
-            When, on a monotonic clock.
+        Updates are given in the order of arrival, at `now_s` on a monotonic clock.
         """
         if not self._epochs.allows(update.epoch, now_s):
             return False
         if update.session != self._session:
             silent_s = max(_SILENT_S, _SILENT_PERIODS * update.period_ns * 1e-9)
-            replaced = update.session in self._left and now_s - self._heard_s <= silent_s
+            replaced = update.session in self._left and now_s - self._accepted_s <= silent_s
             if replaced and update.epoch == self._epochs.newest:
                 return False
             self._left.append(self._session)
             self._session = update.session
         self._epochs.follow(update.epoch, now_s)
-        self._heard_s = now_s
+        self._accepted_s = now_s
         return True
 
 
@@ -223,7 +217,7 @@ class Subscription(Generic[M]):
         """Count missing sequence numbers; False for an update that is repeated or out of order."""
         if not isinstance(message, HypothesisUpdate | ObservationBatch):
             return True
-        # A service that was cut off and returns is not heard: another has spoken since.
+        # A service that was cut off and returns is not followed: another has published since.
         if isinstance(message, HypothesisUpdate) and not self._active.accepts(message, time.monotonic()):
             self.counters.stale += 1
             return False

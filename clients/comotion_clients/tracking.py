@@ -53,12 +53,8 @@ class Tracking:
     def add(self, labels: NDArray[np.int64], objects: NDArray[np.int32]) -> None:
         """Add an instant.
 
-        Parameters
-        ----------
-        labels
-            int64 [N], hypothesis of each feature, or UNDETERMINED.
-        objects
-            int32 [N], true object of each feature; those with -1 are left out.
+        `labels` int64 [N] are the hypothesis of each feature, or UNDETERMINED; `objects` int32 [N] its true
+        object, those with -1 are left out.
         """
         labels, objects = labels[objects >= 0], objects[objects >= 0]
         true, row = np.unique(objects, return_inverse=True)

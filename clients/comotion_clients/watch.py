@@ -44,25 +44,14 @@ def watch(
 ) -> None:
     """Show a scene until a signal arrives.
 
-    Parameters
-    ----------
-    model
-        An empty model of the scene.
-    sort, pose
-        Initial order, and whether with angular speed and pose of the hypotheses.
-    once, json
-        Show one snapshot and end; one JSON object per line.
-    timeout
-        Seconds that `once` waits for a first message.
-    where
-        Name of the scene, how to connect, and the ready file.
+    The `model` of the scene is empty. `sort` is the initial order; `pose` adds angular speed and pose of the
+    hypotheses; `once` shows one snapshot and ends, and waits for `timeout` s for a first message; `json`
+    prints an object per line.
 
     Raises
     ------
     TimeoutError
         With `once`, if no router answers or no message of the scene arrives.
-    ValueError
-        If the scene name or an endpoint is not valid.
     """
     if once:
         snapshot = _snapshot(model, where.get("settings") or client_settings(), timeout)

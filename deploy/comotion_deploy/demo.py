@@ -3,11 +3,12 @@
 import json
 import math
 import os
-import socket
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+
+from comotion_schemas.transport import LOOPBACK, SessionSettings, free_port
 
 from .processes import PYTHON, ProcessSpec, comotion
 
@@ -33,9 +34,7 @@ _REPORT_S = 60.0  # longest time for writing the report
 
 def free_endpoint() -> str:
     """Return an endpoint of this machine with an unused port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/{LOOPBACK}:{free_port()}"
 
 
 def demo_processes(
@@ -50,18 +49,9 @@ def demo_processes(
 ) -> list[ProcessSpec]:
     """Router, service, three sources of different rates, a reporter and watch.
 
-    Parameters
-    ----------
-    simulated, scale, seed
-        A scene of the simulator, its seconds per second, and its seed.
-    endpoint
-        Where the router listens.
-    out
-        Folder for the results.
-    fusion
-        Options of ``comotion serve``.
-    on_terminal
-        Whether watch owns the terminal.
+    `scale` is in seconds of the `simulated` scene per second, the router listens at `endpoint`, results go to
+    the folder `out`, `fusion` are options of ``comotion serve``, and `on_terminal` says whether watch owns
+    the terminal.
     """
     at = ("--connect", endpoint, "--scene", "demo")
     # All parts of the scene must agree on when it starts; by then everything is up.
@@ -131,7 +121,6 @@ def report(endpoint: str, simulated: str, out: Path) -> None:
     """
     from comotion_clients.evaluate import as_json, evaluate, summary_lines
     from comotion_experiments.plot import Trace, save_plot
-    from comotion_schemas.transport import SessionSettings
 
     from .launcher import READY_VARIABLE
 

@@ -43,12 +43,8 @@ WriteLine: TypeAlias = Callable[[str, str], None]
 def log_lines(names: list[str], path: Path | None = None) -> Iterator[WriteLine]:
     """Yield a function that prints prefixed lines, coloured on a terminal, or writes them to a file.
 
-    Parameters
-    ----------
-    names
-        Names of processes, for width and colour of the prefix; others may write too.
-    path
-        File for the lines; None: standard output. Needed while another process owns the terminal.
+    `names` of processes give width and colour of the prefix; others may write too. The lines go to the file
+    `path`, None: to standard output; a file is needed while another process owns the terminal.
     """
     width, lock = max(map(len, names), default=0), threading.Lock()
     styles = dict(zip(names, cycle(_COLOURS), strict=False))
@@ -76,16 +72,7 @@ RESUME = {"COMOTION_RESUME": "1"}
 class Child(threading.Thread):
     """A thread that runs a :class:`ProcessSpec`, again where it says so; the process ends with the thread.
 
-    Parameters
-    ----------
-    spec
-        The process.
-    folder
-        Where its ready file is.
-    write
-        Takes what it prints.
-    log
-        Takes lines that say when it has started and ended.
+    Its ready file is in `folder`; `write` takes what it prints, `log` lines about its starts and ends.
     """
 
     def __init__(self, spec: ProcessSpec, folder: Path, write: WriteLine, log: Callable[[str], None]) -> None:
@@ -101,7 +88,7 @@ class Child(threading.Thread):
 
     @property
     def was_ready(self) -> bool:
-        """Whether it has said that it is ready, now or before a restart."""
+        """Whether it has signalled readiness, now or before a restart."""
         self._was_ready |= self._ready_file.exists()
         return self._was_ready
 

@@ -41,16 +41,8 @@ def is_loopback(address: str) -> bool:
 def require_closed(addresses: Iterable[str], meaning: str, *, insecure: bool, remedy: str = "") -> None:
     """Refuse addresses that other machines can reach, or say what they mean if `insecure`.
 
-    Parameters
-    ----------
-    addresses
-        Where the process is about to listen.
-    meaning
-        What others could do.
-    insecure
-        The user accepts that.
-    remedy
-        What to do instead.
+    The process is about to listen at `addresses`; `meaning` says what others could do, `insecure` that the
+    user accepts it, `remedy` what to do instead.
 
     Raises
     ------
@@ -159,7 +151,7 @@ class Process(Present):
         if self.tls is not None and (given is None or given.name == "DEFAULT"):
             from comotion_schemas.tls import load_tls
 
-            with suppress(ValueError):  # said when the session is opened
+            with suppress(ValueError):  # reported when the session is opened
                 identity = load_tls(self.tls).identity
                 self.name = self.name if identity is None else identity.name
         if self.metrics_port is not None:

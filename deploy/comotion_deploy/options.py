@@ -92,12 +92,7 @@ class Command:
     def reject_flags(self, names: tuple[str, ...], why: str) -> None:
         """Reject options on the command line that have no effect; environment and files may set them.
 
-        Parameters
-        ----------
-        names
-            Fields of the command.
-        why
-            End of the message, after the option.
+        `names` are fields of the command; `why` is the end of the message, after the option.
 
         Raises
         ------
@@ -214,14 +209,8 @@ class Json(Command):
     def show(self, values: object, *shown: object, width: int = 160) -> None:
         """Print a result.
 
-        Parameters
-        ----------
-        values
-            What :func:`comotion_schemas.plain.plain` takes, for JSON.
-        shown
-            Otherwise: lines, and what rich renders.
-        width
-            Characters of what rich renders where the output is no terminal.
+        `values` are what :func:`comotion_schemas.plain.plain` takes, for JSON; otherwise lines, and what rich
+        renders, are `shown`, in `width` characters where the output is no terminal.
         """
         from rich.console import Console
 

@@ -23,32 +23,18 @@ ENDS_WITH_PARENT = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv")
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessSpec:
-    """One process: its command, and what happens when it ends.
-
-    Attributes
-    ----------
-    command
-        Program and arguments.
-    says_ready
-        The process writes the file named by ``COMOTION_READY_FILE`` when it is ready, as comotion
-        commands do; otherwise it counts as ready when it has started.
-    is_router
-        Started before and stopped after all other processes.
-    restart
-        When to restart; ``on-failure``: unless it ended with status 0.
-    foreground
-        The process owns the terminal; when it ends with status 0, all processes are stopped.
-    stop_s
-        Seconds that the process may take to stop before it is killed.
-    """
+    """One process: its command, and what happens when it ends."""
 
     name: str
-    command: tuple[str, ...]
-    restart: Restart = "on-failure"
+    command: tuple[str, ...]  # program and arguments
+    restart: Restart = "on-failure"  # when to restart; ``on-failure``: unless it ended with status 0
+    # The process writes the file named by ``COMOTION_READY_FILE`` when it is ready, as comotion commands do;
+    # otherwise it counts as ready when it has started.
     says_ready: bool = True
-    is_router: bool = False
+    is_router: bool = False  # started before and stopped after all other processes
+    # The process owns the terminal; when it ends with status 0, all processes are stopped.
     foreground: bool = False
-    stop_s: float = 5.0
+    stop_s: float = 5.0  # seconds that the process may take to stop before it is killed
     env: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -11,12 +10,13 @@ import numpy as np
 
 from comotion import FusionConfig
 from comotion.rigid.kernels.resampling import resample
+from comotion_clients.watch_columns import number
 from comotion_schemas.errors import KnownError
 
-from .accuracy import RECORDINGS, Case, recorded_cases, run_case
+from .accuracy import RECORDINGS, Case, run_case
 from .stress.study import Family, run_family
-from .study import Progress, Row, quiet, run_study, values
-from .tables import Table, document, mean, number
+from .study import Row, values
+from .tables import Table, document, mean
 
 WHOLE = "whole"
 """Stands for the method with all its rules."""
@@ -81,24 +81,6 @@ RULES: dict[str, Rule] = {
 """By name."""
 
 
-def run_experiment(
-    rules: Sequence[str],
-    families: Sequence[Family],
-    seeds: Sequence[int],
-    folders: Sequence[Path] = (),
-    *,
-    jobs: int = 2,
-    progress: Progress = quiet,
-) -> list[Row]:
-    """Run families and recordings with all rules, and without each of `rules`.
-
-    `folders` are those of labelled recordings, `jobs` processes at once; `progress` is called with one line
-    for each run that is done.
-    """
-    cases: list[Family | Case] = [*families, *(case for folder in folders for case in recorded_cases(folder))]
-    return run_study(_run, cases, [WHOLE, *rules], seeds, jobs=jobs, progress=progress)
-
-
 def rule_of(name: str) -> Rule:
     """A rule by its name, or ``PARAMETER=VALUE`` for a parameter of the group `rigid`.
 
@@ -115,7 +97,8 @@ def rule_of(name: str) -> Rule:
         return rule
 
 
-def _run(case: Family | Case, rule: str, seed: int) -> Row:
+def run_without(case: Family | Case, rule: str, seed: int) -> Row:
+    """Run a family or recording without a rule, or :data:`WHOLE`."""
     with (Rule("nothing") if rule == WHOLE else rule_of(rule)).left_out() as config:
         if isinstance(case, Family):
             return {"nmi": run_family(case.name, seed, config)["nmi_apart"]}

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from comotion import FusionConfig
 from comotion_clients.metrics import Score, Truth
+from comotion_clients.watch_columns import number
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, ObservationBatch
 from comotion_schemas.errors import KnownError
 from comotion_sources import simulator
@@ -22,8 +23,8 @@ from comotion_sources.streams import batches
 
 from .inputs import Message
 from .offline import run_offline, thesis
-from .study import Progress, Row, quiet, run_study, values
-from .tables import Table, filled, mean, number, spread
+from .study import Row, values
+from .tables import Table, filled, mean, spread
 from .trace import objects_of, rightly_assigned
 
 THESIS_SCENES, SPATIAL, DISPLACED, RECORDINGS = "thesis scenes", "3-D set", "two sources", "recordings"
@@ -222,30 +223,13 @@ _PLACES = {
 """Where each group of cases stands in the page."""
 
 
-def run_experiment(
-    cases: Sequence[Case],
-    seeds: Sequence[int],
-    parts: Sequence[str],
-    *,
-    jobs: int = 1,
-    progress: Progress = quiet,
-) -> dict[str, Any]:
-    """Run parts of the report; `rows` of all cases and `motion`, as far as they are parts."""
-    results: dict[str, Any] = {"seeds": seeds}
-    if "scores" in parts:
-        results["rows"] = run_study(_scored, cases, METHODS, seeds, jobs=jobs, progress=progress)
-    if "motion" in parts:
-        progress("pose and twist")
-        results["motion"] = motion_errors(seeds)
-    return results
-
-
-def _scored(case: Case, method: str, seed: int) -> Row:
+def run_method(case: Case, method: str, seed: int) -> Row:
+    """Run a case under one of :data:`METHODS`."""
     return run_case(case, FusionConfig() if method == DEFAULT else thesis(case.sigma_switch), seed)
 
 
 def markdown(results: dict[str, Any]) -> str:
-    """Format the report."""
+    """Format the report: of `seeds`, the `rows` of all cases, and `motion`, as far as they are there."""
     page: dict[str, str | Table] = {"seeds": ", ".join(map(str, results["seeds"]))}
     if "rows" in results:
         rows = results["rows"]

@@ -93,7 +93,7 @@ def object_colours(moment: Moment, colours: Mapping[int, RGB]) -> dict[int, Rgb]
 
 
 def unit(rgb: RGB) -> Rgb:
-    """Colour in 0..1, as matplotlib wants it."""
+    """Colour in 0..1, as matplotlib takes it."""
     return rgb[0] / 255, rgb[1] / 255, rgb[2] / 255
 
 

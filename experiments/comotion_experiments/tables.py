@@ -10,28 +10,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import rich.table
 
+from comotion_clients.watch_columns import number
+
 _NAMES = re.compile(r"\{(\w+)\}")
 
 
 @dataclass
 class Table:
-    """Rows of cells under titles; rich prints it, :meth:`markdown` writes it.
+    """Rows of cells under titles; rich prints it, :meth:`markdown` writes it."""
 
-    Attributes
-    ----------
-    titles
-        Of the columns.
-    words
-        Number of columns, from the left, that hold words; the others hold numbers.
-    rows
-        The cells.
-    strong, ended
-        Rows in bold, and rows after which a terminal shows a gap.
-    """
-
-    titles: Sequence[str]
-    words: int = 1
-    rows: list[Sequence[str]] = field(default_factory=list)
+    titles: Sequence[str]  # of the columns
+    words: int = 1  # number of columns, from the left, that hold words; the others hold numbers
+    rows: list[Sequence[str]] = field(default_factory=list)  # the cells
+    # Rows in bold, and rows after which a terminal shows a gap.
     strong: set[int] = field(default_factory=set)
     ended: set[int] = field(default_factory=set)
 
@@ -87,11 +78,6 @@ class Column(NamedTuple):
     def of(self, row: Mapping[str, float]) -> str:
         """The cell of a row."""
         return number(self.times * row[self.key], self.digits)
-
-
-def number(value: float, digits: int) -> str:
-    """Write a number; a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def spread(values: Any, digits: int = 3) -> str:

@@ -1,4 +1,4 @@
-"""Codec: messages <-> bytes. All received bytes are validated here.
+"""Encodes messages, and decodes and validates all received bytes.
 
 `encode` fails only on messages that are too large; `decode` returns a valid message or raises
 :class:`DecodeError` with a rejection reason of the protocol.

@@ -88,7 +88,7 @@ class Rates:
 
 
 class Where(TypedDict, total=False):
-    """Where a component runs and how it says that it is ready, as in :class:`Component`."""
+    """Last parameters of all that runs a :class:`Component`, which raises what that does; as there."""
 
     scene: str
     settings: SessionSettings | None

@@ -29,8 +29,7 @@ from .types import (
 
 HypothesisState = Literal["static", "moving", "undetermined"]
 EventKind = Literal["born", "split", "merged", "ended", "absent", "returned", "joined", "released"]
-# Hypotheses that a short representation names.
-_SHOWN = 6
+_SHOWN = 6  # hypotheses that a short representation names
 OF_BODIES: frozenset[EventKind] = frozenset({"born", "split", "merged", "ended", "absent", "returned"})
 """Events of bodies; the others are of their joints, which begin and end as they are sure or not."""
 
@@ -244,14 +243,13 @@ class HypothesisUpdate(Rowwise):
     events: list[Event]
     joints: list[Joint] = field(default_factory=list)
     frames: dict[SpaceName, Pose] = field(default_factory=dict)
+    _of = "track_id"
 
     def __repr__(self) -> str:
         texts = [f"{h.id} {h.state} ({h.size})" for h in self.hypotheses]
         listed = [*texts[:_SHOWN], *(["..."] if len(texts) > _SHOWN else [])]
         count = f"{len(self.track_id)} tracks, hypotheses"
         return f"HypothesisUpdate({self.stamp_ns / 1e9:.3f} s, {count}: {', '.join(listed) or 'none'})"
-
-    _of = "track_id"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -266,6 +264,12 @@ class HypothesisUpdate(Rowwise):
         if (listed[np.searchsorted(listed, self.track_hypothesis)] != self.track_hypothesis).any():
             raise reject("range", "a track names a hypothesis that is not listed")
         self._check_joints()
+
+    def hypotheses_of(self, source: str, session: str) -> dict[int, int]:
+        """Hypothesis, or :data:`UNDETERMINED`, of each current track of a source, by feature id."""
+        numbers = [k for k, ref in enumerate(self.sources) if (ref.name, ref.session) == (source, session)]
+        rows = np.isin(self.track_source, numbers)
+        return dict(zip(self.track_id[rows].tolist(), self.track_hypothesis[rows].tolist(), strict=True))
 
     def _check_joints(self) -> None:
         if not self.joints:

@@ -1,4 +1,4 @@
-"""Keys of the protocol, scene and names <-> Zenoh key expressions, and the quality of service of their kinds.
+"""Builds and parses the Zenoh keys of a scene, and lists the quality of service of each kind.
 
 All streams drop messages under congestion: with BLOCK one stuck subscriber would stall the others.
 """
@@ -109,29 +109,14 @@ def publisher_of(key: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class QoS:
-    """Quality of service of one kind of key.
+    """Quality of service of one kind of key."""
 
-    Attributes
-    ----------
-    message
-        Name of the message type.
-    priority
-        Zenoh priority; lower priorities wait on a full link.
-    express
-        Send at once, without batching small messages.
-    reliable
-        Request reliable links.
-    cache
-        Samples that the publisher keeps for late joiners; 0: none.
-    publisher
-        Field of the message with the name of its publisher, which must equal that in its key.
-    """
-
-    message: str
-    priority: PriorityName
-    express: bool
-    reliable: bool
-    cache: int
+    message: str  # name of the message type
+    priority: PriorityName  # Zenoh priority; lower priorities wait on a full link
+    express: bool  # send at once, without batching small messages
+    reliable: bool  # request reliable links
+    cache: int  # samples that the publisher keeps for late joiners; 0: none
+    # Field of the message with the name of its publisher, which must equal that in its key.
     publisher: str = "source"
 
     @property

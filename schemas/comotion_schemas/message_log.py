@@ -173,7 +173,7 @@ class MessageLog(ExitStack):
 
 
 def _unpacked(compression: bytes, start: bytes) -> int:
-    """Bytes that compressed data unpacks to, as far as its first bytes tell; 0: as much as is asked for."""
+    """Bytes that compressed data unpacks to, by its first bytes; 0: as much as the reader requests."""
     try:
         if compression == b"zstd":
             size: int = zstandard.get_frame_parameters(start).content_size

@@ -1,4 +1,4 @@
-"""Poses, turns and velocities of messages, in 2-D and 3-D alike <-> those of SciPy, in 3-D.
+"""Converts poses, rotations and velocities of messages, in 2-D and 3-D alike, to those of SciPy and back.
 
 What lies in a plane is taken for what lies in z = 0: an angle in rad turns about z.
 """

@@ -75,12 +75,7 @@ def topic_key(topic: str, domain: int = 0, kind: str = "*", digest: str = "*") -
     The layout of rmw_zenoh is ``<domain>/<topic without outer slashes>/<DDS type>/<type hash>``. The
     hash differs between ROS distributions; the key expression matches all of them.
 
-    Parameters
-    ----------
-    topic, domain
-        ROS topic, and domain id.
-    kind, digest
-        DDS type, and type hash; by default any.
+    DDS type `kind` and type hash `digest` are any by default; `domain` is the domain id.
 
     Raises
     ------

@@ -13,22 +13,13 @@ from .messages import RejectionReason
 
 @dataclass(frozen=True)
 class Rows:
-    """Usable rows.
+    """Usable rows."""
 
-    Attributes
-    ----------
-    ids, positions
-        uint64 [N], and float32 [N, 2 or 3], finite.
-    columns
-        Numbers, and arrays [N, ...], by their names.
-    dropped
-        Rows that were left out, by reason.
-    """
-
+    # uint64 [N], and float32 [N, 2 or 3], finite.
     ids: NDArray[np.uint64]
     positions: NDArray[np.float32]
-    columns: dict[str, Any]
-    dropped: dict[RejectionReason, int]
+    columns: dict[str, Any]  # numbers, and arrays [N, ...], by their names
+    dropped: dict[RejectionReason, int]  # rows that were left out, by reason
 
 
 def usable_rows(

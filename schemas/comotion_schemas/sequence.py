@@ -75,28 +75,17 @@ class SequenceCounter:
 
     It remembers the 4096 sessions seen last, and of each the 1024 gaps noted last: an older number counts
     as repeated. After a jump by more than 2^32 a session begins anew, so that one wrong number does no harm.
-
-    Parameters
-    ----------
-    from_zero
-        Count the numbers before the first one as lost too.
     """
 
-    from_zero: bool = False
+    from_zero: bool = False  # count the numbers before the first one as lost too
     # The one seen last at the end.
     _runs: dict[tuple[str, str], _Run] = field(default_factory=dict)
 
     def sight(self, publisher: str, session: str, seq: int) -> Sighting:
         """Take note of a number.
 
-        Parameters
-        ----------
-        publisher
-            Whatever tells the streams apart: the name of a source, or a key.
-        session
-            Session of the publisher; each counts for itself.
-        seq
-            Sequence number, 0 or more.
+        A `publisher` is whatever tells the streams apart, the name of a source or a key; each of its sessions
+        counts for itself; `seq` is 0 or more.
         """
         run = self._runs.get((publisher, session))
         if run is not None and abs(seq - run.newest) <= MAX_JUMP:
@@ -137,16 +126,16 @@ class SequenceCounter:
 
 
 class Epochs:
-    """Follows the epoch of a scene upwards; `newest` is that of the last update heard."""
+    """Follows the epoch of a scene upwards; `newest` is that of the last update that was accepted."""
 
     def __init__(self) -> None:
         self.newest = 0
-        self._heard_s = -float("inf")
+        self._accepted_s = -float("inf")
 
     def allows(self, epoch: int, now_s: float) -> bool:
-        """Whether an update of this epoch is to be heard; `now_s` is on a monotonic clock."""
-        return now_s - self._heard_s > EPOCH_LASTS_S or 0 <= epoch - self.newest <= MAX_EPOCH_STEP
+        """Whether an update of this epoch is to be accepted; `now_s` is on a monotonic clock."""
+        return now_s - self._accepted_s > EPOCH_LASTS_S or 0 <= epoch - self.newest <= MAX_EPOCH_STEP
 
     def follow(self, epoch: int, now_s: float) -> None:
-        """Take note of an update that is heard."""
-        self.newest, self._heard_s = epoch, now_s
+        """Take note of an update that is accepted."""
+        self.newest, self._accepted_s = epoch, now_s

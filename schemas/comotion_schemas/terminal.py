@@ -20,12 +20,8 @@ Report: TypeAlias = Callable[[Callable[[], str]], None]
 def reporting(*, quiet: bool = False, terminal_s: float = 0.25, plain_s: float = 3.0) -> Iterator[Report]:
     """Yield a function to call often: on a terminal one line changes, elsewhere a line is printed at times.
 
-    Parameters
-    ----------
-    quiet
-        Print nothing.
-    terminal_s, plain_s
-        Seconds between two lines on a terminal, and elsewhere.
+    `quiet` prints nothing; `terminal_s` and `plain_s` are the seconds between two lines on a terminal, and
+    elsewhere.
     """
     if quiet:
         yield lambda line: None  # noqa: ARG005

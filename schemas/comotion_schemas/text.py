@@ -1,6 +1,6 @@
 """Makes text from outside harmless to show: in terminals, logs, pages, metrics, frames and file names.
 
-And numbers of things -> words.
+And counts in words.
 """
 
 import logging
@@ -15,7 +15,7 @@ def shown(text: str, most: int = MOST) -> str:
 
     Characters that are no glyph become a space, a run of them one: control characters (C0, C1, escape), ends
     of lines, marks that turn the direction of what follows, surrogates. What is longer is cut, with an
-    ellipsis. Brackets stay: who formats text, as rich or Markdown, escapes what its format obeys.
+    ellipsis. Brackets stay: who formats text, as rich or Markdown, escapes its markup.
 
     Parameters
     ----------

@@ -40,26 +40,15 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Identity:
-    """What a certificate allows.
+    """What a certificate allows."""
 
-    Attributes
-    ----------
-    role, name
-        Role and name of the component; the role is ``source``, ``service``, ``viewer``, ``recorder`` or
-        ``router``.
-    scene
-        Its scene; ``*``: every scene.
-    sources
-        Names under which a source may publish.
-    expires_s
-        End of validity, seconds since the Unix epoch.
-    """
-
+    # Role and name of the component; the role is ``source``, ``service``, ``viewer``, ``recorder`` or
+    # ``router``.
     role: str
     name: Name
-    scene: str
-    sources: tuple[str, ...]
-    expires_s: int
+    scene: str  # its scene; ``*``: every scene
+    sources: tuple[str, ...]  # names under which a source may publish
+    expires_s: int  # end of validity, seconds since the Unix epoch
 
     def check(self, role: str, name: str, scene: str) -> None:
         """Check that a component may run under this certificate.

@@ -20,7 +20,8 @@ from .errors import KnownError
 from .keys import HEARTBEAT_S, QOS, Keys, Kind, PriorityName, StreamKind
 from .tls import ENCRYPTED, TlsFiles, find_tls, require_encryption, warn_of_expiry
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+LOOPBACK = "127.0.0.1"
+DEFAULT_ENDPOINT = f"tcp/{LOOPBACK}:7447"
 DEFAULT_TLS_ENDPOINT = "tls/localhost:7447"
 TRANSPORT_LIMIT = 32 * 1024 * 1024
 """Above the limit of the codec, so that the receiver rejects an oversized message with a reason."""
@@ -65,13 +66,9 @@ def client_settings(
 ) -> SessionSettings:
     """Settings of a client.
 
-    Parameters
-    ----------
-    connect
-        Endpoints of routers; None: the router of this machine.
-    tls
-        Certificates of a mutual TLS link, or the folder that ``comotion pki issue`` has written. None: the
-        folder named by ``COMOTION_TLS`` in the environment, if there is one.
+    It connects to the endpoints of routers, None: the router of this machine. `tls` are certificates of a
+    mutual TLS link, or the folder that ``comotion pki issue`` has written; None: the folder named by
+    ``COMOTION_TLS`` in the environment, if there is one.
 
     Raises
     ------
@@ -81,6 +78,13 @@ def client_settings(
     files = find_tls(tls)
     default = DEFAULT_ENDPOINT if files is None else DEFAULT_TLS_ENDPOINT
     return SessionSettings(connect=tuple(connect or (default,)), tls=files)
+
+
+def free_port() -> int:
+    """Return an unused TCP port of this machine."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return int(probe.getsockname()[1])
 
 
 class Publisher(Protocol):
@@ -161,12 +165,7 @@ def _tls(tls: TlsFiles, mode: str) -> dict[str, Any]:
 def open_session(settings: SessionSettings, overrides: dict[str, Any] | None = None) -> zenoh.Session:
     """Open a session; use it as a context manager, otherwise the process hangs at exit.
 
-    Parameters
-    ----------
-    settings
-        Endpoints and mode.
-    overrides
-        Top-level keys of the Zenoh configuration to add or replace, e.g. ``access_control``.
+    `overrides` are top-level keys of the Zenoh configuration to add or replace, e.g. ``access_control``.
     """
     config = zenoh_config(settings) | (overrides or {})
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
@@ -180,14 +179,7 @@ def connect(
 ) -> zenoh.Session:
     """Open a session and wait until a router is available; Ctrl-C ends the wait.
 
-    Parameters
-    ----------
-    settings
-        Endpoints and mode.
-    timeout
-        Seconds to wait; None: no limit.
-    given_up
-        Ends the wait when set, from another thread.
+    `timeout` is in s, None: no limit; `given_up` ends the wait when set, from another thread.
 
     Raises
     ------

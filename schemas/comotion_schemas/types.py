@@ -48,29 +48,17 @@ def reject(reason: str, detail: str) -> PydanticCustomError:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: dtype, row width and whether NaN and infinity are rejected.
+    """A column: dtype, row width and whether NaN and infinity are rejected."""
 
-    Parameters
-    ----------
-    dtype
-        NumPy type string with byte order, e.g. ``<u8``.
-    width
-        Values per row; None for a vector, a text for what follows from the field ``dim`` of the message.
-    finite
-        Reject NaN and infinity.
-    least, most, above
-        Bounds of the values, the last one exclusive; None: none.
-    distinct
-        Reject a value that occurs twice.
-    """
-
-    dtype: str
+    dtype: str  # NumPy type string with byte order, e.g. ``<u8``
+    # Values per row; None for a vector, a text for what follows from the field ``dim`` of the message.
     width: int | str | None = None
-    finite: bool = True
+    finite: bool = True  # reject NaN and infinity
+    # Bounds of the values, the last one exclusive; None: none.
     least: float | None = None
     most: float | None = None
     above: float | None = None
-    distinct: bool = False
+    distinct: bool = False  # reject a value that occurs twice
 
     def validate(self, value: object, info: ValidationInfo) -> Array:
         """Convert an array-like, or of a decoded payload bytes, to a read-only array of the column's dtype.

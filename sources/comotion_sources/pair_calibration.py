@@ -168,8 +168,8 @@ class PairFit(NamedTuple):
 def calibrate_pair(
     frames: Iterator[tuple[Frame, Frame]],
     target: Target,
-    camera_a: Intrinsics,
-    camera_b: Intrinsics,
+    camera_a: Intrinsics | None,
+    camera_b: Intrinsics | None,
     extrinsics_a: Extrinsics | None = None,
     most_views: int = 30,
 ) -> PairFit:
@@ -182,7 +182,7 @@ def calibrate_pair(
     target
         The target that both cameras observe.
     camera_a, camera_b
-        Intrinsics of the cameras.
+        Intrinsics of the cameras; None: unknown.
     extrinsics_a
         Extrinsics of camera A; None: A is the origin of ``world``.
     most_views
@@ -191,8 +191,12 @@ def calibrate_pair(
     Raises
     ------
     InputError
-        If no frame pair shows the target to both cameras, or an image size does not match.
+        If no frame pair shows the target to both cameras, an image size does not match, or a camera has no
+        intrinsics.
     """
+    if camera_a is None or camera_b is None:
+        name = "B" if camera_b is None else "A"
+        raise InputError(f"camera {name} needs its intrinsics: --calibration-{name.lower()} FILE")
     views: list[PairedView] = []
     for frame_a, frame_b in frames:
         for name, frame, camera in (("A", frame_a, camera_a), ("B", frame_b, camera_b)):
@@ -256,12 +260,7 @@ def relative_pose(camera_a: Intrinsics, camera_b: Intrinsics, views: Sequence[Pa
 def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[tuple[Frame, Frame]]:
     """Pair the frames of two cameras: every frame of image files, else one pair each 0.3 s.
 
-    Parameters
-    ----------
-    camera_a, camera_b
-        The cameras.
-    timeout
-        Seconds after which the pairs of a live camera end.
+    The pairs of a live camera end after `timeout` s.
 
     Raises
     ------
@@ -278,17 +277,3 @@ def frame_pairs(camera_a: Camera, camera_b: Camera, timeout: float) -> Iterator[
             continue
         last = frame_a.stamp_ns
         yield frame_a, frame_b
-
-
-def intrinsics_of(name: str, given: Intrinsics | None, camera: Camera) -> Intrinsics:
-    """Return the intrinsics from the user, or else those of the camera.
-
-    Raises
-    ------
-    InputError
-        If there are none.
-    """
-    intrinsics = given or camera.intrinsics
-    if intrinsics is None:
-        raise InputError(f"camera {name} needs its intrinsics: --calibration-{name.lower()} FILE")
-    return intrinsics

@@ -18,7 +18,7 @@ from comotion_schemas.types import is_name
 
 from .bounded import read_text
 from .calibration.model import Extrinsics
-from .source import Inbox
+from .source import Received
 
 Value = TypeVar("Value")
 # A line has some 40 bytes: a day at 30 Hz.
@@ -34,14 +34,8 @@ MAX_LAG_S = 0.5
 class Timed(Generic[Value]):
     """The last values of something that changes, by their stamps.
 
-    Parameters
-    ----------
-    between
-        Interpolates between two values, by the share of the way from the first to the second.
-    kept_ns
-        How long values are kept; None: all of them.
-    gap_ns
-        Longest time between two values across which is interpolated.
+    `between` interpolates between two values, by the share of the way from the first to the second; values
+    are kept for `kept_ns`, None: all of them; nothing is interpolated across more than `gap_ns`.
     """
 
     def __init__(
@@ -84,12 +78,8 @@ class Timed(Generic[Value]):
 class PoseBuffer(Timed[Extrinsics]):
     """The last poses of a carrier, such as the link of a robot that a camera is mounted on.
 
-    Parameters
-    ----------
-    mount
-        Camera to the carrier; None: the poses are those of the camera.
-    kept_ns
-        How long poses are kept; None: all of them.
+    `mount` leads from the camera to the carrier, None: the poses are those of the camera; poses are kept for
+    `kept_ns`, None: all of them.
     """
 
     def __init__(self, mount: Extrinsics | None = None, kept_ns: int | None = _KEPT_NS) -> None:
@@ -131,7 +121,7 @@ class Carrier(PoseBuffer):
     def __init__(self, component: Component, source: str, feature: int, mount: Extrinsics | None) -> None:
         super().__init__(mount)
         self._feature, self._stop = feature, component.stop
-        self._batches = Inbox(component.session, component.keys.stream("obs", source), "obs")
+        self._batches = Received(component.session, component.keys.stream("obs", source), "obs")
 
     def at(self, stamp_ns: int) -> Extrinsics | None:
         """Pose at a stamp; waits until one as new has come, at most for :data:`MAX_LAG_S`."""
@@ -189,14 +179,7 @@ def _pose(line: str) -> tuple[int, Extrinsics]:
 def parsed(path: Path, form: str, parse: Callable[[str], Value]) -> Iterator[Value]:
     """Yield what the lines of a text file say, without comments.
 
-    Parameters
-    ----------
-    path
-        The file.
-    form
-        What a line is to be, for the error.
-    parse
-        Reads a line; raises ValueError.
+    `form` is what a line is to be, for the error; `parse` reads a line, and raises ValueError.
 
     Raises
     ------

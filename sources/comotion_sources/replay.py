@@ -27,16 +27,8 @@ _log = logging.getLogger(__name__)
 def play(log: Log, sources: Sequence[Source], schedule: Schedule, *, shown_as: str = "") -> None:
     """Publish a log until it ends, a signal arrives or the schedule ends.
 
-    Parameters
-    ----------
-    log
-        The messages.
-    sources
-        Those of the log; they are entered, and the last one says that all are ready.
-    schedule
-        When messages are due, and their stamps.
-    shown_as
-        Name of the recording, for a line of progress and a key for pauses; empty: neither.
+    The `sources` are those of the log; they are entered, and the last one says that all are ready. `shown_as`
+    is the name of the recording, for a line of progress and a key for pauses; empty: neither.
 
     Raises
     ------
@@ -79,21 +71,8 @@ def play_streams(
 ) -> None:
     """:func:`play` the streams of simulations or recordings, each as a source.
 
-    Parameters
-    ----------
-    streams
-        One per source, with different names.
-    schedule, shown_as
-        As in :func:`play`.
-    message
-        One line for Status.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
-
-    Raises
-    ------
-    ValueError
-        If the name of the scene or a source is not valid.
+    The streams, one per source, have different names; `message` is one line for Status; the rest is as in
+    :func:`play`.
     """
     sources = [Source(s.name, rate=s.rate * schedule.speed, message=message, **where) for s in streams]
     play(StreamLog(streams, new_session_id()), sources, schedule, shown_as=shown_as)
@@ -122,14 +101,7 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
 
     Hypotheses and Statuses are not published: the running service publishes its own.
 
-    Parameters
-    ----------
-    path
-        An MCAP recording.
-    schedule
-        Range, speed and stamps.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
+    `path` is that of an MCAP recording.
 
     Raises
     ------
@@ -138,8 +110,7 @@ def replay_scene(path: Path, schedule: Schedule, **where: Unpack[Where]) -> None
     ImportError
         If the extra `record` is not installed.
     ValueError
-        If the scene name is not valid, or the recording has no message of a source or is shorter than
-        the start.
+        If the recording has no message of a source or is shorter than the start.
     """
     from comotion_schemas.message_log import MessageLog
 

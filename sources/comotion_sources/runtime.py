@@ -144,8 +144,8 @@ class SourcePublisher(Source):
             One-sigma noise of a position in the unit of the source, a number or float [N]; None: unknown.
         covariance
             Float [N, 6] (xx, xy, xz, yy, yz, zz), in 2-D [N, 3] (xx, xy, yy), m²: covariance of the noise of
-            a position in the axes of the space, as of a depth camera that knows its rays; it counts before
-            `sigma`.
+            a position in the axes of the space, as of a depth camera with known rays; it takes
+            precedence over `sigma`.
         quaternions
             float [N, 4] (x, y, z, w) of 6-DoF features, rows of NaN for points; None: only points.
         ended

@@ -19,35 +19,23 @@ Stamps = Literal["now", "original"]
 class Schedule:
     """Which part of a log is played, when, and with which stamps.
 
-    Attributes
-    ----------
-    start_at
-        When the first pass starts: Unix time in seconds, ``now``, or ``aligned``: when the wall clock is a
-        multiple of the length, so that processes that loop the same scene are in phase.
-    loop
-        Repeat the log; each pass is a new session.
-    speed
-        Seconds of the log per second of playback, above 0 and at most 1000.
-    stamps
-        ``now``: stamps are moved to the wall clock and sessions are new; a message that is more than 0.2 s
-        late is left out. ``original``: the first pass is published byte for byte; later passes continue in
-        time, as new sessions.
-    duration
-        Seconds after which playback stops; None: at the end of the log.
-    start, end
-        Seconds from the beginning of the log; None: its end.
-
     Raises
     ------
     ValueError
         If `speed` or the range is not valid.
     """
 
+    # When the first pass starts: Unix time in seconds, ``now``, or ``aligned``: when the wall clock is a
+    # multiple of the length, so that processes that loop the same scene are in phase.
     start_at: float | str = "now"
-    loop: bool = False
-    speed: float = 1.0
+    loop: bool = False  # repeat the log; each pass is a new session
+    speed: float = 1.0  # seconds of the log per second of playback, above 0 and at most 1000
+    # ``now``: stamps are moved to the wall clock and sessions are new; a message that is more than 0.2 s late
+    # is left out. ``original``: the first pass is published byte for byte; later passes continue in time, as
+    # new sessions.
     stamps: Stamps = "now"
-    duration: float | None = None
+    duration: float | None = None  # seconds after which playback stops; None: at the end of the log
+    # Seconds from the beginning of the log; None: its end.
     start: float = 0.0
     end: float | None = None
 
@@ -81,12 +69,8 @@ def parse_start(text: str) -> float | str:
 class Restamp:
     """Changes the stamps and sessions of messages, and closes the gaps that messages left out leave.
 
-    Parameters
-    ----------
-    reference_ns, target_ns
-        A stamp of the log, and the stamp it becomes, ns.
-    speed
-        Seconds of the log per second.
+    `reference_ns` is a stamp of the log and `target_ns` what it becomes; `speed` is in seconds of the log per
+    second.
     """
 
     def __init__(self, reference_ns: int, target_ns: int, speed: float) -> None:

@@ -3,7 +3,6 @@
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import islice
@@ -13,6 +12,7 @@ import zenoh
 
 from comotion_schemas import DecodeError, Message, ObservationBatch, TruthBatch, decode_on, metrics
 from comotion_schemas.component import Component, Rates, StatusFields, Where
+from comotion_schemas.inbox import Inbox
 from comotion_schemas.keys import Kind, StreamKind
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.text import shown
@@ -36,7 +36,7 @@ Arrival = tuple[str, bytes, int]
 """Key, payload, and time of receipt in ns since the Unix epoch."""
 
 
-class Inbox:
+class Received(Inbox[Arrival]):
     """Keeps the samples of a key expression until they are taken; Zenoh's thread never waits.
 
     Parameters
@@ -47,19 +47,12 @@ class Inbox:
         The key expression, and the kind of a stream of comotion; None: it is of another protocol.
     capacity
         Samples that wait; of more the oldest are dropped. By default 4 s of a robot that reports at 500 Hz.
-
-    Attributes
-    ----------
-    lost
-        Number of samples that were dropped.
     """
 
     def __init__(
         self, session: zenoh.Session, key: str, kind: Kind | None = None, capacity: int = 2000
     ) -> None:
-        self.lost = 0
-        self._waiting: deque[Arrival] = deque(maxlen=capacity)
-        self._arrived = threading.Event()
+        super().__init__(capacity)
         # The subscriber lasts as long as the session, or this reference to it.
         self._subscriber: Any = (
             session.declare_subscriber(key, self._receive)
@@ -67,19 +60,9 @@ class Inbox:
             else declare_subscriber(session, key, kind, self._receive)
         )
 
-    def wait(self, seconds: float) -> bool:
-        """Wait until a sample has arrived since the last :meth:`take`; False after a number of seconds."""
-        return self._arrived.wait(seconds)
-
-    def take(self) -> Iterator[Arrival]:
-        """Yield what has arrived."""
-        self._arrived.clear()
-        while self._waiting:
-            yield self._waiting.popleft()
-
     def messages(self) -> Iterator[Message]:
         """Yield the messages that have arrived; one that is invalid or not of its key is left out."""
-        for key, payload, _ in self.take():
+        for key, payload, _ in self.drain():
             try:
                 message = decode_on(key, payload)
             except DecodeError:
@@ -91,16 +74,14 @@ class Inbox:
         while not stop.is_set():
             if not self.wait(idle_s):
                 yield None
-            for arrival in self.take():
+            for arrival in self.drain():
                 yield arrival
                 # What waits may take long.
                 if stop.is_set():
                     return
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        self.lost += len(self._waiting) == self._waiting.maxlen
-        self._waiting.append((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
-        self._arrived.set()
+        self.put((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
 
 
 class Source(Component):
@@ -118,8 +99,6 @@ class Source(Component):
         One line for Status that describes the source.
     feature_names
         Names of features by id, as of the links of a robot; what they move with is called by them.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
 
     Attributes
     ----------
@@ -129,11 +108,6 @@ class Source(Component):
         One line while something is wrong, for Status, which is then ``degraded``.
     more_counters
         Called for further counters of Status.
-
-    Raises
-    ------
-    ValueError
-        If the name of the scene or source is not valid.
     """
 
     def __init__(
@@ -190,18 +164,13 @@ class Source(Component):
                 self._lag((time.time_ns() - message.stamp_ns) / 1e9)
 
     def receive(self, key: str, settings: SessionSettings | None = None) -> Iterator[Arrival | None]:
-        """Receive what others publish, as :meth:`Inbox.until` the source stops.
+        """Receive what others publish, as :meth:`Received.until` the source stops.
 
-        Parameters
-        ----------
-        key
-            The key expression.
-        settings
-            How to connect to the router of another network; None: in the session of the source.
+        `settings` say how to connect to the router of another network; None: in the session of the source.
         """
         other = None if settings is None else self._exit.enter_context(open_session(settings))
-        inbox = Inbox(other or self.session, key)
-        self.more_counters = lambda: {"lost": inbox.lost}
+        inbox = Received(other or self.session, key)
+        self.more_counters = lambda: {"lost": inbox.dropped}
         return inbox.until(self.stop)
 
     def name_features(self, names: Mapping[int, str]) -> None:

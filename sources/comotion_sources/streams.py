@@ -25,55 +25,33 @@ Published = TruthBatch | ObservationBatch
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """The observations of one source at one instant.
+    """The observations of one source at one instant."""
 
-    Attributes
-    ----------
-    t
-        Seconds since the start of the source.
-    ids
-        uint64 [N].
-    positions
-        float64 [N, dim], in the unit of the source.
-    objects
-        int32 [N], true object of each feature, :data:`AMBIGUOUS` when unknown; None without truth.
-    ended
-        uint64 [M], ids lost for good since the frame before.
-    sigma
-        float64 [N], true one-sigma noise, in the unit of the source; None when unknown.
-    quaternions
-        float64 [N, 4] (x, y, z, w), rows of NaN for points; None when there are only points.
-    """
-
-    t: float
-    ids: NDArray[np.uint64]
-    positions: NDArray[np.float64]
+    t: float  # seconds since the start of the source
+    ids: NDArray[np.uint64]  # uint64 [N]
+    positions: NDArray[np.float64]  # float64 [N, dim], in the unit of the source
+    # int32 [N], true object of each feature, :data:`AMBIGUOUS` when unknown; None without truth.
     objects: NDArray[np.int32] | None = None
+    # uint64 [M], ids lost for good since the frame before.
     ended: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    # float64 [N], true one-sigma noise, in the unit of the source; None when unknown.
     sigma: NDArray[np.float64] | None = None
+    # float64 [N, 4] (x, y, z, w), rows of NaN for points; None when there are only points.
     quaternions: NDArray[np.float64] | None = None
 
 
 @dataclass(kw_only=True)
 class MessageBuilder:
-    """Builds the messages of one session of a source; batches are numbered from 0.
+    """Builds the messages of one session of a source; batches are numbered from 0."""
 
-    Parameters
-    ----------
-    source, session
-        Name of the source and 16 hexadecimal digits.
-    space, unit, dim
-        The coordinate space of the positions.
-    moving
-        Whether its frame is carried, as that of a camera in the hand.
-    """
-
+    # Name of the source and 16 hexadecimal digits.
     source: str
     session: str
+    # The coordinate space of the positions.
     space: str
     unit: Unit
     dim: int
-    moving: bool = False
+    moving: bool = False  # whether its frame is carried, as that of a camera in the hand
     seq: int = field(default_factory=int, init=False)
 
     def observation(self, **columns: Any) -> ObservationBatch:
@@ -262,12 +240,8 @@ class Stream:
 def batches(streams: Stream | Sequence[Stream], *, epoch_ns: int = 0) -> Iterator[Published]:
     """Yield the messages of all streams in time order; at equal times in the order of the streams.
 
-    Parameters
-    ----------
-    streams
-        One per source, with different names.
-    epoch_ns
-        Stamp of t = 0, nanoseconds since the Unix epoch.
+    The streams, one per source, have different names; `epoch_ns` is the stamp of t = 0, nanoseconds since the
+    Unix epoch.
     """
     chosen = [streams] if isinstance(streams, Stream) else streams
     log = StreamLog(chosen, OFFLINE_SESSION, epoch_ns)

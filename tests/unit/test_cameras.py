@@ -14,7 +14,7 @@ from comotion_sources.cameras.live import LiveCamera, captured
 from comotion_sources.cameras.opening import open_frames
 from comotion_sources.cameras.tum import write_folder
 from comotion_sources.cameras.types import Frame
-from comotion_sources.klt.options import Pacer, Pacing
+from comotion_sources.klt.options import CameraOptions, Pacer
 
 from ..builders import MS
 from ..pictures import write_video
@@ -234,7 +234,9 @@ class Clock:
 
 def pacer(live=False, **pacing):
     clock = Clock()
-    return Pacer(Pacing(**pacing), live, clock.wait, wall=lambda: clock.now + 7, monotonic=clock), clock
+    return Pacer(
+        CameraOptions(**pacing), live, clock.wait, wall=lambda: clock.now + 7, monotonic=clock
+    ), clock
 
 
 def test_frames_that_come_late_or_twice_are_counted():

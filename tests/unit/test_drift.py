@@ -1,4 +1,4 @@
-"""A source that drifts away from the others: said, and the bodies that others see keep their ids."""
+"""A source that drifts away from the others: it is named, and the bodies that others see keep their ids."""
 
 from collections import Counter
 from itertools import repeat
@@ -144,8 +144,8 @@ def test_a_source_whose_clock_is_known_to_be_wrong_is_not_compared(monkeypatch):
     scene = Scene()
     scene.run(5.0, same)
     known = {"clock-ahead": {"c"}}
-    asked = lambda *kinds: set().union(*(known.get(kind, set()) for kind in kinds))  # noqa: E731
-    monkeypatch.setattr(scene.fusion.timeline.troubles, "sources", asked)
+    troubled = lambda *kinds: set().union(*(known.get(kind, set()) for kind in kinds))  # noqa: E731
+    monkeypatch.setattr(scene.fusion.timeline.troubles, "sources", troubled)
     scene.run(4.0, turned(5.0))
     monkeypatch.undo()
     assert scene.drifting == []

@@ -1,4 +1,4 @@
-"""What sources and clients receive: which service is heard, none is kept waiting, none runs on."""
+"""What sources and clients receive: which service is followed, none is kept waiting, none runs on."""
 
 import asyncio
 import threading
@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from comotion import Fusion
-from comotion_clients.inbox import Inbox as ClientInbox
 from comotion_clients.subscription import ActiveSession
-from comotion_sources.source import Inbox
+from comotion_schemas.inbox import Inbox
+from comotion_sources.source import Received
 
 
 class _Session:
@@ -27,16 +27,16 @@ class _Session:
 
 def test_of_more_than_can_wait_the_newest_are_kept_and_the_others_counted():
     session = _Session()
-    inbox = Inbox(session, "a", capacity=2)
+    inbox = Received(session, "a", capacity=2)
     for number in range(5):
         session.send(number)
-    assert [payload[0] for _, payload, _ in inbox.take()] == [3, 4]
-    assert inbox.lost == 3
+    assert [payload[0] for _, payload, _ in inbox.drain()] == [3, 4]
+    assert inbox.dropped == 3
 
 
 def test_a_source_that_is_to_stop_takes_no_more_of_what_waits():
     session, stop = _Session(), threading.Event()
-    inbox = Inbox(session, "a")
+    inbox = Received(session, "a")
     for number in range(5):
         session.send(number)
     taken = []
@@ -50,12 +50,12 @@ UPDATE = Fusion().update(0)
 
 
 # Sessions, epochs and times in s of updates, and which of them are accepted.
-HEARD = {
-    "a new session is followed, and the one before is not heard beside it": (
+UPDATES = {
+    "a new session is followed, and the one before is not followed beside it": (
         [("a", 0, 0.0), ("b", 0, 0.1), ("a", 0, 0.2), ("b", 0, 0.3), ("a", 0, 1.2)],
         [True, True, False, True, False],
     ),
-    "an older session is heard again when the newer is silent": (
+    "an older session is followed again when the newer is silent": (
         [("a", 0, 0.0), ("b", 0, 0.1), ("a", 0, 1.2), ("b", 0, 1.3)],
         [True, True, True, False],
     ),
@@ -67,7 +67,7 @@ HEARD = {
         [("a", 7, 0.0), ("e", 2**64 - 1, 0.1), ("e", 1008, 0.2), ("a", 7, 0.3), ("b", 1007, 0.4)],
         [True, False, False, True, True],
     ),
-    # Updates that are not heard keep nothing alive.
+    # Updates that are not accepted keep nothing alive.
     "after ten seconds without an update any epoch is followed": (
         [("e", 2**64 - 1, 0.0), ("a", 7, 9.9), ("e", 2, 9.9), ("a", 7, 10.1), ("a", 8, 10.2)],
         [True, False, False, True, True],
@@ -75,15 +75,15 @@ HEARD = {
 }
 
 
-@pytest.mark.parametrize(("heard", "accepted"), HEARD.values(), ids=HEARD)
-def test_one_service_is_heard(heard, accepted):
+@pytest.mark.parametrize(("stamped", "accepted"), UPDATES.values(), ids=UPDATES)
+def test_one_service_is_followed(stamped, accepted):
     active = ActiveSession()
-    updates = [(replace(UPDATE, session=name * 16, epoch=epoch), now) for name, epoch, now in heard]
+    updates = [(replace(UPDATE, session=name * 16, epoch=epoch), now) for name, epoch, now in stamped]
     assert [active.accepts(update, now) for update, now in updates] == accepted
 
 
 def test_cancelling_a_reader_loses_no_item():
-    inbox: ClientInbox[int] = ClientInbox(4)
+    inbox: Inbox[int] = Inbox(4)
 
     async def read():
         task = asyncio.create_task(inbox.aget(30))

@@ -30,7 +30,7 @@ SHOWN = re.findall(
 )
 
 
-def said():
+def sentences():
     """What docs/limits.md says: the first cells of its rows, and its sentences but definitions and links."""
     for part in re.split(r"\n\n+", (ROOT / "docs/limits.md").read_text()):
         if part.startswith("|"):
@@ -41,14 +41,16 @@ def said():
             yield from (sentence for sentence in sentences if not sentence.startswith(("[", "*", "sent =")))
 
 
-@pytest.mark.parametrize("sentence", list(said()))
+@pytest.mark.parametrize("sentence", list(sentences()))
 def test_what_is_said_of_a_bound_has_a_test(sentence):
     assert any(sentence == what or sentence.startswith(f"{what} ") for what, _ in SHOWN)
 
 
 @pytest.mark.parametrize(("what", "tests"), SHOWN, ids=[what for what, _ in SHOWN])
 def test_what_shows_it_is_there(what, tests):
-    assert any(f"{sentence} ".startswith(f"{what} ") for sentence in said()), "docs/limits.md does not say so"
+    assert any(f"{sentence} ".startswith(f"{what} ") for sentence in sentences()), (
+        "docs/limits.md does not say so"
+    )
     named = re.findall(r"`([a-z0-9_/]+\.py)`: ((?:`[a-z0-9_]+`(?:, )?)+)", tests)
     assert named
     for where, names in named:

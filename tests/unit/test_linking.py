@@ -78,11 +78,11 @@ def messages(view, motions=(still, lid, cart), *, seconds=4.0, seen=None, missin
 
 
 def run(fusion, batches, every=30):
-    for count, heard in enumerate(batches, 1):
-        fusion.ingest(heard)
+    for count, arrived in enumerate(batches, 1):
+        fusion.ingest(arrived)
         if count % every == 0:
-            update = fusion.update(heard.stamp_ns)
-    return fusion.update(heard.stamp_ns) if count % every else update
+            update = fusion.update(arrived.stamp_ns)
+    return fusion.update(arrived.stamp_ns) if count % every else update
 
 
 def main_body(update):

@@ -66,14 +66,14 @@ def test_misclassification_equals_brute_force(seed):
 
 def test_linked_hypotheses_of_different_spaces_are_one_body():
     rows = {("a", 1): 5, ("a", 2): 6, ("b", 1): 1, ("b", 2): 7, ("b", 3): 6}
-    said = update(rows)
+    unlinked = update(rows)
     links = {5: [1, 7], 1: [5], 7: [5]}
-    hypotheses = [replace(h, linked=links.get(h.id)) for h in said.hypotheses]
-    linked = replace(said, hypotheses=hypotheses)
-    assert bodies_of(said) == {}
+    hypotheses = [replace(h, linked=links.get(h.id)) for h in unlinked.hypotheses]
+    linked = replace(unlinked, hypotheses=hypotheses)
+    assert bodies_of(unlinked) == {}
     assert bodies_of(linked) == {5: 1, 1: 1, 7: 1}
     objects = truth({("a", 1): 0, ("a", 2): 1, ("b", 1): 0, ("b", 2): 0, ("b", 3): 1})
-    assert score_update(said, objects).nmi < 0.8
+    assert score_update(unlinked, objects).nmi < 0.8
     assert score_update(linked, objects).nmi == 1.0
     assert score_update(linked, objects).hypotheses == 2
 

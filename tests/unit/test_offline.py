@@ -79,9 +79,9 @@ def test_without_the_workcell_its_figures_are_left_out_and_the_page_stands_alone
     out = tmp_path / "new" / "figures"
     arguments = ["--only", "3.6", "--only", "4.6,4.9", "--seeds", "3", "--out", str(out)]
     assert run(["dev", "reproduce", *arguments]) == 0
-    said = "figures 4.6, 4.9 are left out; they need the workcell: pip install 'comotion[sim3d]'"
+    notice = "figures 4.6, 4.9 are left out; they need the workcell: pip install 'comotion[sim3d]'"
     captured = capsys.readouterr()
-    assert said in captured.out
+    assert notice in captured.out
     assert "[1/1] figure 3.6: fig3_6, default method, seed 3" in captured.err
     assert sorted(path.name for path in out.iterdir()) == ["fig3_6.png", "figures.json", "index.html"]
     page = (out / "index.html").read_text(encoding="utf-8")

@@ -18,11 +18,11 @@ from comotion import Fusion, FusionConfig
 from comotion_clients.recording.file import StorageError
 from comotion_clients.recording.process import PendingPayloads
 from comotion_clients.recording.repair import repair
-from comotion_clients.recording.series import Arrival, Series, SeriesOptions
+from comotion_clients.recording.series import Series, SeriesOptions
 from comotion_schemas import Keys, TruthBatch, encode
 from comotion_schemas.errors import RecordingError
 from comotion_schemas.export import json_schemas
-from comotion_schemas.message_log import MessageLog
+from comotion_schemas.message_log import Logged, MessageLog
 from comotion_schemas.recording import MESSAGE_ENCODING
 from comotion_sources.simulator import batches, load_scene, simulate
 
@@ -38,17 +38,17 @@ def arrivals(seconds=3.0):
     due = BEGIN
     for message in batches(simulation, epoch_ns=BEGIN):
         if isinstance(message, TruthBatch):
-            yield Arrival("truth", KEYS.stream("truth", message.source), due, encode(message))
+            yield Logged("truth", KEYS.stream("truth", message.source), due, encode(message))
             continue
         if message.stamp_ns > BEGIN + seconds * SECOND:
             return
         fusion.ingest(message)
         now = message.stamp_ns + 5_000_000
-        yield Arrival("obs", KEYS.stream("obs", message.source), now, encode(message))
+        yield Logged("obs", KEYS.stream("obs", message.source), now, encode(message))
         if now >= due:
             due += SECOND // 2
-            yield Arrival("hypotheses", KEYS.hypotheses, now, encode(fusion.update(now)))
-            yield Arrival("obs", KEYS.stream("obs", "simulator-1"), now, b"nonsense")
+            yield Logged("hypotheses", KEYS.hypotheses, now, encode(fusion.update(now)))
+            yield Logged("obs", KEYS.stream("obs", "simulator-1"), now, b"nonsense")
 
 
 SCENE = tuple(arrivals())
@@ -194,10 +194,10 @@ def test_repair_passes_over_a_damaged_chunk(tmp_path, what):
 def test_what_waits_is_bounded_and_the_rest_is_counted():
     pending = PendingPayloads(limit=100)
     for number in range(5):
-        pending.put(Arrival("obs", KEYS.stream("obs", "a"), number, bytes(40)))
+        pending.put(Logged("obs", KEYS.stream("obs", "a"), number, bytes(40)))
     assert [a.log_ns for a in pending.drain()] == [3, 4]
     assert pending.dropped_of == {KEYS.stream("obs", "a"): 3}
-    small = Arrival("obs", KEYS.stream("obs", "a"), 9, bytes(90))
+    small = Logged("obs", KEYS.stream("obs", "a"), 9, bytes(90))
     pending.put(small)
     assert pending.drain() == [small]
     assert pending.drain() == []
@@ -241,7 +241,7 @@ class JsonDecoder:
 
 def test_a_flood_of_keys_is_bounded_and_strange_names_are_no_sources(tmp_path, monkeypatch):
     monkeypatch.setattr("comotion_clients.recording.series.MAX_KEYS", 5)
-    flood = [Arrival("obs", f"{KEYS.prefix}/obs/Flood {n}", BEGIN, b"x") for n in range(10)]
+    flood = [Logged("obs", f"{KEYS.prefix}/obs/Flood {n}", BEGIN, b"x") for n in range(10)]
     series = record(tmp_path / "take.mcap", [SCENE[0], *flood])
     assert series.invalid == {"malformed": 4, "limit": 6}
     assert len(read(series.path)) == 5

@@ -43,9 +43,9 @@ def rows(model):
 
 
 def test_who_only_says_that_it_is_the_service_is_not_believed(model):
-    said = {"rates": {"cam": 1e9}, "problems": [{"kind": "limit", "since_ns": 0, "text": "pay"}]}
+    extremes = {"rates": {"cam": 1e9}, "problems": [{"kind": "limit", "since_ns": 0, "text": "pay"}]}
     for liar in ("cam", "ghost"):
-        model.on_status(status(liar, "service", NOW + 9, **said), NOW, NOW)
+        model.on_status(status(liar, "service", NOW + 9, **extremes), NOW, NOW)
     assert "pay" not in model.status(NOW).problems
     assert (rows(model)["cam"].role, rows(model)["cam"].rate_hz) == ("source", 30.0)
 

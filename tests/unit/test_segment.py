@@ -35,13 +35,13 @@ def segment(folder, *arguments):
 
 
 def test_every_frame_is_labelled_the_same_on_every_run(folder, tmp_path, capsys):
-    found = []
+    summaries = []
     for name in ("a.csv", "b.csv"):
         segment(folder, "--csv", tmp_path / name, "--json")
-        found.append(json.loads(capsys.readouterr().out))
+        summaries.append(json.loads(capsys.readouterr().out))
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-    assert found[0]["labels_sha256"] == found[1]["labels_sha256"]
-    assert found[0]["frames"] == FRAMES
+    assert summaries[0]["labels_sha256"] == summaries[1]["labels_sha256"]
+    assert summaries[0]["frames"] == FRAMES
     rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
     assert list(rows[0]) == ["frame", "time", "feature", "x", "y", "hypothesis", "confidence"]
     assert sorted({int(row["frame"]) for row in rows}) == list(range(FRAMES))
@@ -58,9 +58,9 @@ def test_every_frame_is_labelled_the_same_on_every_run(folder, tmp_path, capsys)
 def test_the_video_is_what_browsers_play_and_bodies_have_colours(folder, tmp_path, capsys):
     av = pytest.importorskip("av")
     segment(folder, "--out", tmp_path / "out.mp4")
-    said = capsys.readouterr().out
-    assert f"{FRAMES} frames" in said
-    assert "out.mp4" in said
+    printed = capsys.readouterr().out
+    assert f"{FRAMES} frames" in printed
+    assert "out.mp4" in printed
     with av.open(str(tmp_path / "out.mp4")) as video:
         stream = video.streams.video[0]
         assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")

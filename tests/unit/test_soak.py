@@ -100,10 +100,10 @@ VERDICTS = {
 }
 
 
-@pytest.mark.parametrize(("found", "expected"), VERDICTS.values(), ids=VERDICTS)
-def test_what_must_not_be_is_said(found, expected):
-    soak = Soak(seconds=60, **found)
-    said = violations(soak, 1.0)
-    assert len(said) == len(expected)
-    assert all(words in text for words, text in zip(expected, said, strict=True))
+@pytest.mark.parametrize(("findings", "expected"), VERDICTS.values(), ids=VERDICTS)
+def test_each_violation_has_a_line(findings, expected):
+    soak = Soak(seconds=60, **findings)
+    texts = violations(soak, 1.0)
+    assert len(texts) == len(expected)
+    assert all(words in text for words, text in zip(expected, texts, strict=True))
     assert ("no violation" in lines(as_json(soak, 0, 1.0))) == (not expected)

@@ -1,4 +1,4 @@
-"""Sources whose ids, unit or clock cannot be right: what is said and cut, and that others do not suffer."""
+"""Sources whose ids, unit or clock cannot be right: what is reported and cut; others do not suffer."""
 
 from dataclasses import replace
 from functools import partial

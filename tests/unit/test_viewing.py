@@ -66,7 +66,7 @@ def colours(drawn):
     return [[c >> 24, c >> 16 & 255, c >> 8 & 255] for c in values(drawn, "colors").tolist()]
 
 
-def said(picture, *messages, arrived=0.0):
+def send(picture, *messages, arrived=0.0):
     for message in messages:
         picture.on_message(message, arrived, S)
     moments, picture.moments = picture.moments, []
@@ -90,12 +90,12 @@ def test_a_feature_has_the_colour_of_its_hypothesis_in_every_update():
 def test_spaces_and_sources_are_drawn_apart_and_taken_away_when_gone():
     picture = ScenePicture("lab")
     both = update([1, 2], sources=("a", "b"), track_source=[0, 1])
-    said(picture, batch("a"), batch("b", "b/pixels", "px", 2), both)
+    send(picture, batch("a"), batch("b", "b/pixels", "px", 2), both)
     assert {(v.path, v.name, v.axes) for v in picture.layout.spaces} == {
         ("spaces/world", "world", "z-up"),
         ("spaces/b_pixels", "b/pixels", "image"),
     }
-    (moment,) = said(picture, update([1], 2 * S))
+    (moment,) = send(picture, update([1], 2 * S))
     gone = {shape.path for shape in moment.shapes if isinstance(shape.drawn[0], rerun.Clear)}
     assert {"spaces/b_pixels/features/b", "spaces/b_pixels/trails"} <= gone
     assert not any(path.startswith("spaces/world") for path in gone)
@@ -149,9 +149,9 @@ def test_without_a_service_images_are_shown_grey_and_never_pile_up():
 def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not():
     picture, drawn, images = ScenePicture("lab", rate=5.0), 0, 0
     for k in range(20):
-        moments = said(picture, update([1, 1], S + k * S // 10), arrived=k / 10)
+        moments = send(picture, update([1, 1], S + k * S // 10), arrived=k / 10)
         drawn += any(s.path.startswith("spaces/") for m in moments for s in m.shapes)
-        said(picture, preview(S + k * S // 10, [10]), arrived=k / 10)
+        send(picture, preview(S + k * S // 10, [10]), arrived=k / 10)
         images += sum(s.path.endswith("/image") for s in flat(picture.tick(k / 10)))
     assert (drawn, images) == (10, 10)
 
@@ -159,7 +159,7 @@ def test_at_a_rate_updates_and_images_between_are_left_out_and_events_are_not():
 def test_memory_does_not_grow_with_what_has_ended():
     picture, sizes = ScenePicture("lab"), []
     for k in range(1, 400):
-        said(picture, batch(seq=k, stamp_ns=k * S), update([k], k * S, sources=(f"s{k}",)), arrived=float(k))
+        send(picture, batch(seq=k, stamp_ns=k * S), update([k], k * S, sources=(f"s{k}",)), arrived=float(k))
         picture.tick(k + 0.5)
         sizes.append(len(pickle.dumps(picture)))
     assert (sizes[-1] - sizes[199]) / 199 < 100  # bytes: the path of a source keeps its name
@@ -169,11 +169,11 @@ def test_each_space_is_scored_alone():
     picture = ScenePicture("lab")
     for source, space in (("a", "a/pixels"), ("b", "b/pixels")):
         truth = TruthBatch(source=source, session=SESSION, ids=[10, 11], objects=[0, 1], names={})
-        said(picture, batch(source, space, "px", 2), truth)
+        send(picture, batch(source, space, "px", 2), truth)
     # Right in a; in b two objects are one hypothesis. The same objects, seen in two spaces, are no error.
     tracks = {"track_source": [0, 0, 1, 1], "track_id": [10, 11, 10, 11]}
     both = update([1, 2, 3, 3], sources=("a", "b"), **tracks)
-    said(picture, both)
+    send(picture, both)
     scores = {s.path: s.drawn[0] for s in flat(picture.tick(2 * SETTLE_S)) if s.path.startswith("scores/")}
     latest = {path: values(drawn, "scalars").item() for path, drawn in scores.items()}
     assert (latest["scores/a_pixels/nmi"], latest["scores/b_pixels/nmi"]) == (1.0, 0.0)

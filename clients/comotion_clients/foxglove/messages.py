@@ -45,21 +45,13 @@ _ORIGIN = fg.Pose(position=fg.Vector3(), orientation=fg.Quaternion(w=1.0))
 
 @dataclass(frozen=True)
 class SpaceDrawing:
-    """What an update shows of one space.
+    """What an update shows of one space."""
 
-    Attributes
-    ----------
-    update, space
-        The update, and the name of the space.
-    scale
-        Metres per unit of the space.
-    palette, names
-        Colours, which have seen the update, and names of hypotheses.
-    """
-
+    # The update, and the name of the space.
     update: HypothesisUpdate
     space: str
-    scale: float
+    scale: float  # metres per unit of the space
+    # Colours, which have seen the update, and names of hypotheses.
     palette: Palette
     names: Names
 

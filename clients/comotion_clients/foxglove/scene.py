@@ -30,6 +30,7 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.hypotheses import Event
 from comotion_schemas.naming import Names, event_words
 from comotion_schemas.text import counted
+from comotion_schemas.transport import LOOPBACK
 
 from ..bodies import poses_in_space
 from ..feed import Display, play
@@ -52,12 +53,7 @@ _NUMBERS_SCHEMA = {
 class FoxgloveScene(Display):
     """Logs the messages of a scene to the sinks of a context.
 
-    Parameters
-    ----------
-    context
-        Where servers and files of the SDK listen.
-    names
-        Names of hypotheses by id.
+    Servers and files of the SDK listen at the `context`; `names` are those of hypotheses by id.
 
     Attributes
     ----------
@@ -127,7 +123,6 @@ class FoxgloveScene(Display):
         self.logged[topic] += 1
 
 
-LOOPBACK = "127.0.0.1"
 _BACKLOG = 256
 """Messages that wait for a slow client; then the oldest are dropped."""
 
@@ -135,12 +130,7 @@ _BACKLOG = 256
 class FoxgloveDisplay(FoxgloveScene):
     """Serves a scene to Foxglove; a context manager, for a running scene or a recording.
 
-    Parameters
-    ----------
-    port
-        TCP port on this machine alone; 0: a free one.
-    names
-        Names of hypotheses by id.
+    The TCP `port` is on this machine alone, 0: a free one; `names` are those of hypotheses by id.
 
     Raises
     ------
@@ -190,14 +180,8 @@ class Exported:
 def export(source: Path, target: Path, names: Names | None = None) -> Exported:
     """Convert a recording to a file for Foxglove.
 
-    Parameters
-    ----------
-    source
-        A recording of ``comotion record`` that includes the service.
-    target
-        The new file; it must not exist.
-    names
-        Names of hypotheses by id.
+    The `source` is a recording of ``comotion record`` that includes the service; the `target` must not exist;
+    `names` are those of hypotheses by id.
 
     Raises
     ------

@@ -37,12 +37,7 @@ class Definition(NamedTuple):
 class TopicWriter(Writer):
     """An MCAP writer that registers channels and schemas where a topic first has a message.
 
-    Parameters
-    ----------
-    output
-        A binary file.
-    profile, library
-        Of the header of the file.
+    `output` is a binary file; `profile` and `library` are in its header.
     """
 
     def __init__(self, output: BinaryIO, *, profile: str, library: str = "comotion") -> None:
@@ -109,16 +104,8 @@ class RecordingFile:
     def add(self, key: str, log_ns: int, payload: bytes, message: Message | None) -> None:
         """Append one payload.
 
-        Parameters
-        ----------
-        key
-            Key of the payload; it must be a key of messages.
-        log_ns
-            Time of receipt, nanoseconds since the Unix epoch.
-        payload
-            The payload as received.
-        message
-            The decoded payload; None if it is invalid.
+        `log_ns` is the time of receipt, nanoseconds since the Unix epoch; `payload` is as received, `message`
+        decoded, None if it is invalid.
 
         Raises
         ------

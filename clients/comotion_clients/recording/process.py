@@ -14,15 +14,16 @@ import zenoh
 from comotion_schemas import QOS, Keys
 from comotion_schemas.component import Component, Rates, StatusFields, Where
 from comotion_schemas.errors import KnownError
+from comotion_schemas.inbox import Inbox
 from comotion_schemas.keys import Kind
+from comotion_schemas.message_log import Logged
 from comotion_schemas.messages import RejectionReason
 from comotion_schemas.terminal import reporting
 from comotion_schemas.text import counted
 from comotion_schemas.transport import Receiver
 
-from ..inbox import Inbox
 from .file import StorageError
-from .series import Arrival, Series, SeriesOptions
+from .series import Series, SeriesOptions
 
 MAX_PENDING_BYTES = 256 * 1024 * 1024
 # Truth arrives as a burst, since publishers cache it for late joiners; previews are large.
@@ -30,7 +31,7 @@ _RING_SAMPLES: dict[Kind, int] = {"truth": 65536, "preview": 64}
 _DEFAULT_RING_SAMPLES = 8192
 
 
-class PendingPayloads(Inbox[Arrival]):
+class PendingPayloads(Inbox[Logged]):
     """Payloads between the receiving threads and the writing thread, up to `limit` bytes.
 
     Those that are dropped because the disk is too slow are counted by key in :attr:`dropped_of`.
@@ -46,7 +47,7 @@ def receiving(session: zenoh.Session, keys: Keys, pending: PendingPayloads) -> I
     """Put all kinds of messages of a scene into a queue, until the context ends."""
 
     def put(kind: Kind, key: str, payload: bytes) -> None:
-        pending.put(Arrival(kind, key, time.time_ns(), payload))
+        pending.put(Logged(kind, key, time.time_ns(), payload))
 
     with ExitStack() as stack:
         for kind in QOS:
@@ -179,21 +180,13 @@ def record(
 ) -> Result:
     """Record a scene until the duration is over or a signal arrives.
 
-    Parameters
-    ----------
-    options
-        Files, and the scene in their metadata.
-    name
-        Name of the recorder.
-    duration
-        s; None: until stopped.
-    where
-        Name of the scene, how to connect, and the ready file.
+    `options` are of the files, with the scene in their metadata, `name` is that of the recorder, `duration`
+    is in s, None: until stopped.
 
     Raises
     ------
     ValueError
-        If the name of the scene or recorder is not valid, or nothing was received.
+        If nothing was received.
     OSError
         If a file exists or cannot be created.
     TimeoutError

@@ -61,12 +61,7 @@ class RepairResult:
 def repair(source: Path, target: Path) -> RepairResult:
     """Copy every readable message of a file to a new file with an index.
 
-    Parameters
-    ----------
-    source
-        The damaged file; it is not changed.
-    target
-        The new file; it must not exist.
+    The damaged `source` is not changed; the `target` must not exist.
 
     Raises
     ------

@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from comotion_schemas import DecodeError, Message, TruthBatch, decode_on
 from comotion_schemas.keys import Kind
+from comotion_schemas.message_log import Logged
 from comotion_schemas.recording import LOSSES
 from comotion_schemas.sequence import SequenceCounter
 
@@ -20,15 +20,6 @@ MAX_KEYS = 10_000
 """Payloads on further keys are not recorded: MCAP numbers channels with 16 bits."""
 _INDEX_SHARE = 0.02
 """Space kept free for the index, as a share of the file; an index takes well under this."""
-
-
-class Arrival(NamedTuple):
-    """One received payload with its key and time of receipt (wall clock, ns)."""
-
-    kind: Kind
-    key: str
-    log_ns: int
-    payload: bytes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +82,7 @@ class Series:
         """Total size of all files in bytes."""
         return self._closed_bytes + self._file.size
 
-    def add(self, arrival: Arrival) -> None:
+    def add(self, arrival: Logged) -> None:
         """Record one payload."""
         if arrival.key not in self._keys and len(self._keys) >= MAX_KEYS:
             self.invalid["limit"] += 1
@@ -127,7 +118,7 @@ class Series:
         with contextlib.suppress(OSError):
             self._file.close()
 
-    def _check(self, arrival: Arrival) -> Message | None:
+    def _check(self, arrival: Logged) -> Message | None:
         """Decode a payload and count missing messages and invalid payloads."""
         try:
             message = decode_on(arrival.key, arrival.payload)

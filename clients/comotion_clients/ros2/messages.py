@@ -28,18 +28,13 @@ class Body:
 
     The origin is the middle of its box, or its centroid without one; the axes are those of the space at its
     birth, turned with the body.
-
-    Attributes
-    ----------
-    origin, quaternion
-        In m, and (x, y, z, w).
-    linear, angular
-        m/s of the origin and rad/s, in the axes of the frame; zero where unknown.
     """
 
     hypothesis: Hypothesis
+    # In m, and (x, y, z, w).
     origin: Sequence[float]
     quaternion: Sequence[float]
+    # m/s of the origin and rad/s, in the axes of the frame; zero where unknown.
     linear: Sequence[float] = (0.0, 0.0, 0.0)
     angular: Sequence[float] = (0.0, 0.0, 0.0)
 

@@ -34,20 +34,9 @@ def run(
 ) -> Counter[str]:
     """Pass a scene on until a signal arrives; returns the number of messages by topic.
 
-    Parameters
-    ----------
-    domain
-        ROS domain id.
-    ros
-        How to connect to the router of the ROS network; None: that of the scene.
-    bag
-        Bag to write instead of publishing into the network.
-    duration
-        s; None: until stopped.
-    names
-        Names of hypotheses by id.
-    where
-        Name of the scene, how to connect, and the ready file.
+    `domain` is the ROS domain id, `ros` how to connect to the router of the ROS network (None: that of the
+    scene). With a `bag`, that is written instead. `duration` is in s, None: until stopped; `names` are those
+    of hypotheses by id.
 
     Raises
     ------
@@ -55,8 +44,6 @@ def run(
         If rosbags (or for a bag, mcap) is not installed.
     OSError
         If the bag exists or cannot be written.
-    ValueError
-        If the name of the scene is not valid.
     """
     sent = Counter[str]()
     presence = viewer("ros2", status=lambda: StatusFields(counters={"messages": sent.total()}), **where)
@@ -86,14 +73,8 @@ def run(
 class Network(ExitStack):
     """Publishers of a node in a network of rmw_zenoh; a context manager.
 
-    Parameters
-    ----------
-    session
-        Connected to the router of the network, as a client.
-    domain, scene
-        ROS domain id, and the scene for the name of the node.
-    kinds
-        Type of each topic.
+    The `session` is connected to the router of the network, as a client; `domain` is the ROS domain id, the
+    `scene` is in the name of the node, and `kinds` has the type of each topic.
     """
 
     def __init__(self, session: zenoh.Session, domain: int, scene: str, kinds: dict[str, str]) -> None:

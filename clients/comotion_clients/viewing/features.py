@@ -163,14 +163,8 @@ _LABELLED = 3
 class Cameras:
     """Delays previews and draws them when they are due.
 
-    Parameters
-    ----------
-    palette
-        Has seen the updates.
-    names
-        Names of hypotheses by id.
-    dense
-        Whether to draw the regions of hypotheses too.
+    The `palette` has seen the updates; `names` are those of hypotheses by id; `dense` draws the regions of
+    hypotheses too.
 
     Attributes
     ----------
@@ -249,13 +243,5 @@ class Cameras:
 
 def _hypotheses(preview: Preview, update: HypothesisUpdate | None) -> NDArray[np.uint32]:
     """Look up the hypotheses uint32 [N] of the features of an image."""
-    numbers = np.full(len(preview.ids), UNDETERMINED, np.uint32)
-    if update is None:
-        return numbers
-    sources = [
-        k for k, s in enumerate(update.sources) if (s.name, s.session) == (preview.source, preview.session)
-    ]
-    rows = np.flatnonzero(np.isin(update.track_source, sources))
-    _, seen, fused = np.intersect1d(preview.ids, update.track_id[rows], return_indices=True)
-    numbers[seen] = update.track_hypothesis[rows[fused]]
-    return numbers
+    fused = {} if update is None else update.hypotheses_of(preview.source, preview.session)
+    return np.array([fused.get(feature, UNDETERMINED) for feature in preview.ids.tolist()], np.uint32)

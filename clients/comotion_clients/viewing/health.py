@@ -36,14 +36,8 @@ class Health:
     def draw(self, snapshot: Snapshot, view_age: float | None, stamp_ns: int) -> list[Shape]:
         """Draw a snapshot.
 
-        Parameters
-        ----------
-        snapshot
-            The snapshot.
-        view_age
-            Seconds from the publication of an update until this viewer showed it; None: unknown.
-        stamp_ns
-            Time of what is drawn.
+        `view_age` is in s from the publication of an update until this viewer showed it, None: unknown;
+        `stamp_ns` is the time of what is drawn.
         """
         sizes = [
             value(f"sizes/{row.id}", row.size, f"hypothesis {row.id}", row.colour)

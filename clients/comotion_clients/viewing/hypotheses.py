@@ -28,12 +28,7 @@ _AXIS_SHARE = 0.07  # length of an axis as a share of the extent of the features
 def axis_length(positions: Positions, current: float) -> float:
     """Choose the length of the axes: a share of the extent of the features.
 
-    Parameters
-    ----------
-    positions
-        float32 [N, dim].
-    current
-        Length so far; it is kept unless it is wrong by a factor of 2.
+    `positions` are float32 [N, dim]; the `current` length is kept unless it is wrong by a factor of 2.
     """
     if len(positions) < 2:
         return current
@@ -46,28 +41,15 @@ def axis_length(positions: Positions, current: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BodyDrawing:
-    """Draws the hypotheses of one space, and their joints.
+    """Draws the hypotheses of one space, and their joints."""
 
-    Attributes
-    ----------
-    path
-        What is drawn is under it.
-    up
-        Unit vector [dim]; labels are lifted along it.
-    axis
-        Length of an axis, in the unit of the space.
-    palette, names
-        Colours and names of hypotheses.
-    eye
-        Where the space is seen from, in 3-D.
-    """
-
-    path: str
-    up: Sequence[float]
-    axis: float
+    path: str  # what is drawn is under it
+    up: Sequence[float]  # unit vector [dim]; labels are lifted along it
+    axis: float  # length of an axis, in the unit of the space
+    # Colours and names of hypotheses.
     palette: Palette
     names: Names = field(default_factory=dict)
-    eye: Eye | None = None
+    eye: Eye | None = None  # where the space is seen from, in 3-D
 
     def bodies(self, hypotheses: Sequence[Hypothesis]) -> list[Shape]:
         """Draw labels, axes, velocities and boxes.
@@ -155,16 +137,9 @@ class BodyDrawing:
 def apart(places: Positions, up: Sequence[float], row: float, eye: Eye | None = None) -> Positions:
     """Lift labels that would cover one another.
 
-    Parameters
-    ----------
-    places
-        float32 [N, dim].
-    up
-        Unit vector [dim].
-    row
-        Height of a label; most are not wider than four times that.
-    eye
-        Where it is seen from, in 3-D; otherwise labels are as far apart as their places.
+    `places` are float32 [N, dim], `up` is a unit vector [dim], `row` the height of a label; most are not
+    wider than four times that. In 3-D they are seen from an `eye`; otherwise they are as far apart as their
+    places.
     """
     upward, lifted = np.array(up, np.float64), places.astype(np.float64)
     for k in range(1, len(lifted)):

@@ -26,18 +26,9 @@ class ScenePicture(Display):
 
     `moments` are those to be shown at the next :meth:`refresh`.
 
-    Parameters
-    ----------
-    scene
-        Name of the scene.
-    rate
-        Most updates, and images of a camera, that are drawn per second; the others are left out. None: all.
-    dense
-        Whether to draw the regions of hypotheses in images.
-    names
-        Names of hypotheses by id.
-    sink
-        Where they are drawn; None: nowhere.
+    Most updates, and images of a camera, that are drawn per second are `rate`, None: all; the others are left
+    out. `dense` draws the regions of hypotheses in images, `names` are those of hypotheses by id, and without
+    a `sink` nothing is shown.
     """
 
     def __init__(

@@ -19,6 +19,8 @@ import numpy as np
 import rerun as rr
 import rerun_cli
 
+from comotion_schemas.transport import LOOPBACK, free_port
+
 from .blueprint import TIMELINE, blueprint, prepare
 from .drawing import Layout, Moment
 
@@ -69,7 +71,6 @@ class Program:
         self._output.close()
 
 
-LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0  # longest wait for delivery
 _FILE_TICK_S = 1.0  # rows of this time form a chunk of a file
 _PAGE_S = 30.0  # longest wait until the page is served
@@ -81,34 +82,19 @@ _CHECK_S = 0.2  # between two checks whether the window is closed
 class RerunSink:
     """Shows moments by Rerun; a context manager. Several outputs may be combined.
 
-    Attributes
-    ----------
-    window
-        A window on this machine.
-    web_port
-        Port of a web page, and `data_port` of its data; both on this machine.
-    open_browser
-        Open the page in the browser.
-    file
-        Path of a new ``.rrd`` file.
-    memory
-        Memory for the history in the data server, and memory limit of the window.
-    url
-        Address of the page.
-
     Raises
     ------
     OSError
         If a port is in use, the file exists or cannot be written, or the window does not open.
     """
 
-    window: bool = False
-    web_port: int | None = None
+    window: bool = False  # a window on this machine
+    web_port: int | None = None  # port of a web page, and `data_port` of its data; both on this machine
     data_port: int = 9876
-    open_browser: bool = False
-    file: Path | None = None
-    memory: str = "1GiB"
-    url: str | None = field(default=None, init=False)
+    open_browser: bool = False  # open the page in the browser
+    file: Path | None = None  # path of a new ``.rrd`` file
+    memory: str = "1GiB"  # memory for the history in the data server, and memory limit of the window
+    url: str | None = field(default=None, init=False)  # address of the page
 
     def __post_init__(self) -> None:
         self._layout: Layout | None = None
@@ -208,13 +194,6 @@ class RerunSink:
             if time.monotonic() > deadline:
                 raise OSError(f"the page does not answer at port {port}")
             time.sleep(_POLL_S)
-
-
-def free_port() -> int:
-    """Return an unused TCP port of this machine."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return int(probe.getsockname()[1])
 
 
 def require_free(port: int) -> None:

@@ -44,7 +44,7 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
 
         from comotion_sources.calibration.files import Calibration, format_calibration, read_calibration
         from comotion_sources.cameras.opening import open_frames
-        from comotion_sources.pair_calibration import calibrate_pair, frame_pairs, intrinsics_of, parse_target
+        from comotion_sources.pair_calibration import calibrate_pair, frame_pairs, parse_target
 
         wanted = parse_target(self.target)
         given_a, given_b = (
@@ -52,11 +52,11 @@ target at rest. Without extrinsics, A is the origin of 'world': run its source w
             for file in (self.calibration_a, self.calibration_b)
         )
         with closing(open_frames(self.camera_a)) as a, closing(open_frames(self.camera_b)) as b:
-            inner_b = intrinsics_of("B", given_b.intrinsics, b)
+            inner_b = given_b.intrinsics or b.intrinsics
             result = calibrate_pair(
                 frame_pairs(a, b, self.timeout),
                 wanted,
-                intrinsics_of("A", given_a.intrinsics, a),
+                given_a.intrinsics or a.intrinsics,
                 inner_b,
                 given_a.extrinsics or a.extrinsics,
                 self.views,

@@ -160,15 +160,14 @@ class CameraSource(Camera, Process):
         others
             Options of the camera's process that are not simply fields of the command.
         """
-        from comotion_sources.klt.options import CameraOptions, Pacing
+        from comotion_sources.klt.options import CameraOptions
         from comotion_sources.klt.process import run
 
         self.clear_frames(self.preview)
-        offset_ns = round(self.clock_offset * 1e9)
         options = self.call(
             CameraOptions,
             tracker=self.tracker_config(moving=moving),
-            pacing=self.call(Pacing, offset_ns=offset_ns),
+            offset_ns=round(self.clock_offset * 1e9),
             calibration=read_calibration(self.calibration, self.extrinsics),
             use_depth=self.depth,
             **others,

@@ -84,7 +84,7 @@ Examples:
         config = self.fusion_config()
         seeds, rates = parse_seeds(self.seeds), parse_rates(self.rate)
         inputs = self.call(find_inputs, files, seeds=seeds, rates=rates)
-        # What is wrong with the inputs has been said: the core takes longer to load.
+        # Wrong inputs are reported by now: the core takes longer to load.
         from comotion_experiments.evaluate import as_json, evaluate_inputs, plot_path, table
 
         results = self.call(evaluate_inputs, inputs, config, comparator=self.compare)

@@ -58,29 +58,17 @@ def run_agent(
 class Agent:
     """One agent.
 
-    Parameters
-    ----------
-    name
-        Unique in the fleet.
-    capacity
-        How many replicas its host can run.
-    etcd
-        The cluster.
-    options
-        Of ``comotion serve`` on this host, such as ``--connect``.
-    folder, write
-        Where the processes say that they are ready, and where their lines go.
-
     Raises
     ------
     UserError
         By :meth:`run`, if another agent of this name lives.
     """
 
-    name: str
-    capacity: int
-    etcd: Etcd
-    options: Sequence[str]
+    name: str  # unique in the fleet
+    capacity: int  # how many replicas its host can run
+    etcd: Etcd  # the cluster
+    options: Sequence[str]  # of ``comotion serve`` on this host, such as ``--connect``
+    # Where the processes say that they are ready, and where their lines go.
     folder: Path
     write: WriteLine
 

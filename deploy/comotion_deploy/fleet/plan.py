@@ -14,21 +14,11 @@ _IMBALANCE = 2
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene to serve.
+    """A scene to serve."""
 
-    Attributes
-    ----------
-    serve
-        Options of ``comotion serve``.
-    also
-        Other comotion commands that run once, beside the first replica.
-    replicas
-        1, or 2 for a standby on another host.
-    """
-
-    serve: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()
-    replicas: int = 2
+    serve: tuple[str, ...] = ()  # options of ``comotion serve``
+    also: tuple[str, ...] = ()  # other comotion commands that run once, beside the first replica
+    replicas: int = 2  # 1, or 2 for a standby on another host
 
     @property
     def version(self) -> str:

@@ -57,12 +57,8 @@ Rule = tuple[str, list[str], list[str]]
 def router_settings(grants: Iterable[Grant], *, max_batch_bytes: int | None = None) -> dict[str, Any]:
     """Build the tables of the router's Zenoh configuration.
 
-    Parameters
-    ----------
-    grants
-        Those of all valid certificates.
-    max_batch_bytes
-        Largest batch of observations; None: 4 MiB.
+    `grants` are those of all valid certificates; `max_batch_bytes` is the size of the largest batch of
+    observations, None: 4 MiB.
 
     Returns
     -------
@@ -226,18 +222,10 @@ def secure_setup(
 ) -> RouterSetup:
     """Set up a router from a folder of certificates.
 
-    Parameters
-    ----------
-    folder
-        The authority's folder, or what ``comotion pki export`` has made of it for this router.
-    own
-        The router's own folder; None: the one in `folder`, if there is only one with a key.
-    connect
-        Endpoints of other routers.
-    listen
-        Endpoints; default ``tls`` and ``quic`` at port 7447 of every interface.
-    max_batch_bytes
-        Largest batch of observations; None: the default.
+    The `folder` is the authority's, or what ``comotion pki export`` has made of it for this router; `own` is
+    the router's own folder, None: the one in `folder`, if there is only one with a key. It connects to other
+    routers at `connect`; it listens at `listen`, by default with ``tls`` and ``quic`` at port 7447 of every
+    interface. `max_batch_bytes` is as in :func:`router_settings`.
 
     Raises
     ------

@@ -86,16 +86,8 @@ class Authority:
     ) -> Path:
         """Issue a certificate and write the folder of the component.
 
-        Parameters
-        ----------
-        grant
-            What it allows; its common name is replaced by a new one, or with `renew` by the previous one.
-        hosts
-            Names and addresses of a router.
-        days
-            Time of validity.
-        renew
-            Replace the certificate of the component.
+        The common name of the `grant` is replaced by a new one, or with `renew` by that of the certificate
+        that it replaces; `hosts` are names and addresses of a router, `days` is the time of validity.
 
         Returns
         -------

@@ -29,34 +29,20 @@ _COMMON_NAME = re.compile(r"[a-z0-9_.-]{1,64}")
 class Grant:
     """What the holder of a certificate may do.
 
-    Attributes
-    ----------
-    role, name
-        Role and name of the component.
-    scene
-        Its scene; ``*``: every scene.
-    sources
-        Names under which a source publishes.
-    joints
-        Names of the joint states that a source follows.
-    rate
-        Most messages per second of each stream of a source; 0: no limit.
-    common_name
-        Common name of the certificate, by which the router knows the component.
-
     Raises
     ------
     ValueError
         If a name is malformed, or a field does not fit the role.
     """
 
+    # Role and name of the component.
     role: CertificateRole
     name: str
-    common_name: str
-    scene: str = "default"
-    sources: tuple[str, ...] = ()
-    joints: tuple[str, ...] = ()
-    rate: float = DEFAULT_RATE
+    common_name: str  # common name of the certificate, by which the router identifies the component
+    scene: str = "default"  # its scene; ``*``: every scene
+    sources: tuple[str, ...] = ()  # names under which a source publishes
+    joints: tuple[str, ...] = ()  # names of the joint states that a source follows
+    rate: float = DEFAULT_RATE  # most messages per second of each stream of a source; 0: no limit
 
     def __post_init__(self) -> None:
         if self.role not in ROLES:
@@ -140,16 +126,8 @@ def make_certificate(
 ) -> bytes:
     """Make a certificate that is valid from now.
 
-    Parameters
-    ----------
-    common_name, key
-        Of its owner.
-    not_after
-        End of its validity.
-    issuer
-        Name and key of the authority; None: it is that of an authority itself.
-    hosts, grant
-        Names and addresses of a router; what a component may do.
+    `common_name` and `key` are its owner's, `issuer` is name and key of the authority, None: it is that of an
+    authority itself; `hosts` are names and addresses of a router, `grant` is what a component may do.
 
     Returns
     -------

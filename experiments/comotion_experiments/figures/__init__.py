@@ -31,10 +31,7 @@ FIGURES = tuple(_figure(**row) for row in tomllib.loads(_TEXT)["figure"])
 def select(names: Sequence[str] | None) -> list[Figure]:
     """Select figures by their numbers.
 
-    Parameters
-    ----------
-    names
-        Numbers, each entry one or several separated by commas; None: all figures.
+    Each of `names` is a number, or several separated by commas; None: all figures.
 
     Raises
     ------

@@ -51,9 +51,9 @@ def draw_direction(study: Study) -> Drawn:
     printed = {"Y": "small", "G": "particularly high", "R": "-", "P": "-"}
     last = _TIMES[-1]
     rows = []
-    for letter, said in printed.items():
+    for letter, claim in printed.items():
         between = partial(_between, first="B", other=letter)
-        rows.append(row_of(f"affinity of B to {letter} at t = {last:g} s", said, takes, between))
+        rows.append(row_of(f"affinity of B to {letter} at t = {last:g} s", claim, takes, between))
     rows.append(row_of("hypotheses at the end", "2", takes, partial(count_at, t=last)))
     return Drawn(figure, rows, parameters(_DIRECTION, study))
 
@@ -93,9 +93,9 @@ def draw_bic(study: Study) -> Drawn:
             fits.append(list(mixtures(_affinity(divisive, t, seed))))
         _bars(axes, t, fits[0])
         best = count([min(fit, key=lambda m: m.bic).components for fit in fits])
-        said = f"BIC {best}; divisive k-means {count_at(divisive, t)}"
+        counts = f"BIC {best}; divisive k-means {count_at(divisive, t)}"
         expected = f"expected {_expected(t)}; BIC suggests more"
-        rows.append(Row(f"clusters at t = {t:g} s", expected, said, count_at(default, t)))
+        rows.append(Row(f"clusters at t = {t:g} s", expected, counts, count_at(default, t)))
     axes.set_xlabel("number of components")
     made_with = parameters(STARTS, study)
     return Drawn(figure, rows, made_with | {"variance floor": "1e-3"})
@@ -114,8 +114,8 @@ def draw_eigenvalues(study: Study) -> Drawn:
         normalized = count(_eigen_panel(below, divisive, t, normalized=True))
         above.set_title(f"t = {t:g} s", fontsize=10)
         below.set_xlabel("index", fontsize=9)
-        said = f"L {plain}; L_norm {normalized}; divisive k-means {count_at(divisive, t)}"
-        rows.append(Row(f"clusters at t = {t:g} s", f"expected {_expected(t)}", said, count_at(default, t)))
+        counts = f"L {plain}; L_norm {normalized}; divisive k-means {count_at(divisive, t)}"
+        rows.append(Row(f"clusters at t = {t:g} s", f"expected {_expected(t)}", counts, count_at(default, t)))
     for row, name in zip(grid, ("L", "L$_{norm}$"), strict=True):
         row[0].set_ylabel(f"eigenvalue of {name}", fontsize=10)
     return Drawn(figure, rows, parameters(STARTS, study))

@@ -54,10 +54,10 @@ class SeedRun:
     def main_of(self, name: str) -> NDArray[np.int64]:
         """Hypothesis that holds most of an object's tracks at every update, int64 [U]; -1 where none does."""
         numbers = [number for number, other in self.names.items() if other == name]
-        return np.array([_main(m.hypotheses[np.isin(m.objects, numbers)]) for m in self.moments])
+        return np.array([main_hypothesis(m.hypotheses[np.isin(m.objects, numbers)]) for m in self.moments])
 
 
-def _main(labels: NDArray[np.int64]) -> int:
+def main_hypothesis(labels: NDArray[np.int64]) -> int:
     """The most frequent hypothesis, of two as frequent the smaller id; -1 if that is none."""
     ids, counts = np.unique(labels, return_counts=True)
     main = int(ids[counts.argmax()]) if len(ids) else UNDETERMINED

@@ -24,7 +24,7 @@ from .study import (
 )
 
 # The thesis names 0.02 alone; the others are chosen so that the rows show what it says of them.
-_SAID = {
+_CLAIMS = {
     0.005: "each trajectory is a hypothesis",
     0.01: "the object is right, the background is not",
     0.015: "takes many observations",
@@ -32,7 +32,7 @@ _SAID = {
     0.08: "separated only after a long way",
 }
 _MOMENTS = ViewRequest((1.0, 5.0, 10.0), trail=3.0, affinity=True)
-_SWITCHES = Simulated("fig4_1", {f"σ = {s:g}": thesis(s) for s in _SAID}, 0.2, _MOMENTS)
+_SWITCHES = Simulated("fig4_1", {f"σ = {s:g}": thesis(s) for s in _CLAIMS}, 0.2, _MOMENTS)
 _START, _END, _SWITCH = 10.0, 12.67, 0.01
 _WEIGHED = {"equal weights": None, "v = 0.001": 0.001, "v = 0.1": 0.1}
 _WEIGHTS = Simulated("fig4_3", {name: thesis(_SWITCH, v) for name, v in _WEIGHED.items()}, 1 / 15)
@@ -54,7 +54,7 @@ def draw_switches(study: Study) -> Drawn:
         row[0].text(-0.24, 0.5, label, transform=row[0].transAxes, rotation=90, **style)
     panels.affinity_bar(figure, image, list(axes[:, -1]))
     panels.object_legend(figure, takes[DEFAULT].seeds[0].names)
-    rows = rows_of_each("NMI is 1 from", takes, _SAID.values(), _from_when)
+    rows = rows_of_each("NMI is 1 from", takes, _CLAIMS.values(), _from_when)
     return Drawn(figure, rows, _switch_parameters(study))
 
 
@@ -70,11 +70,11 @@ def draw_switch_curves(study: Study) -> Drawn:
     """Figure 4.2: NMI over time for every σ and the default method."""
     takes = study.simulated(_SWITCHES)
     figure = panels.switch_curves(takes, study.options.seeds, 5.0, duration=10, legend="center right")
-    return Drawn(figure, rows_of_each("mean NMI", takes, _SAID.values()), _switch_parameters(study), takes)
+    return Drawn(figure, rows_of_each("mean NMI", takes, _CLAIMS.values()), _switch_parameters(study), takes)
 
 
 def _switch_parameters(study: Study) -> dict[str, str]:
-    return parameters(_SWITCHES, study, f"σ = {', '.join(f'{s:g}' for s in _SAID)}, equal weights")
+    return parameters(_SWITCHES, study, f"σ = {', '.join(f'{s:g}' for s in _CLAIMS)}, equal weights")
 
 
 def draw_weights(study: Study) -> Drawn:

@@ -234,12 +234,12 @@ def summary(takes: Mapping[str, SceneRuns]) -> tuple[str, str]:
 def rows_of_each(
     quantity: str,
     takes: Mapping[str, SceneRuns],
-    said: Iterable[str],
+    claims: Iterable[str],
     value: Callable[[SceneRuns], str] = lambda take: spread(take.mean_nmi()),
 ) -> list[Row]:
-    """A value of each take, with what the thesis says of each; the default method last."""
+    """A value of each take, with the claim of the thesis on each; the default method last."""
     *tried, default = map(value, takes.values())
-    columns = zip(takes, said, tried, strict=False)
+    columns = zip(takes, claims, tried, strict=False)
     rows = [Row(f"{label}: {quantity}", text, shown, "") for label, text, shown in columns]
     return [*rows, Row(quantity, "-", "", default)]
 

@@ -27,7 +27,7 @@ from ..inputs import Message
 from ..offline import thesis
 from ..tables import spread
 from . import panels
-from .runs import SceneRuns, View, ViewRequest
+from .runs import SceneRuns, View, ViewRequest, main_hypothesis
 from .study import (
     DEFAULT,
     Drawn,
@@ -56,7 +56,7 @@ class Shot:
     respawn_every: int  # frames between two looks for new features
     times: tuple[float, ...]  # moments to show, s
     apart: tuple[str, str]  # two objects
-    said: str  # about telling them apart, by the thesis
+    claim: str  # of the thesis, on their separation
 
 
 def film_setup(study: Study, shot: Shot, seed: int = 0) -> tuple[CameraSpec, TrackerConfig]:
@@ -171,7 +171,7 @@ def pictures(shot: Shot) -> Callable[[Study], Drawn]:
         numbers = right_rows(shown, shot.times, "-")
         name, other = shot.apart
         what = f"{name} and {other} in different hypotheses, from t = {_START_S:g} s on"
-        numbers.append(row_of(what, shot.said, shown, partial(_apart, name=name, other=other)))
+        numbers.append(row_of(what, shot.claim, shown, partial(_apart, name=name, other=other)))
         if shot is SHELF:
             numbers.append(row_of("the door's hypothesis, closing", "another than opening", shown, _door))
         return Drawn(figure, numbers, _parameters(study, shot, drawn=True))
@@ -238,14 +238,10 @@ def _door(take: SceneRuns) -> str:
     for seed in take.seeds:
         ids = seed.main_of("door")
         t = seed.run.seconds
-        opening, closing = (_most(ids[(t >= a) & (t < b)]) for a, b in (_OPENING_S, _CLOSING_S))
+        assigned = (ids[(ids >= 0) & (t >= a) & (t < b)] for a, b in (_OPENING_S, _CLOSING_S))
+        opening, closing = map(main_hypothesis, assigned)
         same += opening == closing
     return f"the same in {same} of {len(take.seeds)} seeds"
-
-
-def _most(ids: Any) -> int:
-    assigned = ids[ids >= 0]
-    return int(np.bincount(assigned).argmax()) if len(assigned) else -1
 
 
 def _parameters(study: Study, shot: Shot, *, drawn: bool) -> dict[str, str]:

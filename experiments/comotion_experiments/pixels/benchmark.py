@@ -11,7 +11,7 @@ from comotion.partition import Previous, SpaceSpec
 from comotion.pixels.method import PixelMethod
 from comotion.trajectories.window import Window
 
-from ..study import Progress, Row, quiet, run_study, values
+from ..study import Row, values
 from ..tables import Table, document, mean
 from .sequences import HOPKINS, Sequence, score
 
@@ -23,18 +23,17 @@ _RUNS = {f"{method}, {n}": (n, noise) for method, noise in _METHODS.items() for 
 _GAP_NS = 500_000_000
 
 
-def run_benchmark(sequences: Rows[Sequence], *, jobs: int = 1, progress: Progress = quiet) -> list[Row]:
-    """Score every sequence under every setting.
+SETTINGS = (*_RUNS, _ALONE)
+
+
+def run_sequence(sequence: Sequence, setting: str, _: int) -> Row:
+    """Score a sequence under one of :data:`SETTINGS`.
 
     Returns
     -------
-    Rows with figures of :func:`~.sequences.score`, `ms` and `scene`; of Hopkins155 besides how many motions
-    `alone` are one hypothesis, of how many, `of`.
+    Figures of :func:`~.sequences.score`, `ms` and `scene`; of Hopkins155 besides how many motions `alone` are
+    one hypothesis, of how many, `of`.
     """
-    return run_study(_scored, sequences, [*_RUNS, _ALONE], [0], jobs=jobs, progress=progress)
-
-
-def _scored(sequence: Sequence, setting: str, _: int) -> Row:
     if setting == _ALONE:
         return _motions_alone(sequence)
     frames, noise = _RUNS[setting]
@@ -50,7 +49,7 @@ def _motions_alone(sequence: Sequence) -> Row:
         return {}
     motions = np.unique(sequence.truth[sequence.truth > 0]).tolist()
     labels = (engine(sequence.of(sequence.truth == motion))[0] for motion in motions)
-    return {"alone": sum(len(np.unique(found)) == 1 for found in labels), "of": len(motions)}
+    return {"alone": sum(len(np.unique(hypotheses)) == 1 for hypotheses in labels), "of": len(motions)}
 
 
 def engine(sequence: Sequence) -> tuple[NDArray[np.int64], float]:

@@ -11,9 +11,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion_schemas import UNDETERMINED, HypothesisUpdate, ObservationBatch
+from comotion_schemas import UNDETERMINED, HypothesisUpdate
+from comotion_sources.streams import OFFLINE_SESSION, MessageBuilder
 
-from ..study import Progress, Row, quiet, run_study, values
+from ..study import Row, values
 from ..tables import Table, document, mean
 
 Floats = NDArray[np.float64]
@@ -150,32 +151,17 @@ def _camera(kind: Kind, rng: np.random.Generator, count: int) -> tuple[Floats, R
     return eyes, Rotation.from_rotvec(turns) * looks
 
 
-def run_carried(
-    kinds: Sequence[Kind], seeds: Sequence[int], *, jobs: int = 1, progress: Progress = quiet
-) -> list[Row]:
-    """Run scenes of each kind through the core; rows with shares and numbers, as :func:`markdown` says."""
-    return run_study(_scored, kinds, ["comotion"], seeds, jobs=jobs, progress=progress)
-
-
-def _scored(kind: Kind, _: str, seed: int) -> Row:
+def run_kind(kind: Kind, _: str, seed: int) -> Row:
+    """Run a scene of a kind through the core; shares and numbers, as :func:`markdown` says."""
     frames, speeds = images(kind, np.random.default_rng([seed, *kind.name.encode()]))
     core, owner_of, tally = Fusion(FusionConfig()), dict[int, int](), _Tally()
+    builder = MessageBuilder(
+        source="camera", session=OFFLINE_SESSION, space="camera/pixels", unit="px", dim=2
+    )
     for number, seen in enumerate(frames):
         stamp_ns = 10**18 + number * 1_000_000_000 // _RATE
         owner_of.update(zip(seen.ids.tolist(), seen.owners.tolist(), strict=True))
-        core.ingest(
-            ObservationBatch(
-                source="camera",
-                session="0" * 16,
-                seq=number,
-                space="camera/pixels",
-                unit="px",
-                dim=2,
-                stamp_ns=stamp_ns,
-                ids=seen.ids,
-                positions=seen.positions,
-            )
-        )
+        core.ingest(builder.observation(stamp_ns=stamp_ns, ids=seen.ids, positions=seen.positions))
         if number % 3 == 2:
             moving = speeds[max(number - 6, 0) : number + 1].min(0) > _MOVING
             resting = speeds[max(number - 15, 0) : number + 1].max(0) < _RESTING

@@ -1,4 +1,4 @@
-"""What a run said at each update beside the truth, and metrics that users feel. Pure.
+"""The labels of a run at each update beside the truth, and metrics that users feel. Pure.
 
 Two bodies can be distinguished from when on they have moved against each other by five sigma.
 """

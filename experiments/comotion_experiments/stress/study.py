@@ -82,15 +82,8 @@ def run_family(
 ) -> Row:
     """Run a family of :data:`FAMILIES` and give its metrics by name, means over its scenes.
 
-    Parameters
-    ----------
-    name, seed
-        Of the family and its scenes.
-    config
-        Parameters of the core; by default those of a `method`: its defaults, or for the thesis method equal
-        weights and a switch that suits the noise.
-    overrides
-        Parameters of the family.
+    By default `config` is that of the `method`: its defaults, or for the thesis method equal weights and a
+    switch that suits the noise. `overrides` are parameters of the family.
     """
     scenes = FAMILIES[name].scenes(seed, **overrides)
     usual = [FusionConfig() if method == DEFAULT else thesis(scene.sigma_switch) for scene in scenes]

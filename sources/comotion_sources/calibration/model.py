@@ -26,15 +26,6 @@ _ORTHONORMAL_TOLERANCE = 1e-6  # largest entry of |R R^T - I|: six decimals in a
 class Intrinsics:
     """Pinhole camera with the distortion model of OpenCV ("plumb_bob", "rational_polynomial" in ROS).
 
-    Attributes
-    ----------
-    width, height
-        Image size in pixels.
-    fx, fy, cx, cy
-        Focal lengths and principal point in pixels.
-    distortion
-        float64 [D], D in {0, 4, 5, 8, 12, 14}: k1, k2, p1, p2, k3, ... in OpenCV's order.
-
     Raises
     ------
     ValueError
@@ -42,12 +33,15 @@ class Intrinsics:
         support this number of distortion coefficients.
     """
 
+    # Image size in pixels.
     width: int
     height: int
+    # Focal lengths and principal point in pixels.
     fx: float
     fy: float
     cx: float
     cy: float
+    # float64 [D], D in {0, 4, 5, 8, 12, 14}: k1, k2, p1, p2, k3, ... in OpenCV's order.
     distortion: F8Column = field(default_factory=lambda: np.zeros(0))
 
     # In a file, a name that is none of these is an error.
@@ -97,24 +91,16 @@ class Intrinsics:
 class Extrinsics:
     """Pose of a camera: x_world = rotation · x_camera + translation.
 
-    Attributes
-    ----------
-    rotation
-        float64 [3, 3], orthonormal with determinant 1.
-    translation
-        float64 [3], metres.
-    frame
-        Name of the target frame.
-
     Raises
     ------
     ValueError
         If the rotation is not a proper rotation matrix, or a number is not finite.
     """
 
+    # float64 [3, 3], orthonormal with determinant 1.
     rotation: Vectors = field(default_factory=lambda: np.eye(3))
-    translation: Vectors = field(default_factory=lambda: np.zeros(3))
-    frame: str = "world"
+    translation: Vectors = field(default_factory=lambda: np.zeros(3))  # float64 [3], metres
+    frame: str = "world"  # name of the target frame
 
     def __post_init__(self) -> None:
         rotation = np.asarray(self.rotation, np.float64)

@@ -43,10 +43,7 @@ class RecordedCamera(Camera):
 class VideoFile(RecordedCamera):
     """A video file; each iteration starts at its beginning.
 
-    Parameters
-    ----------
-    path
-        A file that the FFMPEG backend of OpenCV reads.
+    `path` is a file that the FFMPEG backend of OpenCV reads.
 
     Raises
     ------
@@ -94,12 +91,8 @@ class ImageFiles(RecordedCamera):
 
     If the names are times in seconds (``1305031102.175304.png``), these are the stamps.
 
-    Parameters
-    ----------
-    files
-        Paths of at least one image.
-    rate
-        Frames per second; None: the times in the names, or else 30.
+    There is at least one of the `files`; `rate` is in frames per second, None: the times in the names, or
+    else 30.
     """
 
     def __init__(self, files: Iterable[Path], rate: float | None = None) -> None:

@@ -30,14 +30,8 @@ _WIDTH, _HEIGHT, _RATE = 640, 480, 30  # px and Hz; every model of the D400 seri
 class LiveCamera(Camera):
     """Reads a device in a thread and yields the newest frame; counts the frames it drops.
 
-    Parameters
-    ----------
-    what
-        The camera as the user named it, for messages.
-    device
-        Yields the frames of the opened device, whose thread alone runs it and then closes it.
-    has_depth, rate, intrinsics
-        Properties that the device reports.
+    `what` is the camera as the user named it, for messages. The `device` yields the frames; its thread alone
+    runs it and then closes it. `has_depth`, `rate` and `intrinsics` are what the device reports.
     """
 
     live = True

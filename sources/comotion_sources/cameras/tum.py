@@ -128,14 +128,9 @@ def write_folder(
 ) -> int:
     """Write frames as a TUM RGB-D folder; returns their number.
 
-    Parameters
-    ----------
-    folder
-        Folder to write; it is made if it does not exist and must be empty.
-    frames
-        Frames with the pose of the camera, if it is known; stamps are kept to the microsecond.
-    intrinsics, objects
-        Written into the optional files.
+    The `folder` is made if it does not exist, and must be empty; `frames` are with the pose of the camera, if
+    it is known, and keep their stamps to the microsecond; `intrinsics` and `objects` go into the optional
+    files.
 
     Raises
     ------

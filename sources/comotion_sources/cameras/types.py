@@ -16,23 +16,13 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One image of a camera.
+    """One image of a camera."""
 
-    Attributes
-    ----------
-    stamp_ns
-        Acquisition time, nanoseconds since the Unix epoch.
-    image
-        uint8 [H, W, 3] (BGR) or [H, W] (grey).
-    depth
-        float32 [H, W], z in metres, registered to the image; 0 or NaN where missing. None: no depth.
-    objects
-        int32 [H, W], true object under each pixel, -1 unknown. None: no truth (a real camera).
-    """
-
-    stamp_ns: int
-    image: Image
+    stamp_ns: int  # acquisition time, nanoseconds since the Unix epoch
+    image: Image  # uint8 [H, W, 3] (BGR) or [H, W] (grey)
+    # float32 [H, W], z in metres, registered to the image; 0 or NaN where missing. None: no depth.
     depth: NDArray[np.float32] | None = None
+    # int32 [H, W], true object under each pixel, -1 unknown. None: no truth (a real camera).
     objects: NDArray[np.int32] | None = None
 
 

@@ -24,14 +24,7 @@ _DESIGN = np.column_stack([np.ones(_DX.size), _DX, _DY])
 def look_up(depth: DepthImage, pixels: Pixels, config: TrackerConfig) -> Floats:
     """Look up the depth of features by a plane fit.
 
-    Parameters
-    ----------
-    depth
-        float32 [H, W], metres, 0 or NaN where missing.
-    pixels
-        float32 [N, 2].
-    config
-        Thresholds.
+    `depth` is float32 [H, W], m, 0 or NaN where missing; `pixels` are float32 [N, 2].
 
     Returns
     -------

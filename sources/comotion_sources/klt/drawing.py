@@ -37,12 +37,7 @@ BGR = tuple[int, int, int]
 class Annotator:
     """Draws features, their recent paths, and the ids and boxes of bodies into dimmed images.
 
-    Parameters
-    ----------
-    space
-        Where boxes are; those of other spaces are not drawn.
-    names
-        Names of hypotheses by id.
+    Boxes that are not in `space` are not drawn; `names` are those of hypotheses by id.
     """
 
     def __init__(self, space: CameraSpace | None = None, names: Names | None = None) -> None:
@@ -59,16 +54,8 @@ class Annotator:
     ) -> Image:
         """Return a copy of an image with the features of its frame.
 
-        Parameters
-        ----------
-        image
-            uint8 [H, W, 3] BGR, or [H, W].
-        tracks
-            The features.
-        hypothesis
-            Maps a feature id to its hypothesis.
-        hypotheses
-            All that the update of this frame lists.
+        The `image` is uint8 [H, W, 3] BGR, or [H, W]; `hypothesis` maps a feature id to its hypothesis, and
+        `hypotheses` are all that the update of this frame lists.
         """
         self._palette.see(hypotheses)
         colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image

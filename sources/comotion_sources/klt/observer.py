@@ -19,23 +19,14 @@ from .tracker import Tracks
 
 @dataclass(frozen=True)
 class CameraSpace:
-    """The coordinate space that a camera publishes in, and the transformation to it.
+    """The coordinate space that a camera publishes in, and the transformation to it."""
 
-    Attributes
-    ----------
-    name, unit, dim
-        As in ObservationBatch.
-    intrinsics
-        Used to lift pixels to 3-D; None in pixel space.
-    extrinsics
-        Camera to the space; None if the space is the frame of the camera.
-    """
-
+    # As in ObservationBatch.
     name: str
     unit: Unit
     dim: int
-    intrinsics: Intrinsics | None = None
-    extrinsics: Extrinsics | None = None
+    intrinsics: Intrinsics | None = None  # used to lift pixels to 3-D; None in pixel space
+    extrinsics: Extrinsics | None = None  # camera to the space; None if the space is the frame of the camera
 
     def builder(self, source: str, session: str, *, moving: bool = False) -> MessageBuilder:
         """Build the messages of one session of a source in this space."""
@@ -57,16 +48,8 @@ def choose_space(
     Without depth: pixels, in ``<source>/pixels``. With depth: metres, in the target frame of the
     extrinsics, or without extrinsics in the camera frame ``<source>/optical``.
 
-    Parameters
-    ----------
-    source
-        Name of the source.
-    has_depth
-        Whether frames have depth.
-    intrinsics, extrinsics
-        Calibration of the camera, if known.
-    name
-        Name of the space; None: as above.
+    `intrinsics` and `extrinsics` are those of the camera, if known; `name` is that of the space, None: as
+    above.
 
     Raises
     ------
@@ -85,16 +68,8 @@ def choose_space(
 class Observer:
     """Builds one batch per frame from tracks, and the truth of newborn features.
 
-    Parameters
-    ----------
-    space
-        Coordinate space of the messages.
-    builder
-        Builds the messages; of the same space.
-    objects
-        Names of the true objects by number.
-    poses
-        Pose of a carried camera over time, in the space; None: the camera is fixed, or its pose unknown.
+    The `builder` is of the same space; `objects` are names of the true objects by number; `poses` those of a
+    carried camera over time, in the space, None: the camera is fixed, or its pose unknown.
 
     Attributes
     ----------

@@ -22,48 +22,48 @@ MAX_SKIPPED = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pacing:
-    """Which frames are published, when, and with which stamps.
+class CameraOptions:
+    """Options of a camera source."""
 
-    Attributes
-    ----------
-    realtime
-        Play recordings at their recorded rate, or slower if the machine cannot; False: as fast as
-        they can be tracked, with every frame.
-    stamps
-        Of recordings: ``now``, as if taken while played, or ``original``, those of the file (media
-        time from 0 if it has none).
-    rate
-        Most frames per second; None: all.
-    offset_ns
-        Added to every stamp, for a device with a known clock offset.
-    """
-
+    name: str = "klt"  # name of the source; its markers are the separate source ``<name>-markers``
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    # Play recordings at their recorded rate, or slower if the machine cannot; False: as fast as they can be
+    # tracked, with every frame.
     realtime: bool = True
+    # Of recordings: ``now``, as if taken while played, or ``original``, those of the file (media time from 0
+    # if it has none).
     stamps: Stamps = "now"
-    rate: float | None = None
-    offset_ns: int = 0
+    rate: float | None = None  # most frames per second; None: all
+    offset_ns: int = 0  # added to every stamp, for a device with a known clock offset
+    # Takes precedence over the calibration that the camera reports.
+    calibration: Calibration = field(default_factory=Calibration)
+    use_depth: bool = True  # False: publish pixels although there is depth
+    space: str | None = None  # name of the space; None: see :func:`choose_space`
+    fixed: bool = False  # require extrinsics for publishing metres
+    loop: bool = False  # repeat a recording from its start
+    reconnect: bool = True  # reopen a device that is lost
+    preview: Path | None = None  # path of an annotated video, or a folder for PNG images; None: none
+    share_preview: float = 5.0  # most images per second that subscribers get; 0: none
+    markers: MarkerOptions | None = None  # fiducial markers to detect; None: none
+    # A trajectory file with the pose of every frame, or source and id of the 6-DoF feature that carries the
+    # camera; the extrinsics then lead from the camera to what these are poses of.
+    poses: Path | None = None
+    carrier: tuple[str, int] | None = None
+
+    @property
+    def posed(self) -> bool:
+        """Whether the pose of every frame is known."""
+        return self.poses is not None or self.carrier is not None
 
 
 @dataclass
 class Pacer:
-    """Decides for each frame when it is due, or that it is left out.
+    """Decides for each frame when it is due, or that it is left out."""
 
-    Parameters
-    ----------
-    pacing
-        Options of the user.
-    live
-        Whether the camera is a device: its frames are due on arrival and keep their stamps.
-    wait
-        Waits for a number of seconds.
-    wall, monotonic
-        Clocks, in nanoseconds.
-    """
-
-    pacing: Pacing
-    live: bool
-    wait: Callable[[float], object]
+    options: CameraOptions  # of the user: which frames are published, when, and with which stamps
+    live: bool  # whether the camera is a device: its frames are due on arrival and keep their stamps
+    wait: Callable[[float], object]  # waits for a number of seconds
+    # Clocks, in nanoseconds.
     wall: Callable[[], int] = time.time_ns
     monotonic: Callable[[], int] = time.monotonic_ns
     counters: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_COUNTERS, 0))
@@ -93,7 +93,7 @@ class Pacer:
             self.counters["thinned"] += 1
             return None
         published = stamp_ns if self.live else self._recorded(stamp_ns)
-        return None if published is None else published + self.pacing.offset_ns
+        return None if published is None else published + self.options.offset_ns
 
     def rewind(self, period_ns: int) -> None:
         """Start a new pass of the recording, one period after the last frame of this pass."""
@@ -107,9 +107,9 @@ class Pacer:
         if self._pass_first_ns is None:
             self._pass_first_ns = stamp_ns
         played = stamp_ns - self._pass_first_ns + self._elapsed_ns
-        if self.pacing.realtime and not self._in_time(played):
+        if self.options.realtime and not self._in_time(played):
             return None
-        return played + (self._start_wall_ns if self.pacing.stamps == "now" else self._first_ns)
+        return played + (self._start_wall_ns if self.options.stamps == "now" else self._first_ns)
 
     def _in_time(self, played: int) -> bool:
         """Wait until a frame is due; False if it is left out."""
@@ -120,7 +120,7 @@ class Pacer:
                 self.wait(early / 1e9)
             return True
         # Original stamps allow late playing; stamps of now require catching up.
-        if self.pacing.stamps == "now" and self._missed < MAX_SKIPPED:
+        if self.options.stamps == "now" and self._missed < MAX_SKIPPED:
             self._missed += 1
             self.counters["overruns"] += 1
             return False
@@ -131,68 +131,12 @@ class Pacer:
         return True
 
     def _thinned(self, stamp_ns: int) -> bool:
-        if self.pacing.rate is None:
+        if self.options.rate is None:
             return False
-        period = 1e9 / self.pacing.rate
+        period = 1e9 / self.options.rate
         # Tolerate jitter of a tenth of a period.
         if self._next_ns is not None and stamp_ns < self._next_ns - period / 10:
             return True
         due = stamp_ns if self._next_ns is None else self._next_ns
         self._next_ns = round(max(due + period, stamp_ns + period / 2))
         return False
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraOptions:
-    """Options of a camera source.
-
-    Attributes
-    ----------
-    name
-        Name of the source; its markers are the separate source ``<name>-markers``.
-    tracker
-        Parameters of the tracker.
-    pacing
-        When frames are due, and their stamps.
-    calibration
-        Takes precedence over the calibration that the camera reports.
-    use_depth
-        False: publish pixels although there is depth.
-    space
-        Name of the space; None: see :func:`choose_space`.
-    fixed
-        Require extrinsics for publishing metres.
-    loop
-        Repeat a recording from its start.
-    reconnect
-        Reopen a device that is lost.
-    preview
-        Path of an annotated video, or a folder for PNG images; None: none.
-    share_preview
-        Most images per second that subscribers get; 0: none.
-    markers
-        Fiducial markers to detect; None: none.
-    poses, carrier
-        A trajectory file with the pose of every frame, or source and id of the 6-DoF feature that carries the
-        camera; the extrinsics then lead from the camera to what these are poses of.
-    """
-
-    name: str = "klt"
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
-    pacing: Pacing = field(default_factory=Pacing)
-    calibration: Calibration = field(default_factory=Calibration)
-    use_depth: bool = True
-    space: str | None = None
-    fixed: bool = False
-    loop: bool = False
-    reconnect: bool = True
-    preview: Path | None = None
-    share_preview: float = 5.0
-    markers: MarkerOptions | None = None
-    poses: Path | None = None
-    carrier: tuple[str, int] | None = None
-
-    @property
-    def posed(self) -> bool:
-        """Whether the pose of every frame is known."""
-        return self.poses is not None or self.carrier is not None

@@ -11,7 +11,7 @@ from comotion_schemas import UNDETERMINED, HypothesisUpdate, Preview, encode
 from comotion_schemas.transport import stream_publisher
 
 from ..cameras.types import Frame, Image
-from ..source import Inbox, Source
+from ..source import Received, Source
 from .drawing import Annotator
 from .picture_file import PictureFile
 from .tracker import Tracks
@@ -29,7 +29,7 @@ class DelayedPreview:
 
     def __init__(self, file: PictureFile, annotator: Annotator, source: Source) -> None:
         self._file, self._annotator, self._source = file, annotator, source
-        self._updates = Inbox(source.session, source.keys.hypotheses, "hypotheses", _MOST_UPDATES)
+        self._updates = Received(source.session, source.keys.hypotheses, "hypotheses", _MOST_UPDATES)
         self._newest: HypothesisUpdate | None = None
         self._hypotheses: dict[int, int] = {}
         self._held: deque[tuple[Image, Tracks]] = deque()
@@ -55,15 +55,11 @@ class DelayedPreview:
 
     def _poll(self) -> None:
         """Take the newest update, and the hypothesis of each feature of the source in it."""
-        source = self._source.name, self._source.session_id
         for message in self._updates.messages():
             update = cast("HypothesisUpdate", message)
             if self._newest is None or update.stamp_ns >= self._newest.stamp_ns:
                 self._newest = update
-                indices = [i for i, ref in enumerate(update.sources) if (ref.name, ref.session) == source]
-                rows = np.isin(update.track_source, indices)
-                ids, hypotheses = update.track_id[rows].tolist(), update.track_hypothesis[rows].tolist()
-                self._hypotheses = dict(zip(ids, hypotheses, strict=True))
+                self._hypotheses = update.hypotheses_of(self._source.name, self._source.session_id)
 
     def _is_due(self, tracks: Tracks) -> bool:
         return self._newest is None or self._newest.stamp_ns >= tracks.stamp_ns
@@ -80,12 +76,7 @@ class DelayedPreview:
 class PreviewStream:
     """Publishes images with their features while there is a subscriber; reduces large ones to 960 px.
 
-    Parameters
-    ----------
-    source
-        The source of the features.
-    rate
-        Most images per second.
+    `source` is that of the features; it sends at most `rate` images per second.
     """
 
     def __init__(self, source: Source, rate: float) -> None:

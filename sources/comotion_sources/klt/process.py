@@ -32,24 +32,15 @@ _log = logging.getLogger(__name__)
 def run(what: str, options: CameraOptions, **where: Unpack[Where]) -> None:
     """Publish the observations of a camera until it ends or a signal arrives.
 
-    Parameters
-    ----------
-    what
-        The camera, as in :func:`open_frames`.
-    options
-        Options of the source.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
+    `what` is a camera, as in :func:`open_frames`.
 
     Raises
     ------
     InputError
         If the camera or recording cannot be opened or read, or the calibration is missing or does not fit.
-    ValueError
-        If the name of the scene or source is not valid.
     """
     cv2.setNumThreads(1)  # the work of one frame is too small to be worth waking other cores for
-    CameraProcess(what, open_frames(what, options.pacing.rate), options, where).run()
+    CameraProcess(what, open_frames(what, options.rate), options, where).run()
 
 
 class CameraProcess:
@@ -101,7 +92,7 @@ class CameraProcess:
         )
 
     def _connect(self, stack: ExitStack) -> None:
-        options, rate = self._options, self._options.pacing.rate or self._camera.rate or _DEFAULT_RATE
+        options, rate = self._options, self._options.rate or self._camera.rate or _DEFAULT_RATE
         if options.markers is not None:
             name, frame = options.name, self._extrinsics or Extrinsics(frame=f"{options.name}/optical")
             where: Where = {**self._where, "ready_file": None}
@@ -125,7 +116,7 @@ class CameraProcess:
         if options.carrier is not None:
             self._poses = Carrier(self._publisher, *options.carrier, self._extrinsics)
         self._observer = Observer(self._space, self._publisher.builder, self._camera.objects, self._poses)
-        self._pacer = Pacer(options.pacing, self._camera.live, self._publisher.stop.wait)
+        self._pacer = Pacer(options, self._camera.live, self._publisher.stop.wait)
         self._publisher.more_counters = self._counters
         if options.share_preview > 0:
             self._outputs.append(PreviewStream(self._publisher, options.share_preview).offer)
@@ -228,7 +219,7 @@ class CameraProcess:
         self._camera.close()
         while not self._publisher.stop.wait(_RETRY_S):
             try:
-                self._camera = open_frames(self._what, self._options.pacing.rate)
+                self._camera = open_frames(self._what, self._options.rate)
             except InputError:
                 continue
             self._attach()

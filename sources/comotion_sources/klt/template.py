@@ -40,29 +40,17 @@ class Columns:
 
 @dataclass
 class Templates(Columns):
-    """Templates (patches at birth) of N features, P pixels each.
+    """Templates (patches at birth) of N features, P pixels each."""
 
-    Attributes
-    ----------
-    patch
-        float32 [N, P], grey values without their mean and slope.
-    power
-        float32 [N], sum of the squares of `patch`.
-    gradient_inverse
-        float32 [N, 6, P], maps a difference of patches to four shape and two shift parameters of
-        the affine warp.
-    variance_scale
-        float32 [N], px²: variance of the position in its least certain direction, for grey values
-        of variance 1.
-    shape
-        float32 [N, 2, 2], linear part of the warp from the template to the newest image.
-    """
-
-    patch: Floats
-    power: Floats
+    patch: Floats  # float32 [N, P], grey values without their mean and slope
+    power: Floats  # float32 [N], sum of the squares of `patch`
+    # float32 [N, 6, P], maps a difference of patches to four shape and two shift parameters of the affine
+    # warp.
     gradient_inverse: Floats
+    # float32 [N], px²: variance of the position in its least certain direction, for grey values of variance
+    # 1.
     variance_scale: Floats
-    shape: Floats
+    shape: Floats  # float32 [N, 2, 2], linear part of the warp from the template to the newest image
 
 
 @cache
@@ -90,14 +78,8 @@ def _detrended(values: Floats, window: int) -> Floats:
 def extract(grey: Image, pixels: Pixels, window: int) -> Templates:
     """Extract the templates of features from an image.
 
-    Parameters
-    ----------
-    grey
-        uint8 [H, W].
-    pixels
-        float32 [N, 2], positions of the features.
-    window
-        Edge of a template in px; an even number is raised by one.
+    `grey` is uint8 [H, W], `pixels` are positions float32 [N, 2], `window` is the edge of a template in px;
+    an even number is raised by one.
     """
     window |= 1
     upright = np.tile(np.eye(2, dtype=np.float32), (len(pixels), 1, 1))
@@ -127,16 +109,8 @@ def align(
 ) -> tuple[Pixels, Floats, NDArray[np.float32]]:
     """Align templates with an image.
 
-    Parameters
-    ----------
-    grey
-        uint8 [H, W].
-    pixels
-        float32 [N, 2], predicted positions of the features.
-    templates
-        Templates of the same features, with the shape of the frame before.
-    window
-        Edge of a template in px, as in :func:`extract`.
+    `grey` is uint8 [H, W], `pixels` are predicted positions float32 [N, 2] of the features of the
+    `templates`, which have the shape of the frame before; `window` is as in :func:`extract`.
 
     Returns
     -------

@@ -36,24 +36,15 @@ _SECONDS = ("time", "t", "stamp", "timestamp")
 class JointSample:
     """Joint positions at one instant.
 
-    Attributes
-    ----------
-    stamp_ns
-        Acquisition time, nanoseconds since the Unix epoch (in a log: the clock of the log).
-    names
-        Names of the joints.
-    positions
-        float64 [J], rad (hinge) or m (slide).
-
     Raises
     ------
     InputError
         If names and positions do not match, a name occurs twice, or a position is not finite.
     """
 
-    stamp_ns: int
-    names: Sequence[str]
-    positions: Vector
+    stamp_ns: int  # acquisition time, nanoseconds since the Unix epoch (in a log: the clock of the log)
+    names: Sequence[str]  # names of the joints
+    positions: Vector  # float64 [J], rad (hinge) or m (slide)
 
     def __post_init__(self) -> None:
         values = np.asarray(self.positions, np.float64)
@@ -118,12 +109,7 @@ def read_bag(path: Path, topic: str | None = None) -> Iterator[JointSample]:
 
     A message without a stamp gets the time at which it was recorded.
 
-    Parameters
-    ----------
-    path
-        The bag file or folder.
-    topic
-        Topic of type ``sensor_msgs/msg/JointState``; None: the only topic of that type.
+    The `topic` has the type ``sensor_msgs/msg/JointState``; None: the only one of that type.
 
     Raises
     ------
@@ -165,14 +151,8 @@ def ros_topic(
 ) -> Readings:
     """Read ``sensor_msgs/msg/JointState`` live from a ROS 2 network that uses rmw_zenoh.
 
-    Parameters
-    ----------
-    source
-        Counts what is lost or malformed.
-    topic, domain
-        ROS topic and domain id.
-    settings
-        How to connect to the router of that network; None: use the session of the source.
+    The `source` counts what is lost or malformed; `settings` say how to connect to the router of that
+    network, None: in the session of the source.
     """
     key = topic_key(topic, domain, "sensor_msgs::msg::dds_::JointState_")
     return _received(source, key, lambda _, raw, received_ns: ros_sample(raw, received_ns), settings)
@@ -183,16 +163,8 @@ def played(
 ) -> Readings:
     """Play the samples of a log at the times they were recorded.
 
-    Parameters
-    ----------
-    source
-        Ends it when it stops.
-    samples
-        The samples of the log, in order.
-    speed
-        Recorded seconds per second of playback, above 0.
-    original_stamps
-        Keep the stamps of the log; else a sample gets the wall clock time at which it is played.
+    It ends when the `source` stops. `samples` are in order, `speed` is in recorded seconds per second, above
+    0. `original_stamps` keeps those of the log; else a sample gets the wall clock time at which it is played.
     """
     begin_wall, begin = time.time_ns(), time.monotonic()
     first: int | None = None

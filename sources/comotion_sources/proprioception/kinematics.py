@@ -66,20 +66,11 @@ def _kinematics_only(robot: ET.Element) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoders:
-    """Resolution of the joint encoders, and the noise that they do not measure.
+    """Resolution of the joint encoders, and the noise that they do not measure."""
 
-    Attributes
-    ----------
-    angular
-        rad per count (default: 16 bits per turn).
-    linear
-        m per count.
-    floor
-        m; least one-sigma noise of a link, from backlash, compliance and calibration of the robot.
-    """
-
-    angular: float = 2 * np.pi / 2**16
-    linear: float = 1e-5
+    angular: float = 2 * np.pi / 2**16  # rad per count (default: 16 bits per turn)
+    linear: float = 1e-5  # m per count
+    # m; least one-sigma noise of a link, from backlash, compliance and calibration of the robot.
     floor: float = 1e-4
 
 

@@ -24,14 +24,7 @@ _log = logging.getLogger(__name__)
 class Packer:
     """Groups joint samples into batches.
 
-    Parameters
-    ----------
-    kinematics
-        Robot and links.
-    rate
-        Most instants per second; further samples are left out.
-    span
-        Time covered by one batch, seconds.
+    Further samples than `rate` instants per second are left out; a batch covers `span` s.
 
     Attributes
     ----------
@@ -94,25 +87,14 @@ def run(
 ) -> None:
     """Publish the poses of links until the samples end or a signal arrives.
 
-    Parameters
-    ----------
-    kinematics
-        Robot and links.
-    reader
-        Where the joint samples come from.
-    rate, span
-        Most instants per second, and s of instants in one batch.
-    truth
-        Link -> (object number, name), where known (the workcell).
-    name, space
-        Name of the source; coordinate space of its poses.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
+    The samples come from `reader`; `rate` is in instants per second at most, `span` in s of instants in one
+    batch. `truth` maps links to (object number, name), where known (the workcell); `name` is that of the
+    source, `space` that of its poses.
 
     Raises
     ------
     ValueError
-        If the name of the scene or source is not valid, or the log is malformed.
+        If the log is malformed.
     """
     source = SourcePublisher(
         name,

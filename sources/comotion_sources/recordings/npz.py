@@ -31,12 +31,7 @@ _MAX_LABEL = np.iinfo(np.int32).max
 def read_npz(path: Path, fps: float | None = None) -> Recording:
     """Read an ``.npz`` recording.
 
-    Parameters
-    ----------
-    path
-        The file.
-    fps
-        Frames per second of tracks without times.
+    `fps` are frames per second of tracks without times.
 
     Raises
     ------

@@ -56,14 +56,7 @@ def tracks_recording(name: str, arrays: Arrays, fps: float | None) -> Recording:
     A position that is more likely wrong than right is unobserved: its probability to be seen times its
     confidence is at most one half. In pixels, the noise of the others follows from their confidence.
 
-    Parameters
-    ----------
-    name
-        Of the recording.
-    arrays
-        By their names, see above.
-    fps
-        Frames per second, for arrays without times.
+    `arrays` are by their names, see above; `fps` are frames per second, for arrays without times.
 
     Raises
     ------

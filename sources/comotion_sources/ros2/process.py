@@ -44,10 +44,7 @@ def kind_of(key: str) -> str | None:
 class Converter:
     """Converts messages; frames and rigid bodies get an id when their name is first seen.
 
-    Parameters
-    ----------
-    pattern
-        Names of frames and bodies to take, with ``*`` and ``?``.
+    It takes frames and bodies whose names fit the `pattern`, with ``*`` and ``?``.
 
     Attributes
     ----------
@@ -154,25 +151,9 @@ def run(
 ) -> None:
     """Publish the features of a topic until a signal arrives.
 
-    Parameters
-    ----------
-    topic, domain
-        ROS topic and domain id.
-    pattern
-        Frames or bodies to take, with ``*`` and ``?``.
-    frame
-        Frame id that the positions must be in; None: that of the first message.
-    ros
-        How to connect to the router of the ROS network; None: that of the scene.
-    name, space
-        Name of the source; coordinate space of its features.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
-
-    Raises
-    ------
-    ValueError
-        If a name is not valid.
+    Frames or bodies that fit a `pattern` with ``*`` and ``?`` are taken, in the `frame` id given, None: that
+    of the first message. `ros` says how to connect to the router of the ROS network, None: that of the scene;
+    `name` is that of the source, `space` that of its features.
     """
     text = f"ROS topic {topic}"
     with SourcePublisher(
@@ -186,7 +167,7 @@ def run(
 def relay(
     arrivals: Iterable[Arrival | None], source: SourcePublisher, converter: Converter, frame: str | None
 ) -> None:
-    """Convert and publish what arrives; what cannot be used is counted, and said once."""
+    """Convert and publish what arrives; what cannot be used is counted, and logged once."""
     for key, raw, received_ns in filter(None, arrivals):
         kind = kind_of(key)
         if kind is None:

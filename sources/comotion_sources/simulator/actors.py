@@ -27,31 +27,16 @@ _Actor = tuple[int, int, int, Array, float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of one body at T times: x = rotations @ body coordinates + translations.
+    """Poses of one body at T times: x = rotations @ body coordinates + translations."""
 
-    Attributes
-    ----------
-    rotations
-        float64 [T, dim, dim].
-    translations
-        float64 [T, dim].
-    """
-
-    rotations: Array
-    translations: Array
+    rotations: Array  # float64 [T, dim, dim]
+    translations: Array  # float64 [T, dim]
 
 
 class Path:
     """The motion of one body; random parameters are drawn at construction.
 
-    Parameters
-    ----------
-    motion
-        Specification of the motion.
-    dim
-        2 or 3.
-    rng
-        Generator for places, frequencies, phases and amplitudes.
+    `dim` is 2 or 3; `rng` draws places, frequencies, phases and amplitudes.
     """
 
     def __init__(self, motion: Motion, dim: int, rng: np.random.Generator) -> None:
@@ -99,23 +84,13 @@ class Path:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Features:
-    """Features over time, one row each, in the order of birth.
+    """Features over time, one row each, in the order of birth."""
 
-    Attributes
-    ----------
-    body
-        intp [N], index of the body.
-    slot
-        intp [N]: a feature has the slot of the one it replaces, so the same source observes it.
-    local
-        float64 [N, dim], position in the frame of the body.
-    birth, death
-        float64 [N], seconds; observed while birth <= t < death.
-    """
-
-    body: NDArray[np.intp]
+    body: NDArray[np.intp]  # intp [N], index of the body
+    # intp [N]: a feature has the slot of the one it replaces, so the same source observes it.
     slot: NDArray[np.intp]
-    local: Array
+    local: Array  # float64 [N, dim], position in the frame of the body
+    # float64 [N], seconds; observed while birth <= t < death.
     birth: Array
     death: Array
 
@@ -127,32 +102,17 @@ class Features:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Actors(Features):
-    """All features of a simulated scene; the id of a feature is its row.
+    """All features of a simulated scene; the id of a feature is its row."""
 
-    Attributes
-    ----------
-    paths
-        The motion of each body; outliers are bodies of one feature.
-    camera
-        The motion of the observing frame, or None.
-    object
-        int32 [N], number of the true object.
-    gap
-        float64 [N, 2], seconds: begin and end of the occlusion (equal: none).
-    sigma, pose_sigma
-        float64 [N], one-sigma noise of the position (unit of the space) and of the orientation
-        (rad; NaN: a point without orientation).
-    names
-        Object number -> name.
-    """
-
-    paths: list[Path]
-    camera: Path | None
-    object: NDArray[np.int32]
-    gap: Array
+    paths: list[Path]  # the motion of each body; outliers are bodies of one feature
+    camera: Path | None  # the motion of the observing frame, or None
+    object: NDArray[np.int32]  # int32 [N], number of the true object
+    gap: Array  # float64 [N, 2], seconds: begin and end of the occlusion (equal: none)
+    # float64 [N], one-sigma noise of the position (unit of the space) and of the orientation (rad; NaN: a
+    # point without orientation).
     sigma: Array
     pose_sigma: Array
-    names: dict[int, str]
+    names: dict[int, str]  # object number -> name
 
 
 def draw_actors(spec: SceneSpec, seed: int) -> Actors:

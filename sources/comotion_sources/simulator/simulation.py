@@ -29,27 +29,6 @@ class Simulation(Stream):
     The same specification and seed give every source the same world. Each source samples it at its
     own rate and phase, observes its own part of the features, and adds its own noise.
 
-    Parameters
-    ----------
-    spec
-        The scene.
-    seed
-        Seed of everything random, >= 0.
-    rate
-        Frames per second, above 0 and at most 1000; None: the rate of the scene.
-    noise
-        Factor on the noise of every feature, finite and at least 0.
-    time_scale
-        Scene seconds per second, above 0 and at most 1000: 2 plays twice as fast.
-    part
-        Which of several sources this is; each feature belongs to exactly one.
-    split
-        Divide single ``features``, so that every source observes every body, or whole ``objects``.
-    name
-        Name of the source; empty: ``simulator``, or ``simulator-k`` for part k of several.
-    publish_sigma
-        Whether the noise is published.
-
     Raises
     ------
     InputError
@@ -57,14 +36,17 @@ class Simulation(Stream):
     """
 
     spec: SceneSpec = field(kw_only=False)
-    seed: int = 0
+    seed: int = 0  # seed of everything random, >= 0
+    # Frames per second, above 0 and at most 1000; None: the rate of the scene.
     rate: float = None  # type: ignore[assignment] # that of the scene
-    noise: float = 1.0
-    time_scale: float = 1.0
+    noise: float = 1.0  # factor on the noise of every feature, finite and at least 0
+    time_scale: float = 1.0  # scene seconds per second, above 0 and at most 1000: 2 plays twice as fast
+    # Which of several sources this is; each feature belongs to exactly one.
     part: Part = field(default_factory=Part)
+    # Divide single ``features``, so that every source observes every body, or whole ``objects``.
     split: Split = "features"
-    name: str = ""
-    publish_sigma: bool = False
+    name: str = ""  # name of the source; empty: ``simulator``, or ``simulator-k`` for part k of several
+    publish_sigma: bool = False  # whether the noise is published
 
     def __post_init__(self) -> None:
         self.rate = self.spec.rate if self.rate is None else self.rate

@@ -31,7 +31,7 @@ from comotion_schemas.types import Name
 from ..cameras.tum import write_folder
 from ..cameras.types import Camera, Frame
 from ..poses import Timed
-from ..source import Inbox
+from ..source import Received
 from .scene import Scene, Vector
 from .viewpoint import Viewpoint
 
@@ -62,34 +62,20 @@ _Cover = Annotated[tuple[_Time, _Time], BeforeValidator(partial(_split, "-")), A
 
 @dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 class CameraSpec:
-    """A parsed ``workcell:SCENE/CAMERA?option=value&...``.
+    """A parsed ``workcell:SCENE/CAMERA?option=value&...``."""
 
-    Attributes
-    ----------
-    scene, camera
-        Names of the scene and of one of its cameras.
-    size
-        Width and height of the image in pixels.
-    rate
-        Frames per second.
-    seed
-        Seed of the scene; it must equal that of the process that drives the scene.
-    cover
-        From and to when the lens is covered, s of the scene; None: never.
-    duration
-        Seconds until the stream ends; None: one period, or no end when attached.
-    follow
-        Name of the joint states to follow when attached.
-    """
-
+    # Names of the scene and of one of its cameras.
     scene: str
     camera: str
+    # Width and height of the image in pixels.
     size: Annotated[tuple[_Edge, _Edge], BeforeValidator(partial(_split, "x"))] = (640, 480)
-    rate: _Positive = 30.0
+    rate: _Positive = 30.0  # frames per second
+    # Seed of the scene; it must equal that of the process that drives the scene.
     seed: Annotated[int, Field(ge=0)] = 0
-    cover: _Cover | None = None
+    cover: _Cover | None = None  # from and to when the lens is covered, s of the scene; None: never
+    # Seconds until the stream ends; None: one period, or no end when attached.
     duration: _Positive | None = None
-    follow: Name = DEFAULT_FEED
+    follow: Name = DEFAULT_FEED  # name of the joint states to follow when attached
 
 
 def parse(text: str) -> CameraSpec:
@@ -142,13 +128,13 @@ class WorkcellCamera(Camera):
         self._session = ""
         # A joint that the last message lacked.
         self._missing: str | None = None
-        self._inbox: Inbox | None = None
+        self._inbox: Received | None = None
 
     def attach(self, component: Component) -> None:
         """Follow the joint states of a scene."""
         self.live = True
         key = component.keys.stream("joints", self.spec.follow)
-        self._inbox = Inbox(component.session, key, "joints")
+        self._inbox = Received(component.session, key, "joints")
 
     def _read(self) -> Iterator[Frame]:
         if self.live:

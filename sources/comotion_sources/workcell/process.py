@@ -31,23 +31,8 @@ def run(
 ) -> None:
     """Publish the joint states of a workcell until a signal arrives or the duration ends.
 
-    Parameters
-    ----------
-    workcell
-        The scene of the workcell.
-    duration
-        Seconds; None: no end.
-    rate
-        Joint states per second.
-    name
-        Name of the stream of joint states.
-    where
-        Scene, router and ready file, as in :class:`comotion_schemas.component.Component`.
-
-    Raises
-    ------
-    ValueError
-        If the name of the scene or stream is not valid.
+    `rate` is in joint states per second, `duration` in s, None: no end; `name` is that of the stream of joint
+    states.
     """
     rates, counters = Rates(), {"batches": 0, "overruns": 0}
     text = f"workcell {workcell.name}, {workcell.model.njnt} joints"

@@ -30,21 +30,11 @@ _SHADOW_DEPTH = 0.45  # share of the light that a shadow takes
 
 
 class Rendering(NamedTuple):
-    """The images of an ideal camera.
+    """The images of an ideal camera."""
 
-    Attributes
-    ----------
-    image
-        uint8 [H, W, 3], BGR.
-    depth
-        float32 [H, W], z in metres; 0 where nothing is hit.
-    geoms
-        int32 [H, W], geom under each pixel, -1 where nothing is hit.
-    """
-
-    image: NDArray[np.uint8]
-    depth: NDArray[np.float32]
-    geoms: NDArray[np.int32]
+    image: NDArray[np.uint8]  # uint8 [H, W, 3], BGR
+    depth: NDArray[np.float32]  # float32 [H, W], z in metres; 0 where nothing is hit
+    geoms: NDArray[np.int32]  # int32 [H, W], geom under each pixel, -1 where nothing is hit
 
 
 class Renderer:
@@ -53,12 +43,7 @@ class Renderer:
     Static geoms are rendered once for each place of the camera. A frame renders only the pixels that moving
     bodies may cover, and the shadows.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    intrinsics, extrinsics
-        The camera, without distortion.
+    The camera has no distortion.
     """
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics, extrinsics: Extrinsics) -> None:
@@ -90,12 +75,8 @@ class Renderer:
     def render(self, configuration: Vector, t: float = 0.0) -> Rendering:
         """Render the scene.
 
-        Parameters
-        ----------
-        configuration
-            float64 [joints], rad or m.
-        t
-            Time of the scene in seconds, for the moving shadow.
+        The `configuration` is float64 [joints], rad or m; `t` is the time of the scene in s, for the moving
+        shadow.
         """
         self.scene.place(self._data, configuration)
         layer = {name: values.copy() for name, values in self._still.items()}

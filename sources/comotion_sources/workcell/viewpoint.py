@@ -32,14 +32,7 @@ _OPTICAL = np.diag([1.0, -1.0, -1.0])
 class Sensor:
     """Adds sensor noise; the same seed and stamp give the same noise.
 
-    Parameters
-    ----------
-    shape
-        (height, width) of the images.
-    seed
-        Seed of the noise, at least 0.
-    grain
-        One-sigma noise of the image, grey levels.
+    `shape` is (height, width) of the images, `grain` the one-sigma noise of the image, grey levels.
     """
 
     def __init__(self, shape: tuple[int, int], seed: int, grain: float = 1.5) -> None:
@@ -83,14 +76,8 @@ def calibration(
 ) -> tuple[Intrinsics, Extrinsics]:
     """True calibration of a camera of a scene.
 
-    Parameters
-    ----------
-    scene
-        The scene; its seed shifts fixed cameras by up to 4 cm per axis (seed 0: as in the file).
-    camera
-        Name of the camera.
-    size
-        (width, height) of the image in px; the vertical field of view is that of the file.
+    The seed of the scene shifts fixed cameras by up to 4 cm per axis (seed 0: as in the file); `size` is
+    (width, height) of the image in px; the vertical field of view is that of the file.
 
     Raises
     ------

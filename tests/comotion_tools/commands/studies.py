@@ -1,7 +1,8 @@
 """``comotion dev reproduce accuracy, ablation, stress, pixels``: methods on made-up and recorded scenes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from comotion_deploy.commands.experiments import progress, write_values
 from comotion_deploy.errors import UserError
@@ -27,6 +28,13 @@ class Study(Experiment):
     """Options of what runs in processes of its own."""
 
     jobs: int = option(2, "Processes at once.", min=1, max=256)
+
+    def rows(self, run: Callable[..., Any], *how: Any) -> list[dict[str, Any]]:
+        """Run every case under every setting and seed, and say on standard error how far it is."""
+        from comotion_experiments.study import run_study
+
+        with progress() as note:
+            return run_study(run, *how, jobs=self.jobs, progress=note)
 
 
 def _chosen(names: list[str] | None, every: Sequence[str], what: str) -> Sequence[str]:
@@ -62,8 +70,13 @@ Examples:
         chosen = [case for case in chosen if not self.quick or case.group == accuracy.THESIS_SCENES]
         chosen += accuracy.recorded_cases(self.data) if self.data is not None else []
         seeds = parse_seeds(self.seeds or ("0" if self.quick else "0-4"))
-        with progress() as note:
-            results = accuracy.run_experiment(chosen, seeds, parts, jobs=self.jobs, progress=note)
+        results: dict[str, Any] = {"seeds": seeds}
+        if "scores" in parts:
+            results["rows"] = self.rows(accuracy.run_method, chosen, accuracy.METHODS, seeds)
+        if "motion" in parts:
+            with progress() as note:
+                note("pose and twist")
+                results["motion"] = accuracy.motion_errors(seeds)
         self.report("accuracy", accuracy.markdown(results), results)
 
 
@@ -94,17 +107,18 @@ Examples:
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.ablation import RULES, markdown, rule_of, run_experiment
+        from comotion_experiments.ablation import RULES, WHOLE, markdown, rule_of, run_without
+        from comotion_experiments.accuracy import recorded_cases
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress.study import find_families
 
         rules = self.rule or list(RULES)
         for rule in rules:
             rule_of(rule)
-        families = find_families(self.family or ())
-        seeds, data = parse_seeds(self.seeds), self.data or ()
-        with progress() as note:
-            rows = run_experiment(rules, families, seeds, data, jobs=self.jobs, progress=note)
+        cases: list[Any] = [*find_families(self.family or ())]
+        seeds, recorded = parse_seeds(self.seeds), map(recorded_cases, self.data or ())
+        cases += [case for of_folder in recorded for case in of_folder]
+        rows = self.rows(run_without, cases, [WHOLE, *rules], seeds)
         self.report("ablation", markdown(rows), {"rows": rows})
 
 
@@ -131,13 +145,11 @@ A family's name also stands for all that begin with it: cover for cover_1s and c
         """Run it and write the report."""
         from comotion_experiments.inputs import parse_seeds
         from comotion_experiments.stress import study as stress
-        from comotion_experiments.study import run_study
 
         seeds = parse_seeds(self.seeds) if self.seeds else stress.REPORTED_SEEDS[: 1 if self.quick else None]
         methods = _chosen(self.method, stress.METHODS, "method")
         families = stress.find_families(self.family or ())
-        with progress() as note:
-            rows = run_study(stress.run_method, families, methods, seeds, jobs=self.jobs, progress=note)
+        rows = self.rows(stress.run_method, families, methods, seeds)
         self.report("stress", stress.markdown(rows), {"rows": rows})
 
 
@@ -156,11 +168,10 @@ The folder has one or more of hopkins155/, kt3dmoseg/, mtpv/ and video/ikeasmall
 
     def run(self) -> None:
         """Run it and write the report."""
-        from comotion_experiments.pixels.benchmark import markdown, run_benchmark
+        from comotion_experiments.pixels.benchmark import SETTINGS, markdown, run_sequence
         from comotion_experiments.pixels.sequences import find_sequences
 
-        with progress() as note:
-            rows = run_benchmark(find_sequences(self.data), jobs=self.jobs, progress=note)
+        rows = self.rows(run_sequence, find_sequences(self.data), SETTINGS, [0])
         self.report("pixels", markdown(rows), {"rows": rows})
 
 
@@ -180,10 +191,9 @@ Examples:
     def run(self) -> None:
         """Run it and write the report."""
         from comotion_experiments.inputs import parse_seeds
-        from comotion_experiments.pixels.carried import KINDS, markdown, run_carried
+        from comotion_experiments.pixels.carried import KINDS, markdown, run_kind
 
         names = _chosen(self.kind, [kind.name for kind in KINDS], "kind")
         kinds, seeds = [kind for kind in KINDS if kind.name in names], parse_seeds(self.seeds)
-        with progress() as note:
-            rows = run_carried(kinds, seeds, jobs=self.jobs, progress=note)
+        rows = self.rows(run_kind, kinds, ["comotion"], seeds)
         self.report("carried", markdown(rows), {"rows": rows})

@@ -180,7 +180,7 @@ def main() -> None:
     with Component(role="source", name=name, scene=scene, settings=settings) as component:
         source = Source(component, kind)
         threading.Thread(target=source.listen, daemon=True).start()
-        due = said = time.monotonic()
+        due = logged = time.monotonic()
         while not component.stop.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
             # What was missed while this process was stopped is not made up for.
@@ -189,8 +189,8 @@ def main() -> None:
                 source.flush()
             else:
                 source.send()
-            if now - said > _ACCOUNT_S:
-                said = now
+            if now - logged > _ACCOUNT_S:
+                logged = now
                 print(source.account(), flush=True)
 
 

@@ -63,10 +63,10 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
         account for account in reply["accounts"] if (account["source"], account["session"]) in sessions
     ]
     sent = {key: account["sent"] + account["repeated"] for key, account in declared.items()}
-    heard: dict[str, int] = {}
+    received: dict[str, int] = {}
     for account in counted:
-        heard[account["source"]] = (
-            heard.get(account["source"], 0) + account["batches"] + (account["lost"] or 0)
+        received[account["source"]] = (
+            received.get(account["source"], 0) + account["batches"] + (account["lost"] or 0)
         )
     total = reply["total"]
     settled = sum(total[fate] for fate in _FATES) + sum(total["rejected"].values())
@@ -78,7 +78,7 @@ def moment(service: str, reply: Mapping[str, Any], sources: Iterable[Managed]) -
         lost=sum(account["lost"] or 0 for account in counted),
         waiting=sum(account["waiting"] for account in counted),
         unsettled=total["batches"] - settled,
-        unheard=sum(max(count - heard.get(name, 0), 0) for (name, _), count in sent.items()),
+        unheard=sum(max(count - received.get(name, 0), 0) for (name, _), count in sent.items()),
     )
 
 

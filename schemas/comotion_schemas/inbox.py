@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from comotion_schemas.errors import KnownError
+from .errors import KnownError
 
 T = TypeVar("T")
 
