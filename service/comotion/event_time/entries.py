@@ -6,17 +6,15 @@ from enum import Enum, auto
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, RejectionReason
 
-from ..arrays import Bools, Stamps
+from ..arrays import Bools, Ints, Stamps
 from .stats import Fate, Key
 
-Indices = NDArray[np.intp]
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
-NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
+_NO_STAMPS, _NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
 
@@ -59,8 +57,8 @@ class Entry:
     repeated: bool = False
     at_ns: int = 0
     offset_ns: int = 0
-    stamps: Stamps = field(default_factory=lambda: NO_STAMPS)
-    rows: Indices = field(default_factory=lambda: NO_ROWS)
+    stamps: Stamps = field(default_factory=lambda: _NO_STAMPS)
+    rows: Ints = field(default_factory=lambda: _NO_ROWS)
     generation: int = 0
     order: int = 0
     fused: bool = False
@@ -123,7 +121,7 @@ class Instants:
     """
 
     stamps: Stamps
-    rows: Indices
+    rows: Ints
     session: int
     batch: ObservationBatch
     last: bool
@@ -138,7 +136,7 @@ class Instants:
         return int(self.stamps[0])
 
 
-def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Indices]:
+def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Ints]:
     """Stamps of the rows of a batch, int64 [n] ascending, and the rows, intp [n], ascending for each stamp.
 
     A batch without rows has one stamp, its own.

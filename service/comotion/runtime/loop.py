@@ -138,8 +138,8 @@ class Loop:
         """The time that stamps are compared with, and the clock of arrivals."""
         timeline = self._fusion.timeline
         # The event clock reaches what the core has accepted.
-        if timeline.newest_ns is not None:
-            self._clock.reach(timeline.newest_ns)
+        if (newest_ns := timeline.sources.newest_ns) is not None:
+            self._clock.reach(newest_ns)
         timeline.steps.clock_set_ns = self._clock.set_by_ns()
         return self._clock.now_ns(), time.monotonic_ns()
 
