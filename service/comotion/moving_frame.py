@@ -19,6 +19,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
+from .rigid.kinematics import as_twist
 from .saving import NOT_KEPT
 
 # Another body becomes the world if it is so many times larger.
@@ -27,7 +28,7 @@ _TIMES_LARGER = 2.0
 # in the first frames a camera that moves cannot be distinguished from one that rests.
 _FIRST_SHARE, _FIRST_NS = 0.5, 400_000_000
 # Updates before the first world that are remembered.
-_MOST_BEFORE = 150
+_MAX_EARLY = 150
 # s for which frames are remembered: a hypothesis is born up to so long before it is listed.
 _MEMORY_NS = 15_000_000_000
 
@@ -86,19 +87,15 @@ class MovingFrame:
         no pose, and where the frame rests.
         """
         if not self.moving:
-            self._world, self._anchor, self._frame = (
-                None,
-                RigidTransform.identity(),
-                RigidTransform.identity(),
-            )
-            self._births, self._past, self._early = {}, deque(), []
+            self._anchor = self._frame = RigidTransform.identity()
+            self._world, self._births, self._past, self._early = None, {}, deque(), []
             return hypotheses, None
         present = {h.id: h for h in hypotheses if not h.absent}
         self._choose(stamp_ns, present, labels, positions)
         world = None if self._world is None else present.get(self._world)
         if self._world is None:
             poses = {number: transform(h.pose) for number, h in present.items() if h.pose is not None}
-            self._early = [*self._early[-_MOST_BEFORE:], (stamp_ns, poses)]
+            self._early = [*self._early[-_MAX_EARLY:], (stamp_ns, poses)]
         has_pose = world is not None and world.pose is not None
         if world is not None and world.pose is not None:
             self._frame = self._anchor * transform(world.pose).inv()
@@ -141,7 +138,7 @@ class MovingFrame:
 
     def _described(self, body: Hypothesis, world: Hypothesis | None) -> Hypothesis:
         if body.id == self._world:
-            still = None if body.twist is None else _twist(np.zeros(3), np.zeros(3), self.dim)
+            still = None if body.twist is None else as_twist(np.zeros(3), np.zeros(3), self.dim)
             pose = None if body.pose is None else pose_of(RigidTransform.identity(), self.dim)
             return replace(body, state="static", pose=pose, twist=still)
         # A body at rest in the frame of a moving camera is carried with it.
@@ -174,8 +171,4 @@ def _relative_twist(body: Hypothesis, world: Hypothesis | None, dim: int) -> Twi
     lever = three(body.centroid) - three(world.centroid)
     turning = spin(world.twist)
     carried = three(world.twist.linear) + np.cross(turning, lever)
-    return _twist(three(body.twist.linear) - carried, spin(body.twist) - turning, dim)
-
-
-def _twist(linear: Floats, angular: Floats, dim: int) -> Twist:
-    return Twist(linear=linear[:dim].tolist(), angular=angular.tolist() if dim == 3 else float(angular[2]))
+    return as_twist(three(body.twist.linear) - carried, spin(body.twist) - turning, dim)

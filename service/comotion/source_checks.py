@@ -17,7 +17,6 @@ the number of sources. Where all agree on a unit that is hardly metres, nothing 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_schemas.doubts import other_unit, trading
 
@@ -25,8 +24,8 @@ from .arrays import Bools, Floats, Floats32, Ints, median
 from .config import Unit
 from .event_time.entries import Instants
 from .event_time.troubles import Troubles
+from .trajectories.window import Ids
 
-Ids = NDArray[np.uint64]
 Seen = tuple[int, Ids, Floats]
 """Stamp, ids and positions float64 [n, dim] of an instant."""
 

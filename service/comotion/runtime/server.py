@@ -1,11 +1,11 @@
 """Runs the fusion service: opens its parts, compiles, and starts its loop."""
 
 import logging
-import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 from pathlib import Path
 
 from comotion_schemas import DEFAULT_SCENE, Keys
@@ -128,14 +128,11 @@ def _with_replica(fields: StatusFields, election: Election | None) -> StatusFiel
 
 def _warm_up(component: Component, config: FusionConfig) -> bool:
     """Compile and import what the method needs; False if the process was stopped meanwhile."""
-    notice = threading.Timer(
-        _LONG_WARM_UP_S,
-        _log.info,
-        ("preparing the methods: the first start compiles them for half a minute or more",),
-    )
-    notice.daemon = True
-    notice.start()
-    try:
-        return not any(component.stop.is_set() for _ in prepare(config))
-    finally:
-        notice.cancel()
+    notice_s = time.monotonic() + _LONG_WARM_UP_S
+    for _ in prepare(config):
+        if component.stop.is_set():
+            return False
+        if time.monotonic() > notice_s:
+            _log.info("preparing the methods: the first start compiles them for half a minute or more")
+            notice_s = inf
+    return True
