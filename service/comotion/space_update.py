@@ -94,7 +94,7 @@ class SpaceUpdate:
         return replace(self, tracks=tracks)
 
 
-def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floats) -> Floats:
+def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], observed_s: Floats) -> Floats:
     """Factors of the confidence.
 
     Parameters
@@ -103,7 +103,7 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
         :data:`TRACK` [n], of which the confidence does not matter.
     hypotheses
         Those of the space, with their noise where it is known.
-    seen
+    observed_s
         float64 [n], s for which each was observed in the window.
 
     Returns
@@ -114,7 +114,7 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
     for body in hypotheses:
         if body.noise:
             members = labels == body.id
-            share[members] = _unbiased(body, seen[members])
+            share[members] = _unbiased(body, observed_s[members])
     if not share.any():
         return np.ones(len(tracks))
     positions = tracks["position"][:, : len(hypotheses[0].centroid)]
@@ -127,15 +127,15 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)
 
 
-def _unbiased(body: Hypothesis, seen: Floats) -> float:
+def _unbiased(body: Hypothesis, observed_s: Floats) -> float:
     """One-sigma of a coordinate that a body leaves of its members after :data:`_KNOWN_AFTER`.
 
-    `seen` float64 [m], s for which they were observed.
+    `observed_s` float64 [m], s for which they were observed.
     """
     squared, dim, members = (body.noise or 0.0) ** 2, len(body.centroid), max(body.size, 2)
     if body.state != "static":
         # Of the coordinates of its members, a pose takes so many degrees of freedom.
         freedom = 3 if dim == 2 else 6 - (members == 2)
         squared /= 1 - freedom / (members * dim)
-    life = float(median(seen)) if len(seen) else _KNOWN_AFTER
+    life = float(median(observed_s)) if len(observed_s) else _KNOWN_AFTER
     return math.sqrt(squared / min(max(life / _KNOWN_AFTER, 0.01), 1.0))

@@ -85,7 +85,7 @@ class Scene:
         self._newest: dict[str, int] = {}
         self._due_ns: int | None = None
         self._update: HypothesisUpdate | None = None
-        self._first: dict[str, list[float]] = {}
+        self._first_times: dict[str, list[float]] = {}
         self._unread: deque[HypothesisUpdate] = deque(maxlen=_MOST_UPDATES)
         self._closed = False
 
@@ -188,7 +188,7 @@ class Scene:
 
     def _stamp(self, source: str, t: float) -> int:
         """Nanoseconds of a time, which is judged with the first ones of its source."""
-        first = self._first.get(source, [])
+        first = self._first_times.get(source, [])
         stamp_ns = round(instant(t) * 1e9)
         if stamp_ns <= self._newest.get(source, stamp_ns - 1):
             raise KnownError(f"source {source!r}: the time {stamp_ns / 1e9:.9g} s does not increase")
@@ -196,7 +196,7 @@ class Scene:
             judged = [*first, stamp_ns / 1e9]
             if len(judged) == _JUDGED:
                 seconds(judged, longest_step_s=longest_step_s(self.fusion.config))
-            self._first[source] = judged
+            self._first_times[source] = judged
         return stamp_ns
 
     def _ingest(self, source: str, stamp_ns: int, rows: Rows) -> None:
