@@ -35,30 +35,20 @@ _MEMORY_NS = 15_000_000_000
 
 @dataclass
 class MovingFrame:
-    """The frame of one space over time: it moves as configured, else if all its sources say so.
-
-    Attributes
-    ----------
-    dim
-        2 or 3.
-    metric
-        Whether poses are in the unit of the space: without, only the states are known.
-    configured
-        Whether it moves; None: as the sources say.
-    moving
-        Whether it moves now.
-    declared
-        By session number its source, and whether that says that the frame moves.
-    contradicting
-        Sources that say so where not all do.
-    """
+    """The frame of one space over time: it moves as configured, else if all its sources say so."""
 
     dim: int = field(metadata=NOT_KEPT)
+    """2 or 3."""
     metric: bool = field(metadata=NOT_KEPT)
+    """Whether poses are in the unit of the space: without, only the states are known."""
     configured: bool | None = field(default=None, metadata=NOT_KEPT)
+    """Whether it moves; None: as the sources say."""
     moving: bool = False
+    """Whether it moves now."""
     declared: dict[int, tuple[str, bool]] = field(default_factory=dict, metadata=NOT_KEPT)
+    """By session number its source, and whether that says that the frame moves."""
     contradicting: list[str] = field(default_factory=list, metadata=NOT_KEPT)
+    """Sources that say so where not all do."""
     _world: int | None = None
     _anchor: RigidTransform = field(default_factory=RigidTransform.identity)
     _frame: RigidTransform = field(default_factory=RigidTransform.identity)

@@ -128,22 +128,15 @@ def _traded(record: _Record, last: Seen, new: Seen) -> float:
 
 @dataclass
 class ExtentCheck:
-    """Follows where the trajectories of each source of a space are.
-
-    Attributes
-    ----------
-    unit
-        Of the space.
-    most
-        How many times as far as the others see a position may be; 0: any.
-    troubles
-        Get to know how many times as far a refused row was, or a sentence that the positions of a source look
-        as if they were in another unit.
-    """
+    """Follows where the trajectories of each source of a space are."""
 
     unit: Unit
+    """Of the space."""
     most: float
+    """How many times as far as the others see a position may be; 0: any."""
     troubles: Troubles
+    """Get to know how many times as far a refused row was, or a sentence that the positions of a source look
+    as if they were in another unit."""
     # By session number: a doubt about its unit, the newest positions of its trajectories with their median,
     # and where the scene is, and how far it reaches, as others see it.
     _doubts: dict[int, str] = field(default_factory=dict)

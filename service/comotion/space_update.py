@@ -51,34 +51,24 @@ _KNOWN_AFTER = 1.0
 
 @dataclass(frozen=True)
 class SpaceUpdate:
-    """Current trajectories of one space and their hypotheses, as of one update.
-
-    Attributes
-    ----------
-    spec, window
-        The space, and the store of its trajectories.
-    slots, tracks
-        intp [n], where the current trajectories are in the window, and :data:`TRACK` [n].
-    hypotheses
-        What is published: the hypotheses with current members, and the absent ones.
-    bodies, motions
-        Those with current members, in the axes of the space; and the motion of some of them, by id and in
-        axes that stay the same, as far as it is known.
-    events
-        Those of this update only.
-    frame
-        Where the frame of the space is in the world; None where it does not move.
-    """
+    """Current trajectories of one space and their hypotheses, as of one update."""
 
     spec: SpaceSpec
     window: Window
+    """The space, and the store of its trajectories."""
     slots: Slots
     tracks: NDArray[Any]
+    """intp [n], where the current trajectories are in the window, and :data:`TRACK` [n]."""
     hypotheses: list[Hypothesis]
+    """What is published: the hypotheses with current members, and the absent ones."""
     bodies: list[Hypothesis]
     motions: Callable[[Collection[int]], dict[int, BodyMotion]]
+    """Those with current members, in the axes of the space; and the motion of some of them, by id and in axes
+    that stay the same, as far as it is known."""
     events: list[Event]
+    """Those of this update only."""
     frame: Pose | None = None
+    """Where the frame of the space is in the world; None where it does not move."""
 
     def repeated(self) -> Self:
         """The same update without events, and without trajectories that are gone."""

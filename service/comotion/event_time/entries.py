@@ -33,37 +33,26 @@ Verdict = Stage | Fate
 
 @dataclass(eq=False)
 class Entry:
-    """A batch on its way through event time.
-
-    Attributes
-    ----------
-    batch
-        What came in.
-    repeated
-        Whether its sequence number was seen before.
-    at_ns
-        When it was first looked at, on the clock of arrivals.
-    offset_ns
-        Its stamp minus the time then.
-    stamps, rows
-        Its rows that wait for the watermark, as of :class:`Instants`.
-    generation, order
-        Number of the session of its source that sent it, and its own number in the order of arrival.
-    fused, late, refused
-        Whether some of its instants were fused, some were too late, and why some were refused.
-    """
+    """A batch on its way through event time."""
 
     batch: ObservationBatch
+    """What came in."""
     repeated: bool = False
+    """Whether its sequence number was seen before."""
     at_ns: int = 0
+    """When it was first looked at, on the clock of arrivals."""
     offset_ns: int = 0
+    """Its stamp minus the time then."""
     stamps: Stamps = field(default_factory=lambda: _NO_STAMPS)
     rows: Ints = field(default_factory=lambda: _NO_ROWS)
+    """Its rows that wait for the watermark, as of :class:`Instants`."""
     generation: int = 0
     order: int = 0
+    """Number of the session of its source that sent it, and its own number in the order of arrival."""
     fused: bool = False
     late: bool = False
     refused: RejectionReason | None = None
+    """Whether some of its instants were fused, some were too late, and why some were refused."""
 
     def __post_init__(self) -> None:
         # Bytes that it holds.
@@ -104,27 +93,19 @@ class Entry:
 
 @dataclass(frozen=True)
 class Instants:
-    """Released rows of one batch, with no instant of another batch between them.
-
-    Attributes
-    ----------
-    stamps
-        int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where the batch has none.
-    rows
-        intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts.
-    session
-        Number of the (source, session) that sent it.
-    batch
-        The whole batch.
-    last
-        Whether nothing of the batch is left.
-    """
+    """Released rows of one batch, with no instant of another batch between them."""
 
     stamps: Stamps
+    """int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where the batch has
+    none."""
     rows: Ints
+    """intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts."""
     session: int
+    """Number of the (source, session) that sent it."""
     batch: ObservationBatch
+    """The whole batch."""
     last: bool
+    """Whether nothing of the batch is left."""
 
     def of(self, rows: Bools) -> Self:
         """The same with some of the rows."""

@@ -28,46 +28,32 @@ _MAX_RIVALS = 256
 
 @dataclass
 class Source:
-    """State of one source.
-
-    Attributes
-    ----------
-    session
-        The newest session it has started.
-    newest_ns
-        Largest stamp of that session, on the time scale of the scene.
-    started_ns
-        First stamp of that session.
-    gaps_ns, arrivals_ns
-        Time between its newest stamps, and between their arrivals.
-    heard_ns, agreed_ns
-        When its session was last heard, and last heard with a clock that agrees with the scene's, on the
-        clock of arrivals; None: not since the start.
-    since_ns
-        When the source was heard first, on the clock of arrivals; None: in an earlier run of the service.
-    generation
-        How many sessions it had started before.
-    released, number
-        Generation of the session whose instants are being released, and its number; -1 before the first.
-    past
-        Sessions that are over.
-    rivals
-        Batches of other sessions, which get the name should this one fall silent.
-    """
+    """State of one source."""
 
     session: str
+    """The newest session it has started."""
     newest_ns: int
+    """Largest stamp of that session, on the time scale of the scene."""
     started_ns: int = 0
+    """First stamp of that session."""
     gaps_ns: deque[int] = field(default_factory=deque)
     arrivals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS), metadata=NOT_KEPT)
+    """Time between its newest stamps, and between their arrivals."""
     heard_ns: int | None = field(default=None, metadata=NOT_KEPT)
     agreed_ns: int | None = field(default=None, metadata=NOT_KEPT)
+    """When its session was last heard, and last heard with a clock that agrees with the scene's, on the clock
+    of arrivals; None: not since the start."""
     since_ns: int | None = field(default=None, metadata=NOT_KEPT)
+    """When the source was heard first, on the clock of arrivals; None: in an earlier run of the service."""
     generation: int = 0
+    """How many sessions it had started before."""
     released: int = -1
     number: int = -1
+    """Generation of the session whose instants are being released, and its number; -1 before the first."""
     past: deque[str] = field(default_factory=deque)
+    """Sessions that are over."""
     rivals: list[Entry] = field(default_factory=list, metadata=NOT_KEPT)
+    """Batches of other sessions, which get the name should this one fall silent."""
 
     def __post_init__(self) -> None:
         # A snapshot gives queues without bounds.

@@ -45,32 +45,22 @@ _ZERO_NS = 10**18
 
 @dataclass
 class Steps:
-    """Batches that wait for a decision about clocks, and the time scale.
-
-    Attributes
-    ----------
-    timeout_ns, window_ns
-        `source_timeout` and `window` in ns.
-    shift_ns
-        Stamps minus the time scale of the scene.
-    clock_set_ns
-        By how much the clock of the service was set since its start, as the caller says.
-    held
-        Batches that wait.
-    followed
-        How often the time scale has moved.
-    replays
-        Whether sources play recordings: their stamps set the time, and a sequence number that was seen before
-        may be new.
-    """
+    """Batches that wait for a decision about clocks, and the time scale."""
 
     timeout_ns: int
     window_ns: int
+    """`source_timeout` and `window` in ns."""
     shift_ns: int = 0
+    """Stamps minus the time scale of the scene."""
     clock_set_ns: int = 0
+    """By how much the clock of the service was set since its start, as the caller says."""
     held: list[Entry] = field(default_factory=list)
+    """Batches that wait."""
     followed: int = 0
+    """How often the time scale has moved."""
     replays: bool = False
+    """Whether sources play recordings: their stamps set the time, and a sequence number that was seen before
+    may be new."""
 
     def scene_time(self, batch: ObservationBatch) -> int:
         """Stamp of a batch on the time scale of the scene."""

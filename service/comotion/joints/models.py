@@ -56,23 +56,16 @@ _RANK = 1e-9
 
 @dataclass(frozen=True)
 class Model:
-    """A joint of the parent, in the parent's axes.
-
-    Attributes
-    ----------
-    kind
-        Which one.
-    R0, p0
-        float64 [3, 3] and [3], the state at position 0.
-    u, c
-        float64 [3] each, axis, and a point on it; zero where the joint does not turn.
-    """
+    """A joint of the parent, in the parent's axes."""
 
     kind: JointKind
+    """Which one."""
     R0: Floats
     p0: Floats
+    """float64 [3, 3] and [3], the state at position 0."""
     u: Floats
     c: Floats
+    """float64 [3] each, axis, and a point on it; zero where the joint does not turn."""
 
     @property
     def freedom(self) -> int:
@@ -101,29 +94,20 @@ class Model:
 
 @dataclass(frozen=True)
 class Fit:
-    """A model fitted to n states.
-
-    Attributes
-    ----------
-    model
-        The joint.
-    q, q_sigma
-        float64 [n], positions and their one-sigma; zero for a fixed joint.
-    residual, squared
-        float64 [n, 6], whitened residuals, and [n], their squares less what is along the joint.
-    covariance
-        float64 [10, 10] of (turn of R0, p0, c, axis); c and axis across the axis.
-    improbability
-        Minus the log prior of the model, without its constant.
-    """
+    """A model fitted to n states."""
 
     model: Model
+    """The joint."""
     q: Floats
     q_sigma: Floats
+    """float64 [n], positions and their one-sigma; zero for a fixed joint."""
     residual: Floats
     squared: Floats
+    """float64 [n, 6], whitened residuals, and [n], their squares less what is along the joint."""
     covariance: Floats
+    """float64 [10, 10] of (turn of R0, p0, c, axis); c and axis across the axis."""
     improbability: float
+    """Minus the log prior of the model, without its constant."""
 
     @property
     def misfit(self) -> float:
