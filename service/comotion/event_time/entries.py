@@ -3,18 +3,19 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, RejectionReason
+from comotion_schemas.types import Unit
 
 from ..arrays import Bools, Ints, Stamps
 from .stats import Fate, Key
 
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
-_NO_STAMPS, _NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
 
@@ -43,8 +44,8 @@ class Entry:
     """When it was first looked at, on the clock of arrivals."""
     offset_ns: int = 0
     """Its stamp minus the time then."""
-    stamps: Stamps = field(default_factory=lambda: _NO_STAMPS)
-    rows: Ints = field(default_factory=lambda: _NO_ROWS)
+    stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
+    rows: Ints = field(default_factory=lambda: np.zeros(0, np.intp))
     """Its rows that wait for the watermark, as of :class:`Instants`."""
     generation: int = 0
     order: int = 0
@@ -128,3 +129,18 @@ def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Ints]:
         return np.full(max(count, 1), batch.stamp_ns), np.arange(count)
     order = np.argsort(stamps, kind="stable")
     return stamps[order], order
+
+
+def batch_of(
+    source: str,
+    seq: int,
+    unit: Unit,
+    stamp_ns: int,
+    ids: NDArray[np.uint64],
+    positions: NDArray[np.float32],
+    **columns: Any,
+) -> ObservationBatch:
+    """Observations of a source at one instant in a program, as a batch of its only space and session."""
+    space: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
+    sender: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
+    return ObservationBatch(**sender, **space, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)

@@ -67,10 +67,6 @@ class Timeline:
         self.watermark_ns: int | None = None
         self.steps = Steps(self.sources.timeout_ns, self._window_ns)
 
-    def follow_recordings(self) -> None:
-        """Take the time of the sources for granted: a recording may be played again with its own stamps."""
-        self.steps.replays = True
-
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
 

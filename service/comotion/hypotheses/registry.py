@@ -78,8 +78,8 @@ class Registry(Lifecycle):
             the events of this update.
         """
         previous = window.label[current]
-        terms = current, self.allocator.next, stamp_ns
-        self.ids = named(window, partition, *terms, by_thesis=self.by_thesis)  # 1
+        allocate, by_thesis = self.allocator.next, self.by_thesis
+        self.ids = named(window, partition, current, allocate, stamp_ns, by_thesis=by_thesis)  # 1
         since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
         present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2

@@ -20,10 +20,11 @@ from comotion_schemas.time_units import instant, seconds
 from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
+from ..event_time.entries import batch_of
 from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
-from .given import Parameters, batch_of, config_of, longest_step_s
+from .given import Parameters, config_of, longest_step_s
 
 # First times of a source by which their unit is judged, and unread updates that are kept for an iteration.
 _JUDGED, _MOST_UPDATES = 4, 100

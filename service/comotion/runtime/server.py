@@ -89,7 +89,9 @@ def serve(options: ServeOptions) -> None:
         fusion = _make_fusion(options, session_id)
         if presence is not None:
             presence.require()
-        keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
+        keeper = None
+        if options.state is not None:
+            keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
         leadership = election or presence
         assert leadership is not None  # noqa: S101 - there is one of the two
         clocks = SourceClocks(component, correct=options.correct_clocks)
