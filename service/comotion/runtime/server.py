@@ -80,20 +80,18 @@ def serve(options: ServeOptions) -> None:
         ) as component,
         ExitStack() as stack,
     ):
-        presence = None if election is not None else stack.enter_context(Presence(component))
+        leadership = election or stack.enter_context(Presence(component))
         for space, camera in options.config.linking.cameras.items():
             _log.info("linking %s to bodies in %s", space, camera.frame)
         if not _warm_up(component, options.config):
             return
         # After the warm-up: the state is tried out before it is trusted.
         fusion = _make_fusion(options, session_id)
-        if presence is not None:
-            presence.require()
+        if isinstance(leadership, Presence):
+            leadership.require()
         keeper = None
         if options.state is not None:
             keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-        leadership = election or presence
-        assert leadership is not None  # noqa: S101 - there is one of the two
         clocks = SourceClocks(component, correct=options.correct_clocks)
         loop = Loop(fusion, component, leadership, health, keeper, clocks, recorded=options.clock == "event")
         # Last: a service that is not ready must not be elected; one that stops gives the scene back first.
