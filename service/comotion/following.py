@@ -40,15 +40,12 @@ class PublishedIds:
     """The ids and births under which the hypotheses of this service are published.
 
     Those are its own until it follows an active service.
-
-    Attributes
-    ----------
-    ids
-        Gives out ids for hypotheses that have not been published yet; None: it has not followed any service.
     """
 
     _published: dict[int, _Published] = field(default_factory=dict)
     ids: IdAllocator | None = None
+    """Gives out ids for hypotheses that have not been published yet; None: it has not followed any
+    service."""
     _leader: HypothesisUpdate | None = field(default=None, metadata=NOT_KEPT)
 
     def follow(self, own: HypothesisUpdate, leader: HypothesisUpdate) -> None:

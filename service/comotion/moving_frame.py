@@ -19,6 +19,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
+from .rigid.kinematics import as_twist
 from .saving import NOT_KEPT
 
 # Another body becomes the world if it is so many times larger.
@@ -27,37 +28,27 @@ _TIMES_LARGER = 2.0
 # in the first frames a camera that moves cannot be distinguished from one that rests.
 _FIRST_SHARE, _FIRST_NS = 0.5, 400_000_000
 # Updates before the first world that are remembered.
-_MOST_BEFORE = 150
+_MAX_EARLY = 150
 # s for which frames are remembered: a hypothesis is born up to so long before it is listed.
 _MEMORY_NS = 15_000_000_000
 
 
 @dataclass
 class MovingFrame:
-    """The frame of one space over time: it moves as configured, else if all its sources say so.
-
-    Attributes
-    ----------
-    dim
-        2 or 3.
-    metric
-        Whether poses are in the unit of the space: without, only the states are known.
-    configured
-        Whether it moves; None: as the sources say.
-    moving
-        Whether it moves now.
-    declared
-        By session number its source, and whether that says that the frame moves.
-    contradicting
-        Sources that say so where not all do.
-    """
+    """The frame of one space over time: it moves as configured, else if all its sources say so."""
 
     dim: int = field(metadata=NOT_KEPT)
+    """2 or 3."""
     metric: bool = field(metadata=NOT_KEPT)
+    """Whether poses are in the unit of the space: without, only the states are known."""
     configured: bool | None = field(default=None, metadata=NOT_KEPT)
+    """Whether it moves; None: as the sources say."""
     moving: bool = False
+    """Whether it moves now."""
     declared: dict[int, tuple[str, bool]] = field(default_factory=dict, metadata=NOT_KEPT)
+    """By session number its source, and whether that says that the frame moves."""
     contradicting: list[str] = field(default_factory=list, metadata=NOT_KEPT)
+    """Sources that say so where not all do."""
     _world: int | None = None
     _anchor: RigidTransform = field(default_factory=RigidTransform.identity)
     _frame: RigidTransform = field(default_factory=RigidTransform.identity)
@@ -86,19 +77,15 @@ class MovingFrame:
         no pose, and where the frame rests.
         """
         if not self.moving:
-            self._world, self._anchor, self._frame = (
-                None,
-                RigidTransform.identity(),
-                RigidTransform.identity(),
-            )
-            self._births, self._past, self._early = {}, deque(), []
+            self._anchor = self._frame = RigidTransform.identity()
+            self._world, self._births, self._past, self._early = None, {}, deque(), []
             return hypotheses, None
         present = {h.id: h for h in hypotheses if not h.absent}
         self._choose(stamp_ns, present, labels, positions)
         world = None if self._world is None else present.get(self._world)
         if self._world is None:
             poses = {number: transform(h.pose) for number, h in present.items() if h.pose is not None}
-            self._early = [*self._early[-_MOST_BEFORE:], (stamp_ns, poses)]
+            self._early = [*self._early[-_MAX_EARLY:], (stamp_ns, poses)]
         has_pose = world is not None and world.pose is not None
         if world is not None and world.pose is not None:
             self._frame = self._anchor * transform(world.pose).inv()
@@ -141,7 +128,7 @@ class MovingFrame:
 
     def _described(self, body: Hypothesis, world: Hypothesis | None) -> Hypothesis:
         if body.id == self._world:
-            still = None if body.twist is None else _twist(np.zeros(3), np.zeros(3), self.dim)
+            still = None if body.twist is None else as_twist(np.zeros(3), np.zeros(3), self.dim)
             pose = None if body.pose is None else pose_of(RigidTransform.identity(), self.dim)
             return replace(body, state="static", pose=pose, twist=still)
         # A body at rest in the frame of a moving camera is carried with it.
@@ -174,8 +161,4 @@ def _relative_twist(body: Hypothesis, world: Hypothesis | None, dim: int) -> Twi
     lever = three(body.centroid) - three(world.centroid)
     turning = spin(world.twist)
     carried = three(world.twist.linear) + np.cross(turning, lever)
-    return _twist(three(body.twist.linear) - carried, spin(body.twist) - turning, dim)
-
-
-def _twist(linear: Floats, angular: Floats, dim: int) -> Twist:
-    return Twist(linear=linear[:dim].tolist(), angular=angular.tolist() if dim == 3 else float(angular[2]))
+    return as_twist(three(body.twist.linear) - carried, spin(body.twist) - turning, dim)

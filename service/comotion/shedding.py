@@ -36,23 +36,16 @@ _FORGOTTEN_NS = 10_000_000_000
 
 
 class Effort(NamedTuple):
-    """Work that an update does.
-
-    Attributes
-    ----------
-    joints, boxes, links
-        Whether joints are judged, axes of boxes are sought, and links are decided.
-    search_every
-        Groupings from one search for bodies to the next.
-    share
-        Share of the trajectories of a large space that is grouped.
-    """
+    """Work that an update does."""
 
     joints: bool = True
     boxes: bool = True
     links: bool = True
+    """Whether joints are judged, axes of boxes are sought, and links are decided."""
     search_every: int = 1
+    """Groupings from one search for bodies to the next."""
     share: float = 1.0
+    """Share of the trajectories of a large space that is grouped."""
 
     @classmethod
     def at(cls, level: int) -> "Effort":
@@ -73,17 +66,12 @@ class Load:
     What a level costs in processor time is remembered; how much longer an update takes than that tells how
     busy the machine is. So all is done again as soon as the machine has time, and a level at which updates
     are slow is not tried again and again.
-
-    Attributes
-    ----------
-    period_ns
-        Time between updates, ns.
-    level
-        From 0, nothing is left out, to :data:`MOST`.
     """
 
     period_ns: int
+    """Time between updates, ns."""
     level: int = 0
+    """From 0, nothing is left out, to :data:`MOST`."""
     _slow_ns: int = 0
     # By level: processor time of its last updates, ns, and when the last one was.
     _costs: dict[int, deque[int]] = field(default_factory=dict)

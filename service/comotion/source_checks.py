@@ -17,7 +17,6 @@ the number of sources. Where all agree on a unit that is hardly metres, nothing 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_schemas.doubts import other_unit, trading
 
@@ -25,8 +24,8 @@ from .arrays import Bools, Floats, Floats32, Ints, median
 from .config import Unit
 from .event_time.entries import Instants
 from .event_time.troubles import Troubles
+from .trajectories.window import Ids
 
-Ids = NDArray[np.uint64]
 Seen = tuple[int, Ids, Floats]
 """Stamp, ids and positions float64 [n, dim] of an instant."""
 
@@ -129,22 +128,15 @@ def _traded(record: _Record, last: Seen, new: Seen) -> float:
 
 @dataclass
 class ExtentCheck:
-    """Follows where the trajectories of each source of a space are.
-
-    Attributes
-    ----------
-    unit
-        Of the space.
-    most
-        How many times as far as the others see a position may be; 0: any.
-    troubles
-        Get to know how many times as far a refused row was, or a sentence that the positions of a source look
-        as if they were in another unit.
-    """
+    """Follows where the trajectories of each source of a space are."""
 
     unit: Unit
+    """Of the space."""
     most: float
+    """How many times as far as the others see a position may be; 0: any."""
     troubles: Troubles
+    """Get to know how many times as far a refused row was, or a sentence that the positions of a source look
+    as if they were in another unit."""
     # By session number: a doubt about its unit, the newest positions of its trajectories with their median,
     # and where the scene is, and how far it reaches, as others see it.
     _doubts: dict[int, str] = field(default_factory=dict)

@@ -115,9 +115,9 @@ class Space:
         # Links and joints follow from motion in the frame; what is published is relative to the world.
         bodies = [h for h in hypotheses if not h.absent]
         hypotheses, frame = self.frame.relative(stamp_ns, hypotheses, labels, partition.position)
-        seen = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
+        observed_s = (window.last_ns[current] - window.times[current, window.start[current]]) / 1e9
         tracks["label"] = labels
-        tracks["confidence"] = partition.confidence * explained(tracks, bodies, seen)
+        tracks["confidence"] = partition.confidence * explained(tracks, bodies, observed_s)
         references = {number: record.reference for number, record in registry.records.items()}
         motions = partial(self._method.motions, registry.ids, references)
         self.last = SpaceUpdate(

@@ -51,34 +51,24 @@ _KNOWN_AFTER = 1.0
 
 @dataclass(frozen=True)
 class SpaceUpdate:
-    """Current trajectories of one space and their hypotheses, as of one update.
-
-    Attributes
-    ----------
-    spec, window
-        The space, and the store of its trajectories.
-    slots, tracks
-        intp [n], where the current trajectories are in the window, and :data:`TRACK` [n].
-    hypotheses
-        What is published: the hypotheses with current members, and the absent ones.
-    bodies, motions
-        Those with current members, in the axes of the space; and the motion of some of them, by id and in
-        axes that stay the same, as far as it is known.
-    events
-        Those of this update only.
-    frame
-        Where the frame of the space is in the world; None where it does not move.
-    """
+    """Current trajectories of one space and their hypotheses, as of one update."""
 
     spec: SpaceSpec
     window: Window
+    """The space, and the store of its trajectories."""
     slots: Slots
     tracks: NDArray[Any]
+    """intp [n], where the current trajectories are in the window, and :data:`TRACK` [n]."""
     hypotheses: list[Hypothesis]
+    """What is published: the hypotheses with current members, and the absent ones."""
     bodies: list[Hypothesis]
     motions: Callable[[Collection[int]], dict[int, BodyMotion]]
+    """Those with current members, in the axes of the space; and the motion of some of them, by id and in axes
+    that stay the same, as far as it is known."""
     events: list[Event]
+    """Those of this update only."""
     frame: Pose | None = None
+    """Where the frame of the space is in the world; None where it does not move."""
 
     def repeated(self) -> Self:
         """The same update without events, and without trajectories that are gone."""
@@ -94,7 +84,7 @@ class SpaceUpdate:
         return replace(self, tracks=tracks)
 
 
-def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floats) -> Floats:
+def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], observed_s: Floats) -> Floats:
     """Factors of the confidence.
 
     Parameters
@@ -103,7 +93,7 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
         :data:`TRACK` [n], of which the confidence does not matter.
     hypotheses
         Those of the space, with their noise where it is known.
-    seen
+    observed_s
         float64 [n], s for which each was observed in the window.
 
     Returns
@@ -114,7 +104,7 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
     for body in hypotheses:
         if body.noise:
             members = labels == body.id
-            share[members] = _unbiased(body, seen[members])
+            share[members] = _unbiased(body, observed_s[members])
     if not share.any():
         return np.ones(len(tracks))
     positions = tracks["position"][:, : len(hypotheses[0].centroid)]
@@ -127,15 +117,15 @@ def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], seen: Floa
     return np.asarray(own * (np.bincount(numbers, own) / np.bincount(numbers))[numbers], np.float64)
 
 
-def _unbiased(body: Hypothesis, seen: Floats) -> float:
+def _unbiased(body: Hypothesis, observed_s: Floats) -> float:
     """One-sigma of a coordinate that a body leaves of its members after :data:`_KNOWN_AFTER`.
 
-    `seen` float64 [m], s for which they were observed.
+    `observed_s` float64 [m], s for which they were observed.
     """
     squared, dim, members = (body.noise or 0.0) ** 2, len(body.centroid), max(body.size, 2)
     if body.state != "static":
         # Of the coordinates of its members, a pose takes so many degrees of freedom.
         freedom = 3 if dim == 2 else 6 - (members == 2)
         squared /= 1 - freedom / (members * dim)
-    life = float(median(seen)) if len(seen) else _KNOWN_AFTER
+    life = float(median(observed_s)) if len(observed_s) else _KNOWN_AFTER
     return math.sqrt(squared / min(max(life / _KNOWN_AFTER, 0.01), 1.0))

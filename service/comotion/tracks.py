@@ -32,7 +32,7 @@ class Tracks:
     window
         The window that holds them.
     method
-        Is told what is about to leave the window.
+        Gets to know what is about to leave the window.
     stats
         Counts observations, trajectories and refused rows.
     timeout_ns

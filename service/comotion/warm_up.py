@@ -17,6 +17,7 @@ from comotion_schemas import ObservationBatch
 
 from .compiled import folder
 from .config import FusionConfig, Unit
+from .event_time.entries import batch_of
 from .fusion import Fusion
 
 # By unit and dimension, features of a body and sources of every made-up scene. One has so many features that
@@ -132,18 +133,10 @@ def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
             ids += len(ids) * ((frame + ids) // _FRAMES)
             quaternions = np.full((len(seen), 4), np.nan, np.float32)
             quaternions[:_ORIENTED] = [0, 0, 0, 1]
+            turns = quaternions if source else None
+            stamp_ns = _FIRST_STAMP_NS + frame * 1_000_000_000 // _RATE_HZ
+            places = (scale * seen).astype(np.float32)
             batches.append(
-                ObservationBatch(
-                    source=f"warm-up-{source}",
-                    session="0" * 16,
-                    seq=frame,
-                    space=unit,
-                    unit=unit,
-                    dim=dim,
-                    stamp_ns=_FIRST_STAMP_NS + frame * 1_000_000_000 // _RATE_HZ,
-                    ids=ids,
-                    positions=(scale * seen).astype(np.float32),
-                    quaternions=quaternions if source else None,
-                )
+                batch_of(f"warm-up-{source}", frame, unit, stamp_ns, ids, places, quaternions=turns)
             )
         yield batches

@@ -35,7 +35,8 @@ def parameter_table(prefix: str, model: type[BaseModel]) -> str:
             continue  # a group has a table of its own
         value = field.get_default(call_default_factory=True)
         default = "none" if value == {} else value if isinstance(value, str) else json.dumps(value)
-        lines.append(f"| `{prefix}{name}` | {default} | {_allowed(properties[name])} | {field.description} |")
+        text = " ".join(str(field.description).split())
+        lines.append(f"| `{prefix}{name}` | {default} | {_allowed(properties[name])} | {text} |")
     return "\n".join(lines) + "\n"
 
 

@@ -43,7 +43,7 @@ def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
 
 def test_stamps_at_the_ends_of_their_range_and_places_beyond_all_measure_are_refused():
     fusion = Fusion()
-    fusion.timeline.follow_recordings()
+    fusion.timeline.steps.replays = True
     for seq, (stamp, scale) in enumerate(((-(2**63), 1), (2**63 - 1, 1), (T0, 1), (T0, 1e38))):
         fusion.ingest(batch("odd", seq, stamp, scale * POINTS))
         fusion.update(T0)
@@ -59,7 +59,7 @@ def test_a_space_that_fails_is_built_anew_and_keeps_its_hypotheses(monkeypatch):
     after = run(fusion, 40, 60)
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
     (fault,) = fusion.faults.take()
-    assert "world" in fault.what
+    assert "world" in fault.doing
     assert "ZeroDivisionError" in fault.trace
     assert fusion.stats.faults == 1
 
@@ -74,7 +74,7 @@ def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch):
     assert fusion.stats.rejected == {"defect": 1}
     assert len(after.track_id) == 12
     assert min(h.id for h in after.hypotheses) > max(h.id for h in before.hypotheses)
-    assert "(source cam, " in fusion.faults.take()[0].what
+    assert "(source cam, " in fusion.faults.take()[0].doing
 
 
 def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back():

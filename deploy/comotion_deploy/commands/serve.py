@@ -186,15 +186,16 @@ def _table(name: str, model: "type[BaseModel]", values: dict[str, Any]) -> Itera
     yield f"[{name}]"
     nested = []
     for key, field in model.model_fields.items():
+        # One line, however it is wrapped in the code.
+        comment = f"# {' '.join(str(field.description).split())}"
         if isinstance(values[key], dict):
-            nested.append(key)
+            nested.append((key, field, comment))
             continue
-        yield f"# {field.description}"
+        yield comment
         # JSON's strings, numbers and booleans are TOML's; only null is missing there.
         yield f"{key} = {json.dumps('null' if values[key] is None else values[key])}"
-    for key in nested:
-        field = model.model_fields[key]
-        yield f"\n# {field.description}"
+    for key, field, comment in nested:
+        yield f"\n{comment}"
         if get_origin(field.annotation) is dict:
             # A map from names of the user's to models of one kind.
             for entry, content in values[key].items():

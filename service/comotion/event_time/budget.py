@@ -28,27 +28,20 @@ _LEAST = 0.25
 
 @dataclass
 class Budget:
-    """Time that may be spent in a period, by name of the source.
-
-    Attributes
-    ----------
-    share, whole
-        Share of time that may be spent, alone and with all else that the clock has measured since the last
-        round.
-    period_ns
-        The time for which at most a round may make up, ns.
-    clock
-        Measures costs; None: nothing is limited.
-    share_ns, cost_ns
-        Share of each source in a round like this if nothing else takes time, and the last charge, ns.
-    """
+    """Time that may be spent in a period, by name of the source."""
 
     share: float
+    """Share of time that may be spent."""
     period_ns: int
+    """The time for which at most a round may make up, ns."""
     clock: CostClock | None = None
+    """Measures costs; None: nothing is limited."""
     whole: float = inf
+    """Share of time that may be spent with all else that the clock has measured since the last round."""
     share_ns: int = 0
+    """Share of each source in a round like this if nothing else takes time, ns."""
     cost_ns: int = 0
+    """The last charge, ns."""
     _credit: dict[str, int] = field(default_factory=dict)
     _new: Collection[str] = ()
     _left_to_new: int = 0

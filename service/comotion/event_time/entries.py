@@ -3,20 +3,19 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, RejectionReason
+from comotion_schemas.types import Unit
 
-from ..arrays import Bools, Stamps
+from ..arrays import Bools, Ints, Stamps
 from .stats import Fate, Key
 
-Indices = NDArray[np.intp]
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
-NO_STAMPS, NO_ROWS = np.zeros(0, np.int64), np.zeros(0, np.intp)
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
 
@@ -35,37 +34,26 @@ Verdict = Stage | Fate
 
 @dataclass(eq=False)
 class Entry:
-    """A batch on its way through event time.
-
-    Attributes
-    ----------
-    batch
-        What came in.
-    repeated
-        Whether its sequence number was seen before.
-    at_ns
-        When it was first looked at, on the clock of arrivals.
-    offset_ns
-        Its stamp minus the time then.
-    stamps, rows
-        Its rows that wait for the watermark, as of :class:`Instants`.
-    generation, order
-        Number of the session of its source that sent it, and its own number in the order of arrival.
-    fused, late, refused
-        Whether some of its instants were fused, some were too late, and why some were refused.
-    """
+    """A batch on its way through event time."""
 
     batch: ObservationBatch
+    """What came in."""
     repeated: bool = False
+    """Whether its sequence number was seen before."""
     at_ns: int = 0
+    """When it was first looked at, on the clock of arrivals."""
     offset_ns: int = 0
-    stamps: Stamps = field(default_factory=lambda: NO_STAMPS)
-    rows: Indices = field(default_factory=lambda: NO_ROWS)
+    """Its stamp minus the time then."""
+    stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
+    rows: Ints = field(default_factory=lambda: np.zeros(0, np.intp))
+    """Its rows that wait for the watermark, as of :class:`Instants`."""
     generation: int = 0
     order: int = 0
+    """Number of the session of its source that sent it, and its own number in the order of arrival."""
     fused: bool = False
     late: bool = False
     refused: RejectionReason | None = None
+    """Whether some of its instants were fused, some were too late, and why some were refused."""
 
     def __post_init__(self) -> None:
         # Bytes that it holds.
@@ -106,27 +94,19 @@ class Entry:
 
 @dataclass(frozen=True)
 class Instants:
-    """Released rows of one batch, with no instant of another batch between them.
-
-    Attributes
-    ----------
-    stamps
-        int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where the batch has none.
-    rows
-        intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts.
-    session
-        Number of the (source, session) that sent it.
-    batch
-        The whole batch.
-    last
-        Whether nothing of the batch is left.
-    """
+    """Released rows of one batch, with no instant of another batch between them."""
 
     stamps: Stamps
-    rows: Indices
+    """int64 [n], ascending, ns on the time scale of the scene; of each row, or [1] where the batch has
+    none."""
+    rows: Ints
+    """intp [n]: the rows of the batch, ascending within one instant; none where `ended` alone counts."""
     session: int
+    """Number of the (source, session) that sent it."""
     batch: ObservationBatch
+    """The whole batch."""
     last: bool
+    """Whether nothing of the batch is left."""
 
     def of(self, rows: Bools) -> Self:
         """The same with some of the rows."""
@@ -138,7 +118,7 @@ class Instants:
         return int(self.stamps[0])
 
 
-def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Indices]:
+def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Ints]:
     """Stamps of the rows of a batch, int64 [n] ascending, and the rows, intp [n], ascending for each stamp.
 
     A batch without rows has one stamp, its own.
@@ -149,3 +129,18 @@ def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Indices]:
         return np.full(max(count, 1), batch.stamp_ns), np.arange(count)
     order = np.argsort(stamps, kind="stable")
     return stamps[order], order
+
+
+def batch_of(
+    source: str,
+    seq: int,
+    unit: Unit,
+    stamp_ns: int,
+    ids: NDArray[np.uint64],
+    positions: NDArray[np.float32],
+    **columns: Any,
+) -> ObservationBatch:
+    """Observations of a source at one instant in a program, as a batch of its only space and session."""
+    space: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
+    sender: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
+    return ObservationBatch(**sender, **space, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)

@@ -20,10 +20,10 @@ _MAX_TRACE = 8000
 class Fault:
     """One error of the service itself.
 
-    `what` the service was doing, the exception in one line, and its trace.
+    What the service was `doing`, the exception in one line, and its trace.
     """
 
-    what: str
+    doing: str
     error: str
     trace: str
 
@@ -36,8 +36,8 @@ class Faults:
         self._unread: deque[Fault] = deque(maxlen=_MOST_FAULTS)
 
     @contextmanager
-    def guard(self, what: str, batch: ObservationBatch | None = None) -> Iterator[None]:
-        """Go on behind a block that does `what` if it fails: the one place that catches any exception."""
+    def guard(self, doing: str, batch: ObservationBatch | None = None) -> Iterator[None]:
+        """Go on behind a block that does `doing` if it fails: the one place that catches any exception."""
         try:
             yield
         except Exception as error:
@@ -45,8 +45,8 @@ class Faults:
             trace = "".join(traceback.format_exception(error))[-_MAX_TRACE:]
             if batch is not None:
                 rows = f"{len(batch.ids)} rows, space {batch.space!r}"
-                what += f" (source {batch.source}, seq {batch.seq}, {rows})"
-            self._unread.append(Fault(what, f"{type(error).__name__}: {error}"[:500], trace))
+                doing += f" (source {batch.source}, seq {batch.seq}, {rows})"
+            self._unread.append(Fault(doing, f"{type(error).__name__}: {error}"[:500], trace))
 
     def take(self) -> list[Fault]:
         """The faults since the last call."""
@@ -58,5 +58,5 @@ class Faults:
 def warn_of(faults: Iterable[Fault], stacklevel: int) -> None:
     """Warn of each fault, for callers without a log; `stacklevel` is that of :func:`warnings.warn` there."""
     for fault in faults:
-        text = f"a defect of comotion, please report it: {fault.what}: {fault.error}"
+        text = f"a defect of comotion, please report it: {fault.doing}: {fault.error}"
         warnings.warn(text, RuntimeWarning, stacklevel=stacklevel + 1)

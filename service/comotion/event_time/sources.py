@@ -1,11 +1,15 @@
 """The sources of a scene: which are live, send and agree."""
 
 from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
 
+from comotion_schemas import ObservationBatch
+
 from ..saving import NOT_KEPT
-from .entries import Entry
+from .entries import Entry, Stage, Verdict
+from .stats import Key
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
 _GAPS = 15
@@ -19,51 +23,37 @@ _LEAST_HANDOVER_NS = 200_000_000
 # ns over which a source must have sent to have a share of its own; until then all such have one together.
 _NEW_NS = 1_000_000_000
 # Batches of rivals that wait for the name.
-MAX_RIVALS = 256
+_MAX_RIVALS = 256
 
 
 @dataclass
 class Source:
-    """State of one source.
-
-    Attributes
-    ----------
-    session
-        The newest session it has started.
-    newest_ns
-        Largest stamp of that session, on the time scale of the scene.
-    started_ns
-        First stamp of that session.
-    gaps_ns, arrivals_ns
-        Time between its newest stamps, and between their arrivals.
-    heard_ns, agreed_ns
-        When its session was last heard, and last heard with a clock that agrees with the scene's, on the
-        clock of arrivals; None: not since the start.
-    since_ns
-        When the source was heard first, on the clock of arrivals; None: in an earlier run of the service.
-    generation
-        How many sessions it had started before.
-    released, number
-        Generation of the session whose instants are being released, and its number; -1 before the first.
-    past
-        Sessions that are over.
-    rivals
-        Batches of other sessions, which get the name should this one fall silent.
-    """
+    """State of one source."""
 
     session: str
+    """The newest session it has started."""
     newest_ns: int
+    """Largest stamp of that session, on the time scale of the scene."""
     started_ns: int = 0
+    """First stamp of that session."""
     gaps_ns: deque[int] = field(default_factory=deque)
     arrivals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_GAPS), metadata=NOT_KEPT)
+    """Time between its newest stamps, and between their arrivals."""
     heard_ns: int | None = field(default=None, metadata=NOT_KEPT)
     agreed_ns: int | None = field(default=None, metadata=NOT_KEPT)
+    """When its session was last heard, and last heard with a clock that agrees with the scene's, on the clock
+    of arrivals; None: not since the start."""
     since_ns: int | None = field(default=None, metadata=NOT_KEPT)
+    """When the source was heard first, on the clock of arrivals; None: in an earlier run of the service."""
     generation: int = 0
+    """How many sessions it had started before."""
     released: int = -1
     number: int = -1
+    """Generation of the session whose instants are being released, and its number; -1 before the first."""
     past: deque[str] = field(default_factory=deque)
+    """Sessions that are over."""
     rivals: list[Entry] = field(default_factory=list, metadata=NOT_KEPT)
+    """Batches of other sessions, which get the name should this one fall silent."""
 
     def __post_init__(self) -> None:
         # A snapshot gives queues without bounds.
@@ -121,14 +111,29 @@ class Source:
         """How long it has not been heard."""
         return _NEVER_NS if self.heard_ns is None else at_ns - self.heard_ns
 
-    def handover_ns(self, timeout_ns: int) -> int:
-        """Silence after which another session gets the name."""
-        return min(max(_LEAST_HANDOVER_NS, PERIODS * self.arrival_period_ns), timeout_ns)
+    def settled_rivals(
+        self, at_ns: int, timeout_ns: int, scene_time: Callable[[ObservationBatch], int]
+    ) -> Iterator[tuple[Entry, Verdict]]:
+        """Yield the rivals that wait no more.
 
-    def silence_ns(self, stamp_ns: int, at_ns: int) -> int:
-        """How long its session has been silent when another one has sent a stamp."""
-        # Batches that are looked at together have no times of arrival of their own.
-        return max(self.idle_ns(at_ns), 0) or stamp_ns - self.newest_ns
+        The session of the first one gets the name once this one is silent. It is refused where it has waited
+        for as long, or too many wait.
+        """
+        while self.rivals:
+            first, stamp_ns = self.rivals[0], scene_time(self.rivals[0].batch)
+            limit_ns = min(max(_LEAST_HANDOVER_NS, PERIODS * self.arrival_period_ns), timeout_ns)
+            # Batches that are looked at together have no times of arrival of their own.
+            if (max(self.idle_ns(at_ns), 0) or stamp_ns - self.newest_ns) >= limit_ns:
+                admitted = [entry for entry in self.rivals if entry.key == first.key]
+                self.rivals = [entry for entry in self.rivals if entry.key != first.key]
+                self.start(first.batch.session, stamp_ns, at_ns)
+                for entry in admitted:
+                    self.observe(scene_time(entry.batch), at_ns)
+                    yield entry, Stage.WATERMARK
+            elif at_ns - first.at_ns >= limit_ns or len(self.rivals) > _MAX_RIVALS:
+                yield self.rivals.pop(0), "duplicate-name"
+            else:
+                return
 
 
 class Sources(dict[str, Source]):
@@ -136,7 +141,17 @@ class Sources(dict[str, Source]):
 
     def __init__(self, timeout_ns: int) -> None:
         super().__init__()
-        self._timeout_ns = timeout_ns
+        self.timeout_ns = timeout_ns
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Largest stamp that was accepted, on the time scale of the scene; None before any."""
+        return max((source.newest_ns for source in self.values()), default=None)
+
+    def sender(self, key: Key) -> Source | None:
+        """The source of a (source, session), where it is of that session now."""
+        source = self.get(key[0])
+        return source if source is not None and source.session == key[1] else None
 
     def agreed_ns(self) -> int | None:
         """When a source has agreed with the time of the scene last, on the clock of arrivals."""
@@ -144,4 +159,4 @@ class Sources(dict[str, Source]):
 
     def sending(self, at_ns: int) -> dict[str, Source]:
         """Sources whose batches still come."""
-        return {name: s for name, s in self.items() if s.is_sending(at_ns, self._timeout_ns)}
+        return {name: s for name, s in self.items() if s.is_sending(at_ns, self.timeout_ns)}

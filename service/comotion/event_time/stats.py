@@ -117,28 +117,19 @@ class Stats(Account):
 
 @dataclass
 class Ledger:
-    """Keeps the account of every session, and the totals; follows their sequence numbers.
-
-    Attributes
-    ----------
-    total
-        The totals.
-    troubles
-        Notes the sources whose batches are beyond a bound.
-    unknown
-        The newest sessions of an earlier run of the service of which nothing has come since: how much they
-        have sent meanwhile is not known.
-    sequences
-        The sequence numbers.
-    accounts
-        Account of every (source, session), the one seen last at the end; session "" where unknown.
-    """
+    """Keeps the account of every session, and the totals; follows their sequence numbers."""
 
     total: Stats = field(metadata=NOT_KEPT)
+    """The totals."""
     troubles: Troubles = field(default_factory=Troubles, metadata=NOT_KEPT)
+    """Notes the sources whose batches are beyond a bound."""
     unknown: set[Key] = field(default_factory=set)
+    """The newest sessions of an earlier run of the service of which nothing has come since: how much they
+    have sent meanwhile is not known."""
     sequences: SequenceCounter = field(default_factory=lambda: SequenceCounter(from_zero=True))
+    """The sequence numbers."""
     accounts: dict[Key, Account] = field(default_factory=dict)
+    """Account of every (source, session), the one seen last at the end; session "" where unknown."""
     # Numbers of batches that sessions say they have sent, with the times at which they said so.
     _claims: dict[Key, deque[tuple[int, int]]] = field(default_factory=dict)
     # Of each source, batches that came in unread before the next one that is read.

@@ -12,14 +12,14 @@ them are wrong at once, and the scene follows them:
 5. What the clock of the service has passed is not ahead. Where the scene has followed sources that were late,
    the time scale goes back with the first one that is less late, as far as its stamp says.
 
-These are the rules for sources that stamp what happens now. Where they play recordings, with the stamps that
-these have, any batch off waits. Where it is behind, a recording is played again: the time scale moves so that
-the earliest one follows what was fused. Where it is ahead, time has passed.
+These are the rules for sources that stamp what happens now. Where they play recordings (`replays`), with the
+stamps that these have, any batch off waits. Where it is behind, a recording is played again: the time scale
+moves so that the earliest one follows what was fused. Where it is ahead, time has passed.
 """
 
 from dataclasses import dataclass, field
 from statistics import median_low
-from typing import ClassVar, Literal
+from typing import Literal
 
 from comotion_schemas import ObservationBatch
 from comotion_schemas.messages import ProblemKind
@@ -45,72 +45,61 @@ _ZERO_NS = 10**18
 
 @dataclass
 class Steps:
-    """Batches that wait for a decision about clocks, and the time scale, of sources that stamp live data.
+    """Batches that wait for a decision about clocks, and the time scale."""
 
-    Attributes
-    ----------
-    timeout_ns, window_ns
-        `source_timeout` and `window` in ns.
-    shift_ns
-        Stamps minus the time scale of the scene.
-    clock_set_ns
-        By how much the clock of the service was set since its start, as the caller says.
-    held
-        Batches that wait.
-    followed
-        How often the time scale has moved.
-    """
-
-    replays: ClassVar = False
-    """Whether a sequence number that was seen before may be new."""
     timeout_ns: int
     window_ns: int
+    """`source_timeout` and `window` in ns."""
     shift_ns: int = 0
+    """Stamps minus the time scale of the scene."""
     clock_set_ns: int = 0
+    """By how much the clock of the service was set since its start, as the caller says."""
     held: list[Entry] = field(default_factory=list)
+    """Batches that wait."""
     followed: int = 0
+    """How often the time scale has moved."""
+    replays: bool = False
+    """Whether sources play recordings: their stamps set the time, and a sequence number that was seen before
+    may be new."""
 
     def scene_time(self, batch: ObservationBatch) -> int:
         """Stamp of a batch on the time scale of the scene."""
         return batch.stamp_ns - self.shift_ns
 
     def off_clock(self, batch: ObservationBatch, now_ns: int) -> int:
-        """By how much a stamp is ahead of now, also where the scene has followed its clock."""
-        return batch.stamp_ns - now_ns
+        """By how much a stamp is ahead of now, also where the scene has followed the clock of live data."""
+        return (self.scene_time(batch) if self.replays else batch.stamp_ns) - now_ns
 
-    def reference(self, now_ns: int, watermark_ns: int | None) -> int:  # noqa: ARG002
-        """The time that stamps are compared with."""
-        return now_ns
+    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
+        """The time that stamps are compared with; recordings must not go back behind the watermark."""
+        return max(now_ns, watermark_ns) if self.replays and watermark_ns is not None else now_ns
 
     def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
         """Let the time scale go back where a batch would be ahead of the scene alone (rule 5)."""
         # Where the service's clock was set, its sources may have been set with it.
         follows_late = self.shift_ns < 0 and abs(self.clock_set_ns) < _SAME_STEP_NS
-        if follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
+        if not self.replays and follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
             self.shift_ns = min(batch.stamp_ns - now_ns, 0)
 
     def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
-        """Whether a batch is far from a time, and of no use there; takes note of its offset."""
+        """Whether a batch is far from a time, and of no use there; takes note of its offset.
+
+        The end of a recording that is played again fast is near the end of the last one: all of it waits.
+        """
         stamp_ns = self.scene_time(entry.batch)
         entry.offset_ns = stamp_ns - reference_ns
         late = floor_ns is not None and stamp_ns < floor_ns
-        return entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
+        far = entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
+        return far or (self.replays and any(other.key == entry.key for other in self.held))
 
     def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:
-        """Whether a batch that is off waits (rule 3).
+        """Whether a batch that is off waits (rule 3); of a recording any does.
 
         `agreed`: its session has agreed before; `alone`: no source agrees now.
         """
         near = abs(entry.offset_ns) <= self.window_ns
         as_set = self.clock_set_ns != 0 and abs(entry.offset_ns - self.clock_set_ns) <= _SAME_STEP_NS
-        return agreed or (alone and (near or as_set))
-
-    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:
-        """Stamps that hold the watermark, and now, where no source is live and some still send.
-
-        All clocks are behind, or the service's is ahead: the sources set the pace.
-        """
-        return newest_ns, min([now_ns, *newest_ns])
+        return self.replays or agreed or (alone and (near or as_set))
 
     def decide(self, agreed_ns: int | None, at_ns: int) -> Literal["wait", "judge", "follow"]:
         """What to do with the batches that wait; `agreed_ns` is when any source has agreed last."""
@@ -126,54 +115,21 @@ class Steps:
         self.shift_ns += self._shift(reference_ns)
         self.followed += 1
 
-    def _shift(self, reference_ns: int) -> int:  # noqa: ARG002
+    def _shift(self, reference_ns: int) -> int:
+        if self.replays:
+            # So that the earliest follows the fused ones; a gap in a recording lasts as its stamps say.
+            earliest = min(self.scene_time(entry.batch) for entry in self.held) - reference_ns
+            return earliest - _GAP_NS if earliest < 0 else 0
         by_source: dict[str, list[int]] = {}
         for entry in self.held:
             by_source.setdefault(entry.batch.source, []).append(entry.offset_ns)
         return median_low(median_low(offsets) for offsets in by_source.values())
 
-    def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:
-        """What is wrong with the clock of a batch that is off."""
-        if batch.stamp_ns < _ZERO_NS:
+    def trouble(self, batch: ObservationBatch, offset_ns: int, *, off: bool) -> ProblemKind | None:
+        """What is wrong with the clock of a batch, if anything; `off` says that something is."""
+        if not off and -self.timeout_ns <= offset_ns <= AHEAD_NS:
+            return None
+        # The stamps of a recording may count from anything.
+        if batch.stamp_ns < _ZERO_NS and not self.replays:
             return "clock-zero"
-        return "clock-ahead" if offset_ns > 0 else "clock-behind"
-
-
-@dataclass
-class Recordings(Steps):
-    """The same for sources that play recordings: the stamps set the time."""
-
-    replays: ClassVar = True
-
-    def off_clock(self, batch: ObservationBatch, now_ns: int) -> int:
-        """By how much a stamp is ahead of now."""
-        return self.scene_time(batch) - now_ns
-
-    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
-        """The time that stamps are compared with; they must not go back behind the watermark."""
-        return now_ns if watermark_ns is None else max(now_ns, watermark_ns)
-
-    def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
-        """Do nothing: no source is late."""
-
-    def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
-        """Whether a batch is far from a time, or of a session of which one waits."""
-        # The end of a recording that is played again fast is near the end of the last one.
-        return super().is_off(entry, reference_ns, floor_ns) or any(e.key == entry.key for e in self.held)
-
-    def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:  # noqa: ARG002
-        """Any that is off waits."""
-        return True
-
-    def pace(self, newest_ns: list[int], now_ns: int) -> tuple[list[int], int]:  # noqa: ARG002
-        """Nothing holds the watermark, which stands still."""
-        return [], now_ns
-
-    def _shift(self, reference_ns: int) -> int:
-        # So that the earliest follows the fused ones; a gap in a recording lasts as long as its stamps say.
-        earliest = min(self.scene_time(entry.batch) for entry in self.held) - reference_ns
-        return earliest - _GAP_NS if earliest < 0 else 0
-
-    def kind_of(self, batch: ObservationBatch, offset_ns: int) -> ProblemKind:  # noqa: ARG002
-        """Their stamps may count from anything."""
         return "clock-ahead" if offset_ns > 0 else "clock-behind"

@@ -16,12 +16,10 @@ from .budget import Budget
 from .entries import Entry, Stage, Verdict, in_time_order
 from .faults import Faults
 from .release import End, Load, Release, Store
-from .sources import MAX_RIVALS, PERIODS, Source, Sources
+from .sources import PERIODS, Source, Sources
 from .stats import Fate, Key, Ledger, Stats
-from .steps import AHEAD_NS, FUTURE_NS, Recordings, Steps
+from .steps import FUTURE_NS, Steps
 from .troubles import Troubles
-
-__all__ = ["FUTURE_NS", "Timeline"]
 
 # Share of `limits.processing` for storing what was read.
 _STORING = 0.5
@@ -52,12 +50,11 @@ class Timeline:
         self._window_ns = to_ns(config.window)
         self._lateness_ns = to_ns(config.allowed_lateness)
         self._max_lag_ns = to_ns(config.max_lag)
-        self._source_timeout_ns = to_ns(config.source_timeout)
         self._track_timeout_ns = to_ns(config.track_timeout)
         self._limits = config.limits
         self.stats = stats
         self.faults = faults or Faults(stats)
-        self.sources = Sources(self._source_timeout_ns)
+        self.sources = Sources(to_ns(config.source_timeout))
         self._inbox: list[Entry] = []
         waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))
         self._load = Load(config.limits.waiting_batches, *waiting)
@@ -66,13 +63,9 @@ class Timeline:
         self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.sessions = self._release.sessions
-        self.at_ns = 0
+        self.at_ns = self._now_ns = 0
         self.watermark_ns: int | None = None
-        self.steps = Steps(self._source_timeout_ns, self._window_ns)
-
-    def follow_recordings(self) -> None:
-        """Take the time of the sources for granted: a recording may be played again with its own stamps."""
-        self.steps = Recordings(self._source_timeout_ns, self._window_ns, self.steps.shift_ns)
+        self.steps = Steps(self.sources.timeout_ns, self._window_ns)
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
@@ -102,25 +95,21 @@ class Timeline:
         `now_ns` is the caller's clock, nanoseconds since the Unix epoch, and `at_ns` one that is never set
         (None: `now_ns`). `store` is called with instants, `end` with the number of a session that is over.
         """
+        self._now_ns = now_ns
         self.at_ns = self.troubles.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
             entry.at_ns = at_ns
             verdict: Verdict = "defect"
             with self.faults.guard("judging a batch", entry.batch):
-                verdict = self._admit(entry, now_ns)
+                verdict = self._admit(entry)
             with self.faults.guard("taking a batch in", entry.batch):
-                self._take(entry, verdict, now_ns)
+                self._take(entry, verdict)
         # One decision may allow another: one on a clock moves stamps of rivals, and a new session agrees.
-        while self._hand_over_all(now_ns) or self._decide(now_ns):
+        while any(self._hand_over(s) for _, s in sorted(self.sources.items()) if s.rivals) or self._decide():
             pass
-        self._move_watermark(now_ns)
+        self._move_watermark()
         self._release.until(self.watermark_ns, at_ns, store, end)
-
-    @property
-    def newest_ns(self) -> int | None:
-        """Largest stamp that was accepted, on the time scale of the scene; None before any."""
-        return max((source.newest_ns for source in self.sources.values()), default=None)
 
     def track_timeout_ns(self, session: int) -> int:
         """Time without observation after which a trajectory of this session number is outdated."""
@@ -137,15 +126,17 @@ class Timeline:
         for number in self.sessions.keys() - used - current:
             del self.sessions[number]
 
-    def _take(self, entry: Entry, verdict: Verdict, now_ns: int) -> None:
+    def _take(self, entry: Entry, verdict: Verdict) -> None:
         """Let a batch wait as its verdict says, or book its fate."""
         match verdict:
             case Stage.CLOCK:
                 self.steps.held.append(entry)
             case Stage.NAME:
-                self._rival(entry, now_ns)
+                source = self.sources[entry.batch.source]
+                source.rivals.append(entry)
+                self._hand_over(source)
             case Stage.WATERMARK:
-                self._wait(entry, now_ns)
+                self._wait(entry)
             case fate:
                 self._settle(entry, fate)
 
@@ -154,52 +145,47 @@ class Timeline:
         self._load.add(entry.batch.source, entry.size, -1)
         self.ledger.settle(entry.key, fate)
 
-    def _admit(self, entry: Entry, now_ns: int) -> Verdict:
+    def _admit(self, entry: Entry) -> Verdict:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
-        steps, source = self.steps, self._sender(entry)
-        steps.catch_up(entry.batch, now_ns)
-        if steps.is_off(entry, steps.reference(now_ns, self.watermark_ns), self._floor()):
+        steps, source = self.steps, self.sources.sender(entry.key)
+        steps.catch_up(entry.batch, self._now_ns)
+        if steps.is_off(entry, steps.reference(self._now_ns, self.watermark_ns), self._floor()):
             agreed, last_ns = source is not None and source.agreed_ns is not None, self.sources.agreed_ns()
-            alone = last_ns is None or self.at_ns - last_ns > self._source_timeout_ns
+            alone = last_ns is None or self.at_ns - last_ns > self.sources.timeout_ns
             if steps.may_wait(entry, agreed=agreed, alone=alone):
                 if source is not None and agreed:
                     source.hear(entry.at_ns)
                 return Stage.CLOCK
-        return self._judge(entry, now_ns)
-
-    def _sender(self, entry: Entry) -> Source | None:
-        """The source of a batch, where it is of the source's session."""
-        source = self.sources.get(entry.batch.source)
-        return source if source is not None and source.session == entry.batch.session else None
+        return self._judge(entry)
 
     def _floor(self) -> int | None:
         """Stamp below which all is late; None before the first watermark."""
         return None if self.watermark_ns is None else self.watermark_ns - self._lateness_ns
 
-    def _decide(self, now_ns: int) -> bool:
+    def _decide(self) -> bool:
         """Judge the batches that wait because of their clock; whether it was clear which clock is wrong."""
-        steps, at_ns = self.steps, self.at_ns
-        decision = steps.decide(self.sources.agreed_ns(), at_ns)
+        steps = self.steps
+        decision = steps.decide(self.sources.agreed_ns(), self.at_ns)
         if decision == "wait":
             return False
         if decision == "follow":
-            steps.follow(steps.reference(now_ns, self.watermark_ns))
+            steps.follow(steps.reference(self._now_ns, self.watermark_ns))
         replayed: set[Key] = set()
         held, steps.held = steps.held, []
         for entry in held:
-            source = self._sender(entry)
+            source = self.sources.sender(entry.key)
             if decision == "judge":
                 # The clock of its session is wrong: others agree.
                 if source is not None:
                     source.agreed_ns = None
             elif entry.repeated or entry.key in replayed:
                 self._play_again(entry, replayed)
-            self._take(entry, self._judge(entry, now_ns, trusted=decision == "follow"), now_ns)
+            self._take(entry, self._judge(entry, trusted=decision == "follow"))
         return True
 
     def _play_again(self, entry: Entry, replayed: set[Key]) -> None:
         """A recording is played again, with the session that it had before: it is a new one."""
-        batch, source = entry.batch, self._sender(entry)
+        batch, source = entry.batch, self.sources.sender(entry.key)
         if entry.key not in replayed:
             replayed.add(entry.key)
             self.ledger.sequences.forget(*entry.key)
@@ -207,9 +193,9 @@ class Timeline:
                 source.start(batch.session, self.steps.scene_time(batch), self.at_ns)
         entry.repeated = self.ledger.sight(entry.key, batch.seq) == "repeated"
 
-    def _judge(self, entry: Entry, now_ns: int, *, trusted: bool = False) -> Verdict:
+    def _judge(self, entry: Entry, *, trusted: bool = False) -> Verdict:
         """Whether a batch is rejected, is late, contests a name, or may wait for the watermark."""
-        batch, at_ns = entry.batch, self.at_ns
+        batch, at_ns, now_ns = entry.batch, self.at_ns, self._now_ns
         source, stamp_ns = self.sources.get(batch.source), self.steps.scene_time(batch)
         if entry.repeated:
             return "duplicates"
@@ -229,58 +215,33 @@ class Timeline:
         source.observe(stamp_ns, at_ns)
         return Stage.WATERMARK
 
-    def _rival(self, entry: Entry, now_ns: int) -> None:
-        """Let a batch of another session of a source wait until it is clear which one has the name."""
-        source = self.sources[entry.batch.source]
-        source.rivals.append(entry)
-        self._hand_over(source, now_ns)
-        if len(source.rivals) > MAX_RIVALS:
-            self._settle(source.rivals.pop(0), "duplicate-name")
-
-    def _hand_over_all(self, now_ns: int) -> bool:
-        """Whether any rival waits no more."""
-        contested = sorted(name for name, source in self.sources.items() if source.rivals)
-        return any(self._hand_over(self.sources[name], now_ns) for name in contested)
-
-    def _hand_over(self, source: Source, now_ns: int) -> bool:
-        """Give the name to the first rival once the session of a source is silent; else refuse it."""
-        at_ns, waiting = self.at_ns, len(source.rivals)
-        while source.rivals:
-            first, limit_ns = source.rivals[0], source.handover_ns(self._source_timeout_ns)
-            stamp_ns = self.steps.scene_time(first.batch)
-            if source.silence_ns(stamp_ns, at_ns) >= limit_ns:
-                admitted = [entry for entry in source.rivals if entry.key == first.key]
-                source.rivals = [entry for entry in source.rivals if entry.key != first.key]
-                source.start(first.batch.session, stamp_ns, at_ns)
-                for entry in admitted:
-                    source.observe(self.steps.scene_time(entry.batch), at_ns)
-                    self._take(entry, Stage.WATERMARK, now_ns)
-            elif at_ns - first.at_ns >= limit_ns:
-                self.troubles.note("duplicate-name", first.batch.source)
-                self._take(source.rivals.pop(0), "duplicate-name", now_ns)
-            else:
-                break
+    def _hand_over(self, source: Source) -> bool:
+        """Let rivals take over the name of a source, or refuse them; whether any waits no more."""
+        waiting, timeout_ns = len(source.rivals), self.sources.timeout_ns
+        for entry, verdict in source.settled_rivals(self.at_ns, timeout_ns, self.steps.scene_time):
+            if verdict == "duplicate-name":
+                self.troubles.note("duplicate-name", entry.batch.source)
+            self._take(entry, verdict)
         return len(source.rivals) < waiting
 
     def _admit_source(self) -> bool:
         """Whether one more source is admitted; where there are too many, the one silent for longest goes."""
         if len(self.sources) < self._limits.sources:
             return True
+        idle = self.sources.keys() - self.sources.sending(self.at_ns)
         silent = [
-            (source.idle_ns(self.at_ns), name)
-            for name, source in self.sources.items()
-            if not source.is_sending(self.at_ns, self._source_timeout_ns) and not self._load.holds(name)
+            (self.sources[name].idle_ns(self.at_ns), name) for name in idle if not self._load.holds(name)
         ]
         if silent:
             self._release.end(self.sources.pop(max(silent)[1]).number)
         return bool(silent)
 
-    def _wait(self, entry: Entry, now_ns: int) -> None:
+    def _wait(self, entry: Entry) -> None:
         """Let the instants of a batch wait for the watermark, except for those that are too late."""
         source, watermark, floor = self.sources[entry.batch.source], self.watermark_ns, self._floor()
         stamps, rows = in_time_order(entry.batch)
         stamps = stamps - self.steps.shift_ns
-        late = int(np.searchsorted(stamps, now_ns - self._window_ns if floor is None else floor))
+        late = int(np.searchsorted(stamps, self._now_ns - self._window_ns if floor is None else floor))
         of_use = late < len(stamps)
         entry.late, entry.generation = late > 0, source.generation
         if of_use:
@@ -289,7 +250,7 @@ class Timeline:
             source.agreed_ns = self.at_ns
         elif watermark is not None and entry.batch.ended is not None:
             entry.stamps = np.array([watermark])
-        self._note_clock(entry.batch, self.steps.off_clock(entry.batch, now_ns), off=not of_use)
+        self._note_clock(entry.batch, self.steps.off_clock(entry.batch, self._now_ns), off=not of_use)
         if len(entry.stamps):
             self._release.add(entry)
         else:
@@ -297,18 +258,16 @@ class Timeline:
 
     def _note_clock(self, batch: ObservationBatch, offset_ns: int, *, off: bool) -> None:
         """Take note of whether the clock of a source is right; `off` says that it cannot be."""
-        if off or offset_ns > AHEAD_NS or offset_ns < -self._source_timeout_ns:
-            kind = self.steps.kind_of(batch, offset_ns)
-            self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
-        else:
-            self.troubles.clear_clock(batch.source)
+        kind = self.steps.trouble(batch, offset_ns, off=off)
+        self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
 
-    def _move_watermark(self, now_ns: int) -> None:
-        timeout_ns = self._source_timeout_ns
+    def _move_watermark(self) -> None:
+        now_ns, timeout_ns = self._now_ns, self.sources.timeout_ns
         live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
-        if not live:
-            sending = [s.newest_ns for s in self.sources.sending(self.at_ns).values()]
-            live, now_ns = self.steps.pace(sending, now_ns)
+        if not live and not self.steps.replays:
+            # All clocks are behind, or the service's is ahead: the sources that still send set the pace.
+            live = [s.newest_ns for s in self.sources.sending(self.at_ns).values()]
+            now_ns = min([now_ns, *live])
         if not live:
             return
         reached = min(max(now_ns - self._max_lag_ns, min(live)), now_ns)

@@ -53,22 +53,19 @@ class Troubles:
         count = previous.count if previous is not None and self._lasts(previous) else 0
         seen[source] = _Seen(self.at_ns, count + 1, evidence)
 
-    def note_clock(self, source: str, stamp_ns: int, offset_ns: int, kind: ProblemKind) -> None:
-        """Take note of a stamp that is off the time of the scene."""
-        previous = self._seen.get(kind, {}).get(source)
-        pace = 0.0
+    def note_clock(self, source: str, stamp_ns: int, offset_ns: int, kind: ProblemKind | None) -> None:
+        """Take note of how a stamp is off the time of the scene; None: the clock of its source is right."""
+        for other in CLOCKS:
+            if other != kind:
+                self._seen.get(other, {}).pop(source, None)
+        if kind is None:
+            return
+        previous, pace = self._seen.get(kind, {}).get(source), 0.0
         if previous is not None and self._lasts(previous):
             pace = previous.evidence.pace
             if self.at_ns > previous.at_ns:
                 pace = (stamp_ns - previous.evidence.stamp_ns) / (self.at_ns - previous.at_ns)
-        self.clear_clock(source, but=kind)
         self.note(kind, source, ClockTrouble(offset_ns, stamp_ns, pace))
-
-    def clear_clock(self, source: str, but: ProblemKind | None = None) -> None:
-        """Take note that the clock of a source is right, or off in one way only."""
-        for kind in CLOCKS:
-            if kind != but:
-                self._seen.get(kind, {}).pop(source, None)
 
     def sources(self, *kinds: ProblemKind) -> set[str]:
         """Sources of which one of some kinds has been seen lately."""
@@ -81,12 +78,7 @@ class Troubles:
 
     def _of(self, kind: ProblemKind) -> dict[str, Any]:
         seen, least = self._seen.get(kind, {}), _REPORTED_AFTER.get(kind, 1)
-        reported = {
-            name: sighting
-            for name, sighting in sorted(seen.items())
-            if sighting.count >= least and self._lasts(sighting)
-        }
-        return {name: sighting.evidence for name, sighting in reported.items()}
+        return {n: s.evidence for n, s in sorted(seen.items()) if s.count >= least and self._lasts(s)}
 
     def _lasts(self, sighting: _Seen) -> bool:
         return self.at_ns - sighting.at_ns <= _LASTS_NS

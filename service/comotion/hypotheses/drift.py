@@ -200,18 +200,18 @@ def _gain(motions: dict[int, _Motion], seen: _Seen) -> float:
     row = (seen["label"][:, None] == bodies).argmax(1)
     R, t = turn[row], shift[row]
     apart = seen["last"] - np.einsum("nij,nj->ni", R, seen["first"]) - t
-    was = _offsets(seen["first"], seen["first_speed"], centre)
-    change = _offsets(seen["last"], seen["last_speed"], centre)
-    lasting = change - R @ was
+    first_offsets = _offsets(seen["first"], seen["first_speed"], centre)
+    last_offsets = _offsets(seen["last"], seen["last_speed"], centre)
+    lasting = last_offsets - R @ first_offsets
     # That of the worse side: thousands of exact features do not make the others exact.
     sides = [list(side.values()) for side in (shared, _motions(seen))]
     squares = [sum(m.squared for m in side) / max(sum(m.freedom for m in side), 1) for side in sides]
     noise = float(np.sqrt(max(squares))) + 1e-9 * extent
     dim = len(centre)
     prior = np.repeat([_ROTATION, _SHIFT * extent, _DELAY], [2 * dim - 3, dim, 1]) / noise
-    e, J0, J1 = apart.ravel() / noise, lasting.reshape(apart.size, -1), change.reshape(apart.size, -1)
-    constant = _left(e, J0 * prior)
-    changing = _left(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
+    e, J0, J1 = apart.ravel() / noise, lasting.reshape(apart.size, -1), last_offsets.reshape(apart.size, -1)
+    constant = _least_cost(e, J0 * prior)
+    changing = _least_cost(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
     # The fewer features tell the motions, the more their errors look like a change.
     features = sum(motion.features for motion in shared.values())
     clear = _CLEAR * len(prior) * (1 + 2 * len(seen) / features)
@@ -240,7 +240,7 @@ def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
     return np.concatenate([turn, shift, speeds[:, :, None]], 2)
 
 
-def _left(e: Floats, J: Floats) -> float:
+def _least_cost(e: Floats, J: Floats) -> float:
     """Least |e - J x|^2 + |x|^2."""
     x = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ e)
     return float(e @ (e - J @ x))

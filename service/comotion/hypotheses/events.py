@@ -31,18 +31,12 @@ _Change = tuple[EventKind, int, list[int]]
 
 @dataclass
 class Lifecycle:
-    """The state machine of all hypotheses of a space.
-
-    Attributes
-    ----------
-    config
-        Its times and numbers.
-    records
-        What is known of each hypothesis, by id.
-    """
+    """The state machine of all hypotheses of a space."""
 
     config: HypothesesConfig = field(metadata=NOT_KEPT)
+    """Its times and numbers."""
     records: dict[int, Record] = field(default_factory=dict)
+    """What is known of each hypothesis, by id."""
     _stamp_ns: int | None = None
     _forgotten: list[int] = field(default_factory=list)
 

@@ -106,9 +106,9 @@ def named(
     ids = np.full(count, NO_HYPOTHESIS)
     for k in distinct(voters[voters >= 0])[0].tolist():
         ids[k] = matched[k] if k in matched else allocate()
-    now = np.append(ids, NO_HYPOTHESIS)[groups]
-    window.label[slots] = now
-    window.label_ns[slots[now != last]] = stamp_ns
+    labels = np.append(ids, NO_HYPOTHESIS)[groups]
+    window.label[slots] = labels
+    window.label_ns[slots[labels != last]] = stamp_ns
     if not by_thesis:
         _establish(window, slots, stamp_ns)
     return ids
@@ -122,12 +122,13 @@ def _overruled(window: Window, partition: Partition, sources: Ints, current: Slo
     the id of a body along.
     """
     slots, groups = partition.slots, partition.groups
-    here = np.zeros(window.capacity, np.bool_)
-    here[current] = True
-    old, seen = window.established[slots] != NO_HYPOTHESIS, here[slots]
-    deciding = old & seen & partition.deciding & (groups >= 0)
-    late = ~old & _left_to_others(window.label[slots], sources, deciding)
-    return np.asarray(late | (~(old & seen) & (groups >= 0) & _left_to_others(groups, sources, deciding)))
+    is_current = np.zeros(window.capacity, np.bool_)
+    is_current[current] = True
+    established, seen = window.established[slots] != NO_HYPOTHESIS, is_current[slots]
+    deciding = established & seen & partition.deciding & (groups >= 0)
+    late = ~established & _left_to_others(window.label[slots], sources, deciding)
+    unseen = ~(established & seen) & (groups >= 0) & _left_to_others(groups, sources, deciding)
+    return np.asarray(late | unseen)
 
 
 def _left_to_others(sets: Labels, sources: Ints, established: Bools) -> Bools:

@@ -23,25 +23,17 @@ NEVER_NS = 2**62
 
 @dataclass(frozen=True)
 class Current:
-    """The current trajectories of a space by key.
-
-    Attributes
-    ----------
-    keys, slots
-        int64 [n], ascending, and intp [n].
-    labels
-        int64 [n], hypothesis of each, negative for none.
-    positions
-        float64 [n, dim].
-    since
-        int64 [n] ns, since when each has its label; later than any time where that is more likely wrong.
-    """
+    """The current trajectories of a space by key."""
 
     keys: Stamps
     slots: Slots
+    """int64 [n], ascending, and intp [n]."""
     labels: Labels
+    """int64 [n], hypothesis of each, negative for none."""
     positions: Floats
+    """float64 [n, dim]."""
     since: Stamps
+    """int64 [n] ns, since when each has its label; later than any time where that is more likely wrong."""
 
     @cached_property
     def members(self) -> dict[int, Ints]:
@@ -54,24 +46,16 @@ class Current:
 
 @dataclass(frozen=True)
 class Members:
-    """Features of one body that are seen, or were lost: a table of m rows.
-
-    Attributes
-    ----------
-    keys
-        int64 [m], ascending.
-    points
-        float64 [m, dim], in the axes of the body; of the space where it has no pose.
-    seen
-        int64 [m] ns, when each was seen last.
-    since
-        int64 [m] ns, since when it was a member; later than any time where it more likely was not.
-    """
+    """Features of one body that are seen, or were lost: a table of m rows."""
 
     keys: Stamps
+    """int64 [m], ascending."""
     points: Floats
+    """float64 [m, dim], in the axes of the body; of the space where it has no pose."""
     seen: Stamps
+    """int64 [m] ns, when each was seen last."""
     since: Stamps
+    """int64 [m] ns, since when it was a member; later than any time where it more likely was not."""
 
     @classmethod
     def none(cls) -> "Members":
@@ -117,59 +101,42 @@ class Members:
 
 @dataclass
 class Record:
-    """A hypothesis over time.
-
-    Attributes
-    ----------
-    reference
-        Its birth and its pose.
-    origin
-        The hypothesis that it has left, None where its members came from nowhere.
-    stage
-        As of the events so far.
-    support_ns
-        Time with enough members less time with too few, since it appeared or returned; None while it has
-        no current member.
-    since_ns
-        Event time since when it has had no current member; None while it has any.
-    seen_ns
-        When it was last seen.
-    posed
-        Whether its pose was known when it was last seen.
-    members, lost
-        Of now, or as it was last seen, and those that are out of sight; none where nothing is known, as of
-        how it has turned out of sight.
-    axes, spacing, sought_ns
-        float64 [dim, dim], axes of its box as columns, in those of the body; the usual distance of its points
-        to the second neighbour; when both were sought last.
-    sides
-        float64 [2, dim], lower and upper sides of its box in the axes of the space, while it has no pose.
-    description
-        As it was published last; None before it is confirmed.
-    static
-        Whether it was the static body.
-    place, spread
-        float64 [dim], where its centroid has been in the mean of the last seconds; variance of a coordinate
-        about it.
-    """
+    """A hypothesis over time."""
 
     reference: PoseReference
+    """Its birth and its pose."""
     origin: int | None = None
+    """The hypothesis that it has left, None where its members came from nowhere."""
     stage: Literal["unconfirmed", "present", "absent"] = "unconfirmed"
+    """As of the events so far."""
     support_ns: int | None = None
+    """Time with enough members less time with too few, since it appeared or returned; None while it has no
+    current member."""
     since_ns: int | None = None
+    """Event time since when it has had no current member; None while it has any."""
     seen_ns: int = -NEVER_NS
+    """When it was last seen."""
     posed: bool = False
+    """Whether its pose was known when it was last seen."""
     members: Members = field(default_factory=Members.none)
     lost: Members = field(default_factory=Members.none)
+    """Of now, or as it was last seen, and those that are out of sight; none where nothing is known, as of how
+    it has turned out of sight."""
     axes: Floats | None = None
     spacing: float = 0.0
     sought_ns: int = -NEVER_NS
+    """float64 [dim, dim], axes of its box as columns, in those of the body; the usual distance of its points
+    to the second neighbour; when both were sought last."""
     sides: Floats = field(default_factory=lambda: np.zeros((2, 0)))
+    """float64 [2, dim], lower and upper sides of its box in the axes of the space, while it has no pose."""
     description: Hypothesis | None = None
+    """As it was published last; None before it is confirmed."""
     static: bool = False
+    """Whether it was the static body."""
     place: Floats = field(default_factory=lambda: np.zeros(0))
     spread: float = 0.0
+    """float64 [dim], where its centroid has been in the mean of the last seconds; variance of a coordinate
+    about it."""
 
     @property
     def pose(self) -> tuple[Floats, Floats]:

@@ -38,24 +38,16 @@ _SURE = 0.5
 
 @dataclass
 class Registry(Lifecycle):
-    """Hypotheses of one space over time.
-
-    Attributes
-    ----------
-    space
-        Its name.
-    allocator
-        Where new hypotheses get their ids.
-    by_thesis
-        Whether all members alike decide which hypothesis a group continues.
-    ids
-        int64 [K]: hypothesis of each group of the last partition.
-    """
+    """Hypotheses of one space over time."""
 
     space: str = field(kw_only=True, metadata=NOT_KEPT)
+    """Its name."""
     allocator: IdAllocator = field(kw_only=True, metadata=NOT_KEPT)
+    """Where new hypotheses get their ids."""
     by_thesis: bool = field(default=False, kw_only=True, metadata=NOT_KEPT)
+    """Whether all members alike decide which hypothesis a group continues."""
     ids: Labels = field(default_factory=lambda: np.zeros(0, np.int64))
+    """int64 [K]: hypothesis of each group of the last partition."""
 
     def update(
         self,
@@ -86,8 +78,8 @@ class Registry(Lifecycle):
             the events of this update.
         """
         previous = window.label[current]
-        terms = current, self.allocator.next, stamp_ns
-        self.ids = named(window, partition, *terms, by_thesis=self.by_thesis)  # 1
+        allocate, by_thesis = self.allocator.next, self.by_thesis
+        self.ids = named(window, partition, current, allocate, stamp_ns, by_thesis=by_thesis)  # 1
         since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
         present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2

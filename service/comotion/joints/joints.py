@@ -33,15 +33,10 @@ _REACH = 0.5
 
 @dataclass
 class Joints:
-    """Joints of all spaces, and their memory.
-
-    Attributes
-    ----------
-    config
-        How many pairs are judged together.
-    """
+    """Joints of all spaces, and their memory."""
 
     config: JointsConfig = field(metadata=NOT_KEPT)
+    """How many pairs are judged together."""
     _pairs: dict[Key, Pair] = field(default_factory=dict)
     # When each was looked at last.
     _judged_ns: dict[Key, int] = field(default_factory=dict)

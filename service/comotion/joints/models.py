@@ -33,7 +33,7 @@ PARAMETERS: dict[JointKind, int] = {"fixed": 6, "prismatic": 8, "revolute": 9}
 _TURN, _SHIFT, _POINT, _AXIS = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10)
 _UNKNOWNS = 10
 # Columns of derivatives beside: by the position, and what is left of the state.
-_POSITION, _LEFT = _UNKNOWNS, _UNKNOWNS + 1
+_POSITION, _RESIDUAL = _UNKNOWNS, _UNKNOWNS + 1
 HEAVY = 30.0
 """Degrees of freedom of Student's t: residuals beyond some five standard deviations count less and less."""
 # Steps at most, as fits go on at the next judgement, and the step, in standard deviations squared, below
@@ -56,23 +56,16 @@ _RANK = 1e-9
 
 @dataclass(frozen=True)
 class Model:
-    """A joint of the parent, in the parent's axes.
-
-    Attributes
-    ----------
-    kind
-        Which one.
-    R0, p0
-        float64 [3, 3] and [3], the state at position 0.
-    u, c
-        float64 [3] each, axis, and a point on it; zero where the joint does not turn.
-    """
+    """A joint of the parent, in the parent's axes."""
 
     kind: JointKind
+    """Which one."""
     R0: Floats
     p0: Floats
+    """float64 [3, 3] and [3], the state at position 0."""
     u: Floats
     c: Floats
+    """float64 [3] each, axis, and a point on it; zero where the joint does not turn."""
 
     @property
     def freedom(self) -> int:
@@ -101,29 +94,20 @@ class Model:
 
 @dataclass(frozen=True)
 class Fit:
-    """A model fitted to n states.
-
-    Attributes
-    ----------
-    model
-        The joint.
-    q, q_sigma
-        float64 [n], positions and their one-sigma; zero for a fixed joint.
-    residual, squared
-        float64 [n, 6], whitened residuals, and [n], their squares less what is along the joint.
-    covariance
-        float64 [10, 10] of (turn of R0, p0, c, axis); c and axis across the axis.
-    improbability
-        Minus the log prior of the model, without its constant.
-    """
+    """A model fitted to n states."""
 
     model: Model
+    """The joint."""
     q: Floats
     q_sigma: Floats
+    """float64 [n], positions and their one-sigma; zero for a fixed joint."""
     residual: Floats
     squared: Floats
+    """float64 [n, 6], whitened residuals, and [n], their squares less what is along the joint."""
     covariance: Floats
+    """float64 [10, 10] of (turn of R0, p0, c, axis); c and axis across the axis."""
     improbability: float
+    """Minus the log prior of the model, without its constant."""
 
     @property
     def misfit(self) -> float:
@@ -149,30 +133,31 @@ def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> F
     """
     model, q, near, hinge = start, start.positions(states), states.p.mean(0), start.kind == "revolute"
     for k in range(steps + 1):
-        sides = _across(model.u)
+        # Two unit vectors across the axis.
+        sides = np.linalg.svd(model.u[None])[2][1:]
         white = states.roots @ _derivatives(states, model, q, sides)
-        residual, along = white[:, :, _LEFT].copy(), white[:, :, _POSITION].copy()
+        residual, along = white[:, :, _RESIDUAL].copy(), white[:, :, _POSITION].copy()
         # The position of each state is eliminated; what is left along the joint is no residual.
         strength = np.square(along).sum(1) + _NO_DIRECTION
         share = np.einsum("ni,nik->nk", along, white) / strength[:, None]
-        squared = np.square(residual).sum(1) - share[:, _LEFT] ** 2 * strength
+        squared = np.square(residual).sum(1) - share[:, _RESIDUAL] ** 2 * strength
         white -= along[:, :, None] * share[:, None]
         weight = 1 / (1 + np.square(residual).sum(1) / HEAVY)
         J = white.reshape(-1, _UNKNOWNS + 2)
         normal = (J * np.repeat(weight, 6)[:, None]).T @ J
-        left, right = normal[:_UNKNOWNS, :_UNKNOWNS], normal[:_UNKNOWNS, _LEFT]
+        matrix, gradient = normal[:_UNKNOWNS, :_UNKNOWNS], normal[:_UNKNOWNS, _RESIDUAL]
         away = sides @ (model.c - near)
         if hinge:
             # An axis that no turn determines stays where it is.
-            left[[6, 7, 8, 9], [6, 7, 8, 9]] += [reach**-2, reach**-2, 1.0, 1.0]
-            right[_POINT] -= away / reach**2
-        values, axes = np.linalg.eigh(left)
-        known = values > _UNDETERMINED * values[-1]
-        covariance = (axes[:, known] / values[known]) @ axes[:, known].T
-        step, extra = covariance @ right, share[:, _LEFT]
+            matrix[[6, 7, 8, 9], [6, 7, 8, 9]] += [reach**-2, reach**-2, 1.0, 1.0]
+            gradient[_POINT] -= away / reach**2
+        values, axes = np.linalg.eigh(matrix)
+        determined = values > _UNDETERMINED * values[-1]
+        covariance = (axes[:, determined] / values[determined]) @ axes[:, determined].T
+        step, extra = covariance @ gradient, share[:, _RESIDUAL]
         # Where the joint does not fit, standard deviations are more than the states say, and a gain changes
         # nothing: one step is enough, and the next judgement goes on. With none it would never fit.
-        if k == steps or step @ right < _SETTLED * max(float(squared.mean()) / 6, 1.0) ** (1 + (k > 0)):
+        if k == steps or step @ gradient < _SETTLED * max(float(squared.mean()) / 6, 1.0) ** (1 + (k > 0)):
             break
         q = q + extra - share[:, :_UNKNOWNS] @ step
         model = _moved(model, step, sides)
@@ -237,17 +222,12 @@ def principal(vectors: Floats) -> Floats:
     return np.asarray(u if along[half:].sum() >= along[:half].sum() else -u, np.float64)
 
 
-def _across(u: Floats) -> Floats:
-    """Two unit vectors across a vector, float64 [2, 3]."""
-    return np.asarray(np.linalg.svd(u[None])[2][1:], np.float64)
-
-
 def _derivatives(states: States, model: Model, q: Floats, sides: Floats) -> Floats:
     """Derivatives of states by the unknowns and by the position, and what is left, float64 [n, 6, 12]."""
     J, u, sides = np.zeros((len(q), 6, _UNKNOWNS + 2)), model.u, sides.T
     E, R, p = model.predicted(q)
     J[:, :3, _TURN] = J[:, 3:, _SHIFT] = E
-    J[:, :3, _LEFT], J[:, 3:, _LEFT] = turns_between(states.R, R), states.p - p
+    J[:, :3, _RESIDUAL], J[:, 3:, _RESIDUAL] = turns_between(states.R, R), states.p - p
     if model.kind == "prismatic":
         J[:, 3:, _POSITION] = u
         J[:, 3:, _AXIS] = -q[:, None, None] * (skew(u[None]) @ sides)

@@ -45,30 +45,20 @@ _LAGS = 15
 
 @dataclass
 class Pair:
-    """What is known of two hypotheses.
-
-    Attributes
-    ----------
-    joint
-        The joint as it was judged last, without where it is.
-    point
-        float64 [3], the point of the child whose place is followed, in the child's axes.
-    models
-        The best fit of each kind.
-    range
-        Least and largest position of the joint so far.
-    zero
-        Where on the model position 0 is: there the pair was first seen.
-    typical_information
-        float64 [6, 6], of a state of two frames.
-    """
+    """What is known of two hypotheses."""
 
     joint: Joint
+    """The joint as it was judged last, without where it is."""
     point: Floats
+    """float64 [3], the point of the child whose place is followed, in the child's axes."""
     models: dict[JointKind, Model] = field(default_factory=dict)
+    """The best fit of each kind."""
     range: tuple[float, float] = (0.0, 0.0)
+    """Least and largest position of the joint so far."""
     zero: float = 0.0
+    """Where on the model position 0 is: there the pair was first seen."""
     typical_information: Floats = field(default_factory=lambda: np.eye(6))
+    """float64 [6, 6], of a state of two frames."""
     # What the window has left.
     _keys: States = field(default_factory=States.empty)
     # States up to here are key states, or of no account.

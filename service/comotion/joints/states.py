@@ -26,22 +26,15 @@ _MAX_STATES = 40
 
 @dataclass(frozen=True)
 class States:
-    """n states of a child against its parent, in the parent's axes.
-
-    Attributes
-    ----------
-    stamps
-        int64 [n], ns.
-    R, p
-        float64 [n, 3, 3], orientation of the child; [n, 3], place of a point of the child, its centroid.
-    information
-        float64 [n, 6, 6], inverse covariance of (turn, place), the turn in the parent's axes.
-    """
+    """n states of a child against its parent, in the parent's axes."""
 
     stamps: Stamps
+    """int64 [n], ns."""
     R: Floats
     p: Floats
+    """float64 [n, 3, 3], orientation of the child; [n, 3], place of a point of the child, its centroid."""
     information: Floats
+    """float64 [n, 6, 6], inverse covariance of (turn, place), the turn in the parent's axes."""
 
     def __len__(self) -> int:
         return len(self.stamps)

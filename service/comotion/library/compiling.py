@@ -4,6 +4,8 @@ import sys
 import time
 from functools import cache
 
+from .. import warm_up
+
 # Between two lines.
 _LINE_S = 3.0
 
@@ -11,8 +13,6 @@ _LINE_S = 3.0
 @cache  # once a process
 def compile_ahead(method: str, unit: str, dim: int) -> None:
     """Compile the kernels of a kind of scene that are not on disk."""
-    from .. import warm_up  # noqa: PLC0415 - takes a second
-
     began_s, printed_s = time.monotonic(), None
     kinds = [kind for kind in warm_up.SCENES if kind == (unit, dim)]
     for _ in warm_up.compile_ahead(method, kinds or [("m", 3)]):

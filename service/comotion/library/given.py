@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from comotion_schemas import ObservationBatch
 from comotion_schemas.doubts import doubts
 from comotion_schemas.errors import KnownError
 from comotion_schemas.rows import check_space
@@ -60,21 +59,6 @@ def config_of(config: FusionConfig | Mapping[str, Any] | None, parameters: Param
         return config
     given = {name: getattr(config, name) for name in config.model_fields_set}
     return read_config({**given, **parameters})
-
-
-def batch_of(
-    source: str,
-    seq: int,
-    unit: Unit,
-    stamp_ns: int,
-    ids: NDArray[np.uint64],
-    positions: NDArray[np.float32],
-    **columns: Any,
-) -> ObservationBatch:
-    """Observations of a source at one instant, as a batch of the only space of the library."""
-    space: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
-    sender: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
-    return ObservationBatch(**sender, **space, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)
 
 
 def longest_step_s(config: FusionConfig) -> float:

@@ -17,13 +17,13 @@ from comotion_schemas.types import Unit
 
 from ..arrays import Floats, Labels, last_true
 from ..config import FusionConfig, to_ns
+from ..event_time.entries import batch_of
 from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
 from .given import (
     DEFAULT,
     Parameters,
-    batch_of,
     checked,
     common_origin,
     config_of,
@@ -105,21 +105,16 @@ def _batches(
     arrays: Mapping[str, tuple[Floats, Floats]], unit: Unit, origin: float
 ) -> list[ObservationBatch]:
     """All instants as batches, in time order; at equal times in the order of the sources."""
-    batches = (batch for name, array in arrays.items() for batch in _of_source(name, *array, unit, origin))
+    batches = []
+    for name, (states, times) in arrays.items():
+        seen, ids = np.isfinite(states[..., 0]), np.arange(states.shape[1], dtype=np.uint64)
+        # A feature ends after its last observation.
+        last = np.where(seen.any(axis=0), last_true(seen.T), -2)
+        for k, t in enumerate((times - origin).tolist()):
+            ended, positions = ids[last == k - 1], states[k, seen[k]].astype(np.float32)
+            ending = ended if ended.size else None
+            batches.append(batch_of(name, k, unit, round(t * 1e9), ids[seen[k]], positions, ended=ending))
     return sorted(batches, key=lambda batch: batch.stamp_ns)
-
-
-def _of_source(
-    name: str, states: Floats, times: Floats, unit: Unit, origin: float
-) -> Iterator[ObservationBatch]:
-    seen = np.isfinite(states[..., 0])
-    ids = np.arange(states.shape[1], dtype=np.uint64)
-    # A feature ends after its last observation.
-    last = np.where(seen.any(axis=0), last_true(seen.T), -2)
-    for k, t in enumerate((times - origin).tolist()):
-        ended, positions = ids[last == k - 1], states[k, seen[k]].astype(np.float32)
-        ending = ended if ended.size else None
-        yield batch_of(name, k, unit, round(t * 1e9), ids[seen[k]], positions, ended=ending)
 
 
 def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Iterator[HypothesisUpdate]:

@@ -3,7 +3,7 @@
 from __future__ import annotations  # help() shows short types
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from comotion_schemas import UNDETERMINED, Hypothesis, HypothesisUpdate, Joint
 from comotion_schemas.colours import RGB, Palette, marker
 from comotion_schemas.errors import KnownError
-from comotion_schemas.naming import Names, joint_words, named
+from comotion_schemas.naming import joint_words, named
 from comotion_schemas.text import counted
 from comotion_schemas.types import Unit
 
@@ -100,7 +100,12 @@ class Grouping:
     def poses(self) -> dict[int, Track]:
         """Motion of every hypothesis over time, by id."""
         origin = min(float(times[0]) for times in self._times.values())
-        return dict(_tracks(self.updates, origin))
+        rows: dict[int, list[tuple[int, Hypothesis]]] = {}
+        for update in self.updates:
+            for h in update.hypotheses:
+                if not h.absent:
+                    rows.setdefault(h.id, []).append((update.stamp_ns, h))
+        return {number: _track(seen, origin) for number, seen in rows.items()}
 
     def __repr__(self) -> str:
         shapes = ", ".join(f"{rows} x {columns}" for rows, columns in map(np.shape, self.by_source.values()))
@@ -153,86 +158,49 @@ class Grouping:
         ModuleNotFoundError
             If matplotlib is not installed: ``pip install 'comotion[plot]'``.
         """
-        figure = draw(self.updates, self._positions, self.by_source, self._unit, names)
+        figure, palette, paths = _figure(), Palette(), self._paths()
+        for update in self.updates:
+            palette.see(update.hypotheses)
+        dim = next(iter(self._positions.values())).shape[2]
+        axes = figure.add_subplot(projection="3d" if dim == 3 else None)
+        resting = {h.id for h in self.hypotheses if h.state == "static"}
+        for label, group in sorted(paths.items()):
+            hypothesis = label if label >= 0 else UNDETERMINED
+            name = named(hypothesis, names or {}) + (" at rest" if hypothesis in resting else "")
+            _draw_group(axes, group, hypothesis, name, palette.colour(hypothesis))
+        reach = _REACH * float(np.std(np.concatenate([path for group in paths.values() for path in group])))
+        for joint in self.joints:
+            _draw_joint(axes, joint, joint_words(joint, names), reach)
+        _label(axes, dim, self._unit, sum(map(len, paths.values())))
+        # Outside of the axes, the legend hides nothing.
+        figure.legend(loc="outside right upper", fontsize=8)
         if path is not None:
             figure.savefig(path, bbox_inches="tight")  # a legend outside would push labels off the page
         return figure
 
-
-def _tracks(updates: Sequence[HypothesisUpdate], origin: float) -> Iterator[tuple[int, Track]]:
-    rows: dict[int, list[tuple[int, Hypothesis]]] = {}
-    for update in updates:
-        for h in update.hypotheses:
-            if not h.absent:
-                rows.setdefault(h.id, []).append((update.stamp_ns, h))
-    for number, seen in rows.items():
-        dim = len(seen[0][1].centroid)
-        unknown = [math.nan] * 4 if dim == 3 else math.nan
-        yield (
-            number,
-            Track(
-                np.array([origin + stamp / 1e9 for stamp, _ in seen]),
-                np.array([h.centroid for _, h in seen]),
-                np.array([h.pose.translation if h.pose else [math.nan] * dim for _, h in seen]),
-                np.array([h.pose.rotation if h.pose else unknown for _, h in seen]),
-            ),
-        )
+    def _paths(self) -> dict[int, list[Floats]]:
+        """Trajectories by the last hypothesis of their features, -1 where they never had one."""
+        paths: dict[int, list[Floats]] = {}
+        for source, states in self._positions.items():
+            labels = self.by_source[source]
+            last = labels[last_true(labels.T >= 0), np.arange(labels.shape[1])]
+            for k, label in enumerate(np.where((labels >= 0).any(axis=0), last, -1).tolist()):
+                seen = np.isfinite(states[:, k, 0])
+                if seen.any():
+                    paths.setdefault(label, []).append(states[seen, k])
+        return paths
 
 
-def draw(
-    updates: Sequence[HypothesisUpdate],
-    positions: Mapping[str, Floats],
-    labels: Mapping[str, Labels],
-    unit: Unit,
-    names: Names | None = None,
-) -> Figure:
-    """Draw every trajectory in the colour of the hypothesis that it had last.
-
-    Parameters
-    ----------
-    updates
-        In order.
-    positions, labels
-        float64 [T, N, dim] and int64 [T, N] by source.
-    unit
-        Of the positions.
-    names
-        Names of hypotheses by id.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If matplotlib is not installed.
-    """
-    figure = _figure()
-    palette = Palette()
-    for update in updates:
-        palette.see(update.hypotheses)
-    dim = next(iter(positions.values())).shape[2]
-    axes = figure.add_subplot(projection="3d" if dim == 3 else None)
-    paths: dict[int, list[Floats]] = {}
-    for source, states in positions.items():
-        for k, label in enumerate(last_labels(labels[source]).tolist()):
-            seen = np.isfinite(states[:, k, 0])
-            if seen.any():
-                paths.setdefault(label, []).append(states[seen, k])
-    resting = {h.id for h in updates[-1].hypotheses if h.state == "static"}
-    for label, group in sorted(paths.items()):
-        hypothesis = label if label >= 0 else UNDETERMINED
-        name = named(hypothesis, names or {}) + (" at rest" if hypothesis in resting else "")
-        _draw_group(axes, group, hypothesis, name, palette.colour(hypothesis))
-    reach = _REACH * float(np.std(np.concatenate([path for group in paths.values() for path in group])))
-    for joint in updates[-1].joints:
-        _draw_joint(axes, joint, joint_words(joint, names), reach)
-    for name in "xyz"[:dim]:
-        getattr(axes, f"set_{name}label")(f"{name} [{unit}]")
-    axes.set_aspect("equal")
-    if unit == "px":
-        axes.invert_yaxis()
-    axes.set_title(f"{sum(map(len, paths.values()))} features by hypothesis")
-    # Outside of the axes, the legend hides nothing.
-    figure.legend(loc="outside right upper", fontsize=8)
-    return figure
+def _track(seen: list[tuple[int, Hypothesis]], origin: float) -> Track:
+    """Motion of a hypothesis by its stamps and descriptions; the first stamp of all is at `origin`."""
+    dim = len(seen[0][1].centroid)
+    unknown = [math.nan] * 4 if dim == 3 else math.nan
+    return Track(
+        np.array([origin + stamp / 1e9 for stamp, _ in seen]),
+        np.array([h.centroid for _, h in seen]),
+        np.array([h.pose.translation if h.pose else [math.nan] * dim for _, h in seen]),
+        np.array([h.pose.rotation if h.pose else unknown for _, h in seen]),
+    )
 
 
 def _figure() -> Figure:
@@ -254,10 +222,13 @@ def _figure() -> Figure:
     return figure
 
 
-def last_labels(labels: Labels) -> Labels:
-    """The last label of each feature, int64 [N]; -1 where it never had one."""
-    last = labels[last_true(labels.T >= 0), np.arange(labels.shape[1])]
-    return np.where((labels >= 0).any(axis=0), last, -1)
+def _label(axes: Any, dim: int, unit: Unit, count: int) -> None:
+    for name in "xyz"[:dim]:
+        getattr(axes, f"set_{name}label")(f"{name} [{unit}]")
+    axes.set_aspect("equal")
+    if unit == "px":
+        axes.invert_yaxis()
+    axes.set_title(f"{count} features by hypothesis")
 
 
 def _draw_group(axes: Any, paths: list[Floats], hypothesis: int, name: str, rgb: RGB) -> None:

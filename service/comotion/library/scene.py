@@ -20,10 +20,11 @@ from comotion_schemas.time_units import instant, seconds
 from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
+from ..event_time.entries import batch_of
 from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
-from .given import Parameters, batch_of, config_of, longest_step_s
+from .given import Parameters, config_of, longest_step_s
 
 # First times of a source by which their unit is judged, and unread updates that are kept for an iteration.
 _JUDGED, _MOST_UPDATES = 4, 100
@@ -85,7 +86,7 @@ class Scene:
         self._newest: dict[str, int] = {}
         self._due_ns: int | None = None
         self._update: HypothesisUpdate | None = None
-        self._first: dict[str, list[float]] = {}
+        self._first_times: dict[str, list[float]] = {}
         self._unread: deque[HypothesisUpdate] = deque(maxlen=_MOST_UPDATES)
         self._closed = False
 
@@ -188,7 +189,7 @@ class Scene:
 
     def _stamp(self, source: str, t: float) -> int:
         """Nanoseconds of a time, which is judged with the first ones of its source."""
-        first = self._first.get(source, [])
+        first = self._first_times.get(source, [])
         stamp_ns = round(instant(t) * 1e9)
         if stamp_ns <= self._newest.get(source, stamp_ns - 1):
             raise KnownError(f"source {source!r}: the time {stamp_ns / 1e9:.9g} s does not increase")
@@ -196,7 +197,7 @@ class Scene:
             judged = [*first, stamp_ns / 1e9]
             if len(judged) == _JUDGED:
                 seconds(judged, longest_step_s=longest_step_s(self.fusion.config))
-            self._first[source] = judged
+            self._first_times[source] = judged
         return stamp_ns
 
     def _ingest(self, source: str, stamp_ns: int, rows: Rows) -> None:

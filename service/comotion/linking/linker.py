@@ -31,18 +31,12 @@ _MARGIN = 6.0
 
 @dataclass
 class Linker:
-    """Links between spaces, and their memory.
-
-    Attributes
-    ----------
-    config
-        The calibration of each camera by name of its space.
-    links
-        The body of each linked hypothesis of an image, both by id.
-    """
+    """Links between spaces, and their memory."""
 
     config: LinkingConfig = field(metadata=NOT_KEPT)
+    """The calibration of each camera by name of its space."""
     links: dict[int, int] = field(default_factory=dict)
+    """The body of each linked hypothesis of an image, both by id."""
     _due_ns: int | None = field(default=None, metadata=NOT_KEPT)
 
     def __post_init__(self) -> None:

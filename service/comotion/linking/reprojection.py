@@ -75,24 +75,16 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class ImageTracks:
-    """N image trajectories at up to M of the bodies' frames each, oldest first.
-
-    Attributes
-    ----------
-    frame
-        intp [N, M], index of the frame.
-    seen
-        bool [N, M]; False pads a trajectory with fewer states.
-    position
-        float64 [N, M, 2], undistorted, at focal length one.
-    variance
-        float64 [N], of a coordinate of `position`.
-    """
+    """N image trajectories at up to M of the bodies' frames each, oldest first."""
 
     frame: Ints
+    """intp [N, M], index of the frame."""
     seen: Bools
+    """bool [N, M]; False pads a trajectory with fewer states."""
     position: Floats
+    """float64 [N, M, 2], undistorted, at focal length one."""
     variance: Floats
+    """float64 [N], of a coordinate of `position`."""
 
 
 def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraModel) -> ImageTracks:

@@ -22,7 +22,7 @@ from comotion_schemas import ObservationBatch, Status
 from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
 
-from ..event_time.timeline import FUTURE_NS
+from ..event_time.steps import FUTURE_NS
 from ..shedding import MOST, Load, describe
 from .log_limit import limited
 
@@ -243,14 +243,11 @@ class SourceClocks:
             self._notes.append((now, text))
             _log.warning("%s", text)
 
-    def on_trip(self, name: str, trip_s: float) -> None:
-        """Add the time in s until the cache of a source's Status has answered."""
-        if name in self._sources:
-            self._sources[name].bounds.on_trip(trip_s)
-
     def _take_answers(self) -> None:
         while self._answers:
-            self.on_trip(*self._answers.popleft())
+            name, trip_s = self._answers.popleft()
+            if name in self._sources:
+                self._sources[name].bounds.on_trip(trip_s)
 
     def _query(self, name: str, sent_s: float) -> None:
         """Query the cache of a source's Status."""

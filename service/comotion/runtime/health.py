@@ -148,9 +148,7 @@ class Health:
         """Batches per second of every source over the last seconds."""
         newest = self._samples[-1]
         oldest = next(s for s in self._samples if s.at_ns >= monotonic_ns - _RATE_SPAN_NS)
-        seconds = (newest.at_ns - oldest.at_ns) / 1e9
-        if not seconds:
-            return dict.fromkeys(newest.received, 0.0)
+        seconds = max(newest.at_ns - oldest.at_ns, 1) / 1e9
         return {
             name: (count - oldest.received.get(name, 0)) / seconds for name, count in newest.received.items()
         }

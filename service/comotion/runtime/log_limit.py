@@ -48,11 +48,11 @@ class DefectLog:
 
     def write(self, fault: Fault) -> None:
         """Log a fault."""
-        kind, now = f"{fault.what.partition('(')[0]}{fault.error}"[:200], time.monotonic()
+        kind, now = f"{fault.doing.partition('(')[0]}{fault.error}"[:200], time.monotonic()
         self._logged_s = {logged: at for logged, at in self._logged_s.items() if now - at < _AGAIN_S}
         fresh = kind not in self._logged_s and len(self._logged_s) < _MOST_LINES
         level = logging.ERROR if fresh else logging.DEBUG
-        _log.log(level, "a defect in %s: %s; please report this", fault.what, fault.error)
+        _log.log(level, "a defect in %s: %s; please report this", fault.doing, fault.error)
         if fresh:
             self._logged_s[kind] = now
             for line in fault.trace.splitlines():

@@ -46,7 +46,7 @@ class Loop:
         component: Component,
         leadership: Presence | Election,
         health: Health,
-        keeper: StateKeeper,
+        keeper: StateKeeper | None,
         clocks: SourceClocks,
         *,
         recorded: bool,
@@ -61,7 +61,7 @@ class Loop:
         self._clock = WallClock()
         if recorded:
             self._clock = EventClock(fusion.timeline.watermark_ns)
-            fusion.timeline.follow_recordings()
+            fusion.timeline.steps.replays = True
         self._defects = DefectLog()
         self._due_ns: dict[str, int] = {}
         labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
@@ -138,8 +138,8 @@ class Loop:
         """The time that stamps are compared with, and the clock of arrivals."""
         timeline = self._fusion.timeline
         # The event clock reaches what the core has accepted.
-        if timeline.newest_ns is not None:
-            self._clock.reach(timeline.newest_ns)
+        if (newest_ns := timeline.sources.newest_ns) is not None:
+            self._clock.reach(newest_ns)
         timeline.steps.clock_set_ns = self._clock.set_by_ns()
         return self._clock.now_ns(), time.monotonic_ns()
 
@@ -173,7 +173,8 @@ class Loop:
         if self._is_due("free", at_ns, _FREE_NS):
             self._intake.drop_idle(at_ns, self._intake.tokens.present)
             _return_memory()
-        self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
+        if self._keeper is not None:
+            self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
 
     def _is_due(self, task: str, at_ns: int, every_ns: int) -> bool:
         due = at_ns >= self._due_ns.get(task, 0)
@@ -182,7 +183,7 @@ class Loop:
         return due
 
     def _report(self, at_ns: int) -> None:
-        error, clocks = self._keeper.error, self._source_clocks
+        error, clocks = "" if self._keeper is None else self._keeper.error, self._source_clocks
         notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
         self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
 

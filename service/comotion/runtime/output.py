@@ -109,7 +109,9 @@ class Output:
 
     def _reply(self, query: zenoh.Query, name: QueryName) -> None:
         try:
-            payload, encoding = self.handlers[name](_parameters(query))
+            pairs = (pair.partition("=") for pair in str(query.parameters).split(";") if pair)
+            parameters = {unquote(key): unquote(value) for key, _, value in pairs}
+            payload, encoding = self.handlers[name](parameters)
             if len(payload) > MAX_BYTES:
                 raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
         except QueryError as error:
@@ -119,11 +121,6 @@ class Output:
             query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
         else:
             query.reply(self.component.keys.query(name), payload, encoding=encoding)
-
-
-def _parameters(query: zenoh.Query) -> dict[str, str]:
-    pairs = (pair.partition("=") for pair in str(query.parameters).split(";") if pair)
-    return {unquote(name): unquote(value) for name, _, value in pairs}
 
 
 def handlers(

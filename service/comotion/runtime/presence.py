@@ -18,6 +18,7 @@ import logging
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, NamedTuple, Self
 
 from zenoh import Locality, Sample, SampleKind
@@ -95,7 +96,7 @@ class Presence:
         self._activities: dict[str, _Activity] = {}
         self._older_ns: int | None = None
         self._looked_ns = self._connected_ns = time.monotonic_ns()
-        self._used_ns = time.process_time_ns()
+        self._processor_ns = time.process_time_ns()
         self._speaks_ns: int | None = None
         self._is_router = component.listens
         liveliness = component.session.liveliness()
@@ -141,7 +142,7 @@ class Presence:
         self._refuse_beside(self._older())
         # The steps before the loop have taken some time.
         self._looked_ns = self._connected_ns = time.monotonic_ns()
-        self._used_ns = time.process_time_ns()
+        self._processor_ns = time.process_time_ns()
 
     def _wait_while(self, others: Callable[[], Collection[Claim]], seconds: float) -> None:
         """Wait until no others are there, for some time at most; refuse if one of them speaks."""
@@ -153,8 +154,8 @@ class Presence:
 
     def look(self, monotonic_ns: int) -> None:
         """Take in the tokens of others, at every turn of the loop; raises SceneTakenError where it yields."""
-        was_ns, self._looked_ns = self._looked_ns, monotonic_ns
-        if self._was_cut_off(monotonic_ns - was_ns, monotonic_ns):
+        last_look_ns, self._looked_ns = self._looked_ns, monotonic_ns
+        if self._was_cut_off(monotonic_ns - last_look_ns, monotonic_ns):
             _log.warning("this service was cut off: it looks whether another one has its scene")
             self._withdraw()
             self._speaks_ns = None
@@ -172,8 +173,8 @@ class Presence:
 
     def _was_cut_off(self, gap_ns: int, monotonic_ns: int) -> bool:
         """Whether its token may have vanished meanwhile; `gap_ns` is the time since the last look."""
-        last_ns, self._used_ns = self._used_ns, time.process_time_ns()
-        if gap_ns > _LEASE_NS and self._used_ns - last_ns < _AT_WORK * gap_ns:
+        last_ns, self._processor_ns = self._processor_ns, time.process_time_ns()
+        if gap_ns > _LEASE_NS and self._processor_ns - last_ns < _AT_WORK * gap_ns:
             return True
         if not self._is_connected():
             return False
@@ -204,15 +205,9 @@ class Presence:
                 raise self._taken(other)
 
     def _drain(self) -> None:
-        for _ in range(_MOST_TOKENS):
-            sample = self._tokens.try_recv()
-            if sample is None:
-                break
+        for sample in islice(iter(self._tokens.try_recv, None), _MOST_TOKENS):
             self._note(publisher_of(str(sample.key_expr)), present=sample.kind == SampleKind.PUT)
-        for _ in range(_MOST_UPDATES):
-            update = self._updates.try_recv()
-            if update is None:
-                break
+        for update in islice(iter(self._updates.try_recv, None), _MOST_UPDATES):
             if self._others:
                 self._hear(update)
 

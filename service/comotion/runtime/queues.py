@@ -39,24 +39,16 @@ Payload = tuple[str, bytes]
 
 @dataclass
 class Queue:
-    """The payloads of one source that wait to be read.
-
-    Attributes
-    ----------
-    used_ns
-        When something came last, on the monotonic clock.
-    received
-        Valid batches that were read.
-    waiting
-        The payloads.
-    displaced
-        Payloads that gave way to later ones since the last one was read.
-    """
+    """The payloads of one source that wait to be read."""
 
     used_ns: int = 0
+    """When something came last, on the monotonic clock."""
     received: int = 0
+    """Valid batches that were read."""
     waiting: deque[Payload] = field(default_factory=deque)
+    """The payloads."""
     displaced: int = 0
+    """Payloads that gave way to later ones since the last one was read."""
 
 
 class Queues:

@@ -1,11 +1,11 @@
 """Runs the fusion service: opens its parts, compiles, and starts its loop."""
 
 import logging
-import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 from pathlib import Path
 
 from comotion_schemas import DEFAULT_SCENE, Keys
@@ -80,18 +80,18 @@ def serve(options: ServeOptions) -> None:
         ) as component,
         ExitStack() as stack,
     ):
-        presence = None if election is not None else stack.enter_context(Presence(component))
+        leadership = election or stack.enter_context(Presence(component))
         for space, camera in options.config.linking.cameras.items():
             _log.info("linking %s to bodies in %s", space, camera.frame)
         if not _warm_up(component, options.config):
             return
         # After the warm-up: the state is tried out before it is trusted.
         fusion = _make_fusion(options, session_id)
-        if presence is not None:
-            presence.require()
-        keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
-        leadership = election or presence
-        assert leadership is not None  # noqa: S101 - there is one of the two
+        if isinstance(leadership, Presence):
+            leadership.require()
+        keeper = None
+        if options.state is not None:
+            keeper = stack.enter_context(StateKeeper(options.state, to_ns(options.state_interval), fusion))
         clocks = SourceClocks(component, correct=options.correct_clocks)
         loop = Loop(fusion, component, leadership, health, keeper, clocks, recorded=options.clock == "event")
         # Last: a service that is not ready must not be elected; one that stops gives the scene back first.
@@ -128,14 +128,11 @@ def _with_replica(fields: StatusFields, election: Election | None) -> StatusFiel
 
 def _warm_up(component: Component, config: FusionConfig) -> bool:
     """Compile and import what the method needs; False if the process was stopped meanwhile."""
-    notice = threading.Timer(
-        _LONG_WARM_UP_S,
-        _log.info,
-        ("preparing the methods: the first start compiles them for half a minute or more",),
-    )
-    notice.daemon = True
-    notice.start()
-    try:
-        return not any(component.stop.is_set() for _ in prepare(config))
-    finally:
-        notice.cancel()
+    notice_s = time.monotonic() + _LONG_WARM_UP_S
+    for _ in prepare(config):
+        if component.stop.is_set():
+            return False
+        if time.monotonic() > notice_s:
+            _log.info("preparing the methods: the first start compiles them for half a minute or more")
+            notice_s = inf
+    return True

@@ -19,7 +19,7 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from ..config import FusionConfig
-from ..event_time.timeline import FUTURE_NS
+from ..event_time.steps import FUTURE_NS
 from ..fusion import Fusion
 from ..saving import MAX_BYTES
 
@@ -191,11 +191,11 @@ class StateKeeper:
 
     The state is taken at an interval, and at once when the set of hypotheses has changed; one that takes long
     less often, so that it costs at most a tenth of the time. A thread serialises and writes the newest one.
-    On leaving the last state is written, unless an exception is the reason. Without a path nothing is kept.
+    On leaving the last state is written, unless an exception is the reason.
     `error` is why the last write failed; empty if it did not.
     """
 
-    def __init__(self, path: Path | None, interval_ns: int, fusion: Fusion) -> None:
+    def __init__(self, path: Path, interval_ns: int, fusion: Fusion) -> None:
         self._path = path
         self._interval_ns = interval_ns
         self._fusion = fusion
@@ -209,13 +209,10 @@ class StateKeeper:
         self._thread = threading.Thread(target=self._run, name="state", daemon=True)
 
     def __enter__(self) -> Self:
-        if self._path is not None:
-            self._thread.start()
+        self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *others: object) -> None:
-        if self._path is None:
-            return
         with self._wake:
             self._produce = self._fusion.capture(clean=True) if kind is None else self._produce
             self._closing = True
@@ -224,7 +221,7 @@ class StateKeeper:
 
     def after(self, hypotheses: frozenset[int], monotonic_ns: int) -> None:
         """Take the state if it is due; `hypotheses` are the ids in the update just published."""
-        if self._path is None or not self.is_due(hypotheses, monotonic_ns):
+        if not self.is_due(hypotheses, monotonic_ns):
             return
         # It replaces one that waits.
         with self._wake:
@@ -251,7 +248,6 @@ class StateKeeper:
             self._write(produce)
 
     def _write(self, produce: Callable[[], list[Any]]) -> None:
-        assert self._path is not None  # noqa: S101 - the thread runs where there is one
         began = time.thread_time_ns()
         try:
             if self._fusion.next_id >= self._reserved:

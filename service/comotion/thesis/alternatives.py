@@ -42,7 +42,11 @@ def cut_spectrum(affinity: Floats, *, normalized: bool) -> NDArray[np.intp]:
         return np.zeros(n, np.intp)
     values, vectors = spectrum(affinity, normalized=normalized)
     clusters = count_clusters(values)
-    return _assign(vectors[:, :clusters], clusters)
+    with warnings.catch_warnings():
+        # Rows that coincide leave fewer clusters than wanted, which is as it should be.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        k_means = KMeans(clusters, n_init=10, random_state=0).fit(vectors[:, :clusters])
+    return np.asarray(k_means.labels_, np.intp)
 
 
 def spectrum(affinity: Floats, *, normalized: bool) -> tuple[Floats, Floats]:
@@ -68,14 +72,6 @@ def count_clusters(eigenvalues: Floats) -> int:
     components = int((eigenvalues < _ZERO * max(eigenvalues[-1], 1.0)).sum())
     gaps = np.diff(eigenvalues[:MAX_EIGENVALUES])
     return max(components, int(gaps.argmax()) + 1)
-
-
-def _assign(embedding: Floats, clusters: int) -> NDArray[np.intp]:
-    with warnings.catch_warnings():
-        # Rows that coincide leave fewer clusters than wanted, which is as it should be.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        labels: NDArray[np.intp] = KMeans(clusters, n_init=10, random_state=0).fit_predict(embedding)
-    return labels
 
 
 @dataclass(frozen=True)
@@ -108,13 +104,11 @@ def mixtures(affinity: Floats) -> Iterator[Mixture]:
     """
     for components in range(1, min(len(affinity), _MAX_COMPONENTS) + 1):
         for covariance in COVARIANCES:
-            yield _fit(affinity, components, covariance)
-
-
-def _fit(rows: Floats, components: int, covariance: str) -> Mixture:
-    model = GaussianMixture(components, covariance_type=covariance, reg_covar=_VARIANCE_FLOOR, random_state=0)
-    with warnings.catch_warnings():
-        # Fewer distinct rows than components: such a model loses by its BIC.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        labels: NDArray[np.intp] = model.fit_predict(rows)
-    return Mixture(components, covariance, float(model.bic(rows)), labels)
+            model = GaussianMixture(
+                components, covariance_type=covariance, reg_covar=_VARIANCE_FLOOR, random_state=0
+            )
+            with warnings.catch_warnings():
+                # Fewer distinct rows than components: such a model loses by its BIC.
+                warnings.simplefilter("ignore", ConvergenceWarning)
+                labels: NDArray[np.intp] = model.fit_predict(affinity)
+            yield Mixture(components, covariance, float(model.bic(affinity)), labels)

@@ -20,8 +20,7 @@ from ..arrays import Bools, Floats, Floats32, Ints, Slots
 from ..config import Clustering
 from .kernels import INCOMPARABLE, combine_rows, holds_weak_edge
 
-Labels = NDArray[np.intp]
-Clusters = tuple[Labels, Floats]
+Clusters = tuple[Ints, Floats]
 """Labels of n trajectories, intp [n], 0, 1, 2... in the order in which clusters first appear; and the mean
 affinity of each to the other members of its cluster, float64 [n], 0.5 for a cluster of one."""
 ClusterFunction = Callable[[Floats32, Slots], Clusters]
@@ -49,7 +48,7 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     # They import scikit-learn, which takes half a second and the default does not need.
     from .alternatives import best_mixture, cut_spectrum  # noqa: PLC0415
 
-    alternatives: dict[Clustering, Callable[[Floats], Labels]] = {
+    alternatives: dict[Clustering, Callable[[Floats], Ints]] = {
         "gmm-bic": best_mixture,
         "eigengap": partial(cut_spectrum, normalized=False),
         "eigengap-normalized": partial(cut_spectrum, normalized=True),
@@ -64,14 +63,14 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     return cluster
 
 
-def _named(labels: Labels, sums: Floats) -> Clusters:
+def _named(labels: Ints, sums: Floats) -> Clusters:
     """By the sum of the affinities of each trajectory to all members of its cluster, itself included."""
     companions = np.bincount(labels)[labels] - 1 if len(labels) else labels
     cohesion = np.where(companions > 0, (sums - 1) / np.maximum(companions, 1), INCOMPARABLE)
     return by_appearance(labels), cohesion
 
 
-def by_appearance(labels: Labels) -> Labels:
+def by_appearance(labels: Ints) -> Ints:
     """Rename labels to 0, 1, 2... in the order in which they first appear."""
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse]

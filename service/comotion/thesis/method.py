@@ -16,7 +16,7 @@ states them, for one pair, they are in `tests/reference/thesis.py`, which a test
 
 import numpy as np
 
-from ..arrays import Floats, Floats32, Ints, Slots
+from ..arrays import Floats32, Ints, Slots
 from ..config import FusionConfig, Unit
 from ..partition import Group, Method, Partition, Previous, SpaceSpec
 from ..trajectories.window import Window
@@ -90,10 +90,6 @@ class ThesisMethod(Method):
         sizes = np.bincount(groups)
         step, elapsed = window.recent_steps(current, _VELOCITY_SPAN_NS)
         velocity = step / np.where(elapsed > 0, elapsed * 1e-9, 1.0)[:, None]
-        speeds = np.linalg.norm(_means(velocity, groups, sizes), axis=1)
+        means = np.column_stack([np.bincount(groups, along) / sizes for along in velocity.T])
+        speeds = np.linalg.norm(means, axis=1)
         return [Group("moving" if speed > self._v_moving else "undetermined") for speed in speeds.tolist()]
-
-
-def _means(values: Floats, group: Slots, sizes: Slots) -> Floats:
-    """Mean of each group of rows, float64 [groups, dim]."""
-    return np.column_stack([np.bincount(group, column) / sizes for column in values.T])

@@ -14,7 +14,7 @@ from .window import Window
 
 # Steps before and after a jump that are compared with it; and the least ratio of its difference from their
 # mean velocity to theirs.
-_BEFORE, _AFTER, _FARTHER = 3, 2, 8.0
+_STEPS_BEFORE, _STEPS_AFTER, _MIN_RATIO = 3, 2, 8.0
 # Least length of a jump, as a share of the extent of all. Reconstructed markers jump by less, and their
 # hypotheses should not be lost: with a fiftieth the recordings of docs/research/accuracy.md lose .004.
 _LEAST = 0.1
@@ -46,19 +46,19 @@ def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
     newest = window.newest(slots)
     window.far = _LEAST * float(np.sqrt(((newest - median(newest)) ** 2).sum(1).mean()))
     recent = since_ns - _CONFIRMED_NS
-    candidates = (window.far_ns[slots] > recent) & (window.counts(slots) > _BEFORE + _AFTER + 1)
+    candidates = (window.far_ns[slots] > recent) & (window.counts(slots) > _STEPS_BEFORE + _STEPS_AFTER + 1)
     if not candidates.any():
         return slots[:0], slots[:0]
     all_slots, slots = slots, slots[candidates]
-    width = min(len(window.instants) - bisect_right(window.instants, recent), _OBSERVATIONS) + _BEFORE
-    columns = window.stop[slots, None] + np.arange(-width - _AFTER - 1, 0)
+    width = min(len(window.instants) - bisect_right(window.instants, recent), _OBSERVATIONS) + _STEPS_BEFORE
+    columns = window.stop[slots, None] + np.arange(-width - _STEPS_AFTER - 1, 0)
     held, columns = columns >= window.start[slots, None], np.maximum(columns, 0)
     positions = window.positions[slots[:, None], columns]
     times = window.times[slots[:, None], columns]
     sudden = _sudden(times, positions, held)
-    row, step = np.nonzero(sudden & (times[:, _BEFORE + _AFTER + 1 :] > since_ns))
+    row, step = np.nonzero(sudden & (times[:, _STEPS_BEFORE + _STEPS_AFTER + 1 :] > since_ns))
     last = np.append(row[1:] != row[:-1], True)[: len(row)]
-    jumping, first = slots[row[last]], columns[row[last], step[last] + _BEFORE + 1]
+    jumping, first = slots[row[last]], columns[row[last], step[last] + _STEPS_BEFORE + 1]
     return _alone(window, all_slots, jumping, first)
 
 
@@ -72,10 +72,10 @@ def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
     """
     velocity = np.diff(positions, axis=1) / np.maximum(np.diff(times), 1)[:, :, None]
     velocity[~held[:, :-1]] = np.nan
-    steps = sliding_window_view(velocity, _BEFORE + 1 + _AFTER, 1)
-    usual = np.delete(steps, _BEFORE, 3).mean(3)
+    steps = sliding_window_view(velocity, _STEPS_BEFORE + 1 + _STEPS_AFTER, 1)
+    usual = np.delete(steps, _STEPS_BEFORE, 3).mean(3)
     off = np.linalg.norm(steps - usual[..., None], axis=2)
-    return np.asarray(off[:, :, _BEFORE] > _FARTHER * np.delete(off, _BEFORE, 2).max(2))
+    return np.asarray(off[:, :, _STEPS_BEFORE] > _MIN_RATIO * np.delete(off, _STEPS_BEFORE, 2).max(2))
 
 
 def _alone(window: Window, slots: Slots, jumping: Slots, first: Ints) -> tuple[Slots, Ints]:

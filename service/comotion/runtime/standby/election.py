@@ -180,14 +180,14 @@ class Follower:
     def look(self) -> None:
         """Take in the updates that others have published, and which of them have gone."""
         newest = None
-        while (sample := self._updates.try_recv()) is not None:
+        for sample in iter(self._updates.try_recv, None):
             newest = self._accept(sample) or newest
         now_ns = time.monotonic_ns()
         if newest is not None:
             self._queried_ns, self._period_ns = now_ns, newest.period_ns
             if self._election.epoch is None:
                 self._fusion.follow(newest)
-        while (token := self._tokens.try_recv()) is not None:
+        for token in iter(self._tokens.try_recv, None):
             if token.kind == SampleKind.DELETE:
                 self._check(publisher_of(str(token.key_expr)))
         # Zenoh 1.10 does not report the end of every token.
