@@ -31,46 +31,32 @@ class SpaceSpec:
 
 @dataclass(frozen=True)
 class Previous:
-    """Labels of the last update.
-
-    Attributes
-    ----------
-    labels
-        int64 [capacity]: hypothesis of each slot, or :data:`NO_HYPOTHESIS`.
-    ids
-        int64 [K]: hypothesis of each group of the last partition, :data:`NO_HYPOTHESIS` for one without
-        members.
-    """
+    """Labels of the last update."""
 
     labels: Labels
+    """int64 [capacity]: hypothesis of each slot, or :data:`NO_HYPOTHESIS`."""
     ids: Labels
+    """int64 [K]: hypothesis of each group of the last partition, :data:`NO_HYPOTHESIS` for one without
+    members."""
 
 
 @dataclass
 class PoseReference:
-    """Reference of the pose of a hypothesis to its birth: rows seen since, and where they were at birth.
-
-    Attributes
-    ----------
-    born_ns
-        Event time of the birth.
-    rows, points
-        int64 [m], stable names of rows, and float64 [m, 3], their positions in the axes of the space at
-        birth.
-    R, t, stamp_ns
-        float64 [3, 3] and [3], the last pose since birth, and its time.
-    axes
-        Template float64 [n, 3] of the body that it followed last, and R and t that take its coordinates to
-        the axes at birth; None: not known.
-    """
+    """Reference of the pose of a hypothesis to its birth: rows seen since, and where they were at birth."""
 
     born_ns: int
+    """Event time of the birth."""
     rows: Stamps
+    """int64 [m], stable names of rows."""
     points: Floats
+    """float64 [m, 3], their positions in the axes of the space at birth."""
     R: Floats
     t: Floats
     stamp_ns: int
+    """float64 [3, 3] and [3], the last pose since birth, and its time."""
     axes: tuple[Floats, Floats, Floats] | None = field(default=None, metadata=NOT_KEPT)
+    """Template float64 [n, 3] of the body that it followed last, and R and t that take its coordinates to the
+    axes at birth; None: not known."""
 
     @classmethod
     def new(cls, stamp_ns: int) -> Self:
@@ -80,55 +66,37 @@ class PoseReference:
 
 @dataclass(frozen=True)
 class Group:
-    """One group of a partition, as far as its method can tell.
-
-    Attributes
-    ----------
-    state
-        Whether it moves.
-    static
-        Whether it is the method's static body, of which there is at most one.
-    twist
-        Velocities at the watermark, None where unknown.
-    noise
-        One-sigma residual of the members, in the space's unit, None where unknown.
-    pose_since
-        Gives the pose since birth and brings the reference up to date; None where the method knows no poses.
-    """
+    """One group of a partition, as far as its method can tell."""
 
     state: HypothesisState = "undetermined"
+    """Whether it moves."""
     static: bool = False
+    """Whether it is the method's static body, of which there is at most one."""
     twist: Twist | None = None
+    """Velocities at the watermark, None where unknown."""
     noise: float | None = None
+    """One-sigma residual of the members, in the space's unit, None where unknown."""
     pose_since: Callable[[PoseReference], Pose | None] | None = None
+    """Gives the pose since birth and brings the reference up to date; None where the method knows no
+    poses."""
 
 
 @dataclass(frozen=True)
 class Partition:
-    """Trajectories of a space in groups 0 to K - 1.
-
-    Attributes
-    ----------
-    slots
-        intp [N]: the current trajectories, and ended or outdated ones that the method has grouped too.
-    groups
-        intp [N]: group of each, or :data:`NO_HYPOTHESIS`.
-    deciding
-        bool [N]: members that decide which hypothesis a group continues.
-    confidence
-        float64 [n] in 0..1, of the current trajectories in their own order.
-    position
-        float64 [n, dim]: newest positions of the current trajectories, as the method sees them.
-    described
-        The groups, K or more.
-    """
+    """Trajectories of a space in groups 0 to K - 1."""
 
     slots: Slots
+    """intp [N]: the current trajectories, and ended or outdated ones that the method has grouped too."""
     groups: Ints
+    """intp [N]: group of each, or :data:`NO_HYPOTHESIS`."""
     deciding: Bools
+    """bool [N]: members that decide which hypothesis a group continues."""
     confidence: Floats
+    """float64 [n] in 0..1, of the current trajectories in their own order."""
     position: Floats
+    """float64 [n, dim]: newest positions of the current trajectories, as the method sees them."""
     described: list[Group] = field(default_factory=list)
+    """The groups, K or more."""
 
 
 @dataclass(frozen=True)
@@ -136,31 +104,23 @@ class BodyMotion:
     """Motion of one hypothesis over F frames, x = R b + t in the axes of the space.
 
     Its axes are those of the space at its birth: they stay the same from update to update.
-
-    Attributes
-    ----------
-    stamps
-        int64 [F], ns, ascending.
-    R, t, posed
-        float64 [F, 3, 3], float64 [F, 3], bool [F] (whether the frame has a pose).
-    turn_covariance, place_variance
-        float64 [F, 3, 3], of a small turn in the axes of the body, rad²; float64 [F], of a coordinate of the
-        centroid.
-    centre, radius
-        float64 [3], centroid of what it was fitted to, in its axes; root mean square distance from it.
-    static
-        Whether it is the body at rest.
     """
 
     stamps: Stamps
+    """int64 [F], ns, ascending."""
     R: Floats
     t: Floats
     posed: Bools
+    """float64 [F, 3, 3], float64 [F, 3], bool [F] (whether the frame has a pose)."""
     turn_covariance: Floats
     place_variance: Floats
+    """float64 [F, 3, 3], of a small turn in the axes of the body, rad²; float64 [F], of a coordinate of the
+    centroid."""
     centre: Floats
     radius: float
+    """float64 [3], centroid of what it was fitted to, in its axes; root mean square distance from it."""
     static: bool
+    """Whether it is the body at rest."""
 
     def at_rest(self) -> "BodyMotion":
         """The same body at rest where it is now."""

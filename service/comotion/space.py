@@ -103,9 +103,8 @@ class Space:
         window, registry = self._window, self._hypotheses
         current = self.tracks.follow(stamp_ns)
         tracks = np.zeros(len(current), TRACK)
-        tracks["key"], tracks["session"], tracks["id"] = (
-            column[current] for column in (window.key, window.source, window.id)
-        )
+        for name, column in (("key", window.key), ("session", window.source), ("id", window.id)):
+            tracks[name] = column[current]
         tracks["position"] = np.nan
         tracks["position"][:, : window.dim] = newest = window.newest(current)
         self.frame.follow(distinct(tracks["session"])[0].tolist(), self.tracks.sessions())

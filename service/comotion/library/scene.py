@@ -91,12 +91,10 @@ class Scene:
         self._closed = False
 
     def __repr__(self) -> str:
-        update = self._update
-        size = ""
+        parts, update = [self._unit, counted(len(self._newest), "source")], self._update
         if update is not None:
-            size = f", {counted(len(update.track_id), 'feature')}"
-            size += f", {counted(len(update.hypotheses), 'hypothesis')}"
-        return f"Scene({self._unit}, {counted(len(self._newest), 'source')}{size})"
+            parts += [counted(len(update.track_id), "feature"), counted(len(update.hypotheses), "hypothesis")]
+        return f"Scene({', '.join(parts)})"
 
     def __enter__(self) -> Self:
         return self

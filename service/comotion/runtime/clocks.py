@@ -213,9 +213,7 @@ class SourceClocks:
 
     def correct(self, batch: ObservationBatch) -> ObservationBatch:
         """Return a batch with its stamps by this clock, if that is wanted and the difference is known."""
-        if not self._correct:
-            return batch
-        source = self._sources.get(batch.source)
+        source = self._sources.get(batch.source) if self._correct else None
         shift_ns = 0 if source is None else _shift(source)
         if not shift_ns:
             return batch
@@ -243,11 +241,14 @@ class SourceClocks:
             self._notes.append((now, text))
             _log.warning("%s", text)
 
+    def on_trip(self, name: str, trip_s: float) -> None:
+        """Add the time in s until the cache of a source's Status has answered."""
+        if name in self._sources:
+            self._sources[name].bounds.on_trip(trip_s)
+
     def _take_answers(self) -> None:
         while self._answers:
-            name, trip_s = self._answers.popleft()
-            if name in self._sources:
-                self._sources[name].bounds.on_trip(trip_s)
+            self.on_trip(*self._answers.popleft())
 
     def _query(self, name: str, sent_s: float) -> None:
         """Query the cache of a source's Status."""

@@ -11,46 +11,31 @@ _SECONDS_PER_NS = 1e-9
 
 
 class Columns(NamedTuple):
-    """The columns of :class:`~comotion.trajectories.window.Window`, of S slots of up to M observations each.
-
-    Attributes
-    ----------
-    times
-        int64 [S, M], ns.
-    positions, speed, sigma, quaternions
-        float64 [S, M, dim], [S, M], [S, M] and [S, M, 4], the last [0, 0, 0] where there are none.
-    start, stop
-        intp [S]: the observations in use are ``start[s]:stop[s]``.
-    """
+    """Columns of :class:`~comotion.trajectories.window.Window`, of S slots of up to M observations each."""
 
     times: Stamps
+    """int64 [S, M], ns."""
     positions: Floats
     speed: Floats
     sigma: Floats
     quaternions: Floats
+    """float64 [S, M, dim], [S, M], [S, M] and [S, M, 4], the last [0, 0, 0] where there are none."""
     start: Slots
     stop: Slots
+    """intp [S]: the observations in use are ``start[s]:stop[s]``."""
 
 
 class States(NamedTuple):
-    """States of n trajectories at T instants.
-
-    Attributes
-    ----------
-    position
-        float64 [T, n, dim], in the space's unit; 0 where not `held`.
-    speed
-        float64 [T, n], per second; between observations that of the segment; 0 where not `held`.
-    observed
-        bool [T, n]; an observation was made at this very instant.
-    held
-        bool [T, n]; observed, or inside a segment short enough to interpolate.
-    """
+    """States of n trajectories at T instants."""
 
     position: Floats
+    """float64 [T, n, dim], in the space's unit; 0 where not `held`."""
     speed: Floats
+    """float64 [T, n], per second; between observations that of the segment; 0 where not `held`."""
     observed: Bools
+    """bool [T, n]; an observation was made at this very instant."""
     held: Bools
+    """bool [T, n]; observed, or inside a segment short enough to interpolate."""
 
 
 @compiled()
