@@ -55,7 +55,10 @@ def plain(original: Any) -> Any:
         copied = original.as_matrix()
     elif isinstance(original, Mapping):
         copied = [[plain(key), plain(value)] for key, value in original.items()]
-    elif isinstance(original, list | tuple | set | deque):
+    elif isinstance(original, set):
+        # In an order that does not depend on the process.
+        copied = [plain(member) for member in sorted(original)]
+    elif isinstance(original, list | tuple | deque):
         copied = [plain(member) for member in original]
     return copied
 
