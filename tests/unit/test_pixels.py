@@ -9,6 +9,7 @@ from comotion.pixels.consensus import consensus
 from comotion.pixels.geometry import Geometry
 from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames
+from comotion.pixels.merging import Merging
 from comotion_clients.metrics import misclassification
 
 from .. import builders
@@ -239,6 +240,15 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
     np.testing.assert_array_equal(found, found.T)
     # Of a group that is never seen nothing is known.
     assert not found[4].any()
+
+
+@pytest.mark.parametrize(("previous", "found"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
+def test_what_was_apart_stays_apart_on_little_evidence(previous, found):
+    superclusters = np.repeat([0, 1], 10)
+    alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
+    agreed, unmoved = np.full((2, 2), 0.2), Geometry(frames_of(np.zeros((4, 20, 2))), drift=0.02)
+    merging = Merging(alike, near, superclusters, agreed, unmoved, 5, np.array(previous)[superclusters])
+    assert len(np.unique(merging.groups())) == found
 
 
 def test_too_few_points_say_nothing():

@@ -15,8 +15,9 @@ _COMPARED, _NEAREST = 40, 5
 _CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
 # What a nat of log similarity counts for beside consensus where the next pair is chosen.
 _SIMILARITY_IN_ORDER = 0.05
-# nat; evidence from what two groups were before: one hypothesis, or two.
-_HELD_TOGETHER, _HELD_APART = 0.5, 0.25
+# nat; evidence against one body from two groups that were two hypotheses: what has moved apart may move alike
+# for a while.
+_HELD_APART = 1.0
 
 
 class Merging:
@@ -39,8 +40,8 @@ class Merging:
     smallest
         Members below which a group joins another one without evidence.
     previous
-        int64 [N]; hypotheses of the trajectories at the previous update, negative for none: groups of one
-        hypothesis are merged more easily, groups of different ones less.
+        int64 [N]; hypotheses of the trajectories at the previous update, negative for none: groups of
+        different ones are merged less easily.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class Merging:
         key = a, b, len(small), len(large)
         if key not in self._decided:
             evidence = _CONSENSUS_WEIGHT * consensus + self._contrast(small, large)
-            evidence += self._hysteresis(small, large)
+            evidence -= _HELD_APART * self._were_apart(small, large)
             is_one = evidence >= _LEAST_EVIDENCE
             self._decided[key] = bool(is_one) and not self._geometry.two_bodies(small, large)
         return self._decided[key]
@@ -128,12 +129,10 @@ class Merging:
         similarity = np.where(seen, self._similarity[picked[:, None], others[nearest]], 0)
         return similarity.sum(axis=1) / count, np.where(seen, distance, 0).sum(axis=1) / count
 
-    def _hysteresis(self, *groups: Ints) -> float:
-        """Positive for groups of one previous hypothesis, negative for groups of two; 0 if one had none."""
-        held = {self._previous_hypothesis(members) for members in groups}
-        if min(held) < 0:
-            return 0.0
-        return _HELD_TOGETHER if len(held) == 1 else -_HELD_APART
+    def _were_apart(self, *groups: Ints) -> bool:
+        """Whether two groups were of two hypotheses."""
+        first, second = (self._previous_hypothesis(members) for members in groups)
+        return min(first, second) >= 0 and first != second
 
     def _previous_hypothesis(self, members: Ints) -> int:
         """The most frequent one of the members, negative if most had none."""
