@@ -9,6 +9,7 @@ from comotion.pixels.consensus import consensus
 from comotion.pixels.geometry import Geometry
 from comotion.pixels.grouping import group
 from comotion.pixels.key_frames import KeyFrames
+from comotion.pixels.merging import Merging
 from comotion_clients.metrics import misclassification
 
 from .. import builders
@@ -19,6 +20,11 @@ def frames_of(positions, visible=None, noise=0.0):
     visible = np.ones(positions.shape[:2], bool) if visible is None else visible
     variance = np.full(positions.shape[1], noise**2, np.float32)
     return KeyFrames(np.where(visible[..., None], positions, 0).astype(np.float32), visible, variance)
+
+
+def grouped(frames):
+    """Groups of trajectories that had no hypothesis before."""
+    return group(frames, PixelsConfig(), np.full(len(frames.variance), -1))
 
 
 def affine_scene(rng, sizes, frames=24, noise=0.1):
@@ -42,7 +48,7 @@ def test_bodies_are_told_apart_without_their_number(sizes):
     rng = np.random.default_rng(5)
     positions, truth = affine_scene(rng, sizes)
     visible = rng.random(positions.shape[:2]) > 0.15
-    found = group(frames_of(positions, visible), PixelsConfig())
+    found = grouped(frames_of(positions, visible))
     assert misclassification(found.labels, truth) <= 0.02
     assert (found.confidence >= 0).all()
     assert (found.confidence <= 1).all()
@@ -54,16 +60,16 @@ def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
     x[:, 20:] += [250, 0]
     moving = (np.arange(35) >= 20)[None, :, None]
     positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
-    found = group(frames_of(positions), PixelsConfig())
+    found = grouped(frames_of(positions))
     np.testing.assert_array_equal(found.labels == found.labels[0], np.arange(35) < 20)
 
 
 def test_noise_that_is_known_does_not_join_bodies():
     positions, truth = affine_scene(np.random.default_rng(0), (60, 50), noise=1.0)
-    found = group(frames_of(positions, noise=1.0), PixelsConfig())
+    found = grouped(frames_of(positions, noise=1.0))
     assert misclassification(found.labels, truth) <= 0.02
     # Taken for motion, it widens the kernel.
-    assert group(frames_of(positions), PixelsConfig()).labels.max() == 0
+    assert grouped(frames_of(positions)).labels.max() == 0
 
 
 def image(seq, now, positions, ids=None):
@@ -218,17 +224,11 @@ def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
     )
 
 
-def geometry(frames):
-    return Geometry(frames, [NEAR, FAR, OTHER], drift=0.02)
-
-
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
 def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
-    found = geometry(scene(noise, hidden))
+    found = Geometry(scene(noise, hidden), drift=0.02)
     assert not found.two_bodies(NEAR, FAR)
     assert found.two_bodies(NEAR, OTHER)
-    assert found.one_body(NEAR, FAR)
-    assert not found.one_body(NEAR, OTHER)
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
@@ -242,14 +242,14 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
     assert not found[4].any()
 
 
-def test_what_rests_and_what_moves_are_told_apart_before_a_camera_at_rest():
-    frames = scene(0.05, drive=(0.0, 0.0, 0.0))
-    assert not geometry(frames).one_body(NEAR, OTHER)
-    # All rests: nothing says that it is one body.
-    assert not geometry(frames).one_body(NEAR, FAR)
+@pytest.mark.parametrize(("previous", "found"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
+def test_what_was_apart_stays_apart_on_little_evidence(previous, found):
+    superclusters = np.repeat([0, 1], 10)
+    alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
+    agreed, unmoved = np.full((2, 2), 0.2), Geometry(frames_of(np.zeros((4, 20, 2))), drift=0.02)
+    merging = Merging(alike, near, superclusters, agreed, unmoved, 5, np.array(previous)[superclusters])
+    assert len(np.unique(merging.groups())) == found
 
 
 def test_too_few_points_say_nothing():
-    found = geometry(scene(0.1))
-    assert not found.two_bodies(NEAR, OTHER[:4])
-    assert not found.one_body(NEAR, FAR[:8])
+    assert not Geometry(scene(0.1), drift=0.02).two_bodies(NEAR, OTHER[:4])

@@ -23,13 +23,15 @@ from .consensus import consensus
 from .distances import distances
 from .geometry import Geometry
 from .key_frames import KeyFrames
-from .merging import SIMILARITY, Merging, sums_over_groups
+from .merging import Merging
 from .neighbour_sampling import sample_members
 from .similarity import combine, explain, preference, subspace
 
 # Mean similarity down to which a group lies within one body: .15 % of the members are of another one on
 # Hopkins155.
 _LEAST_SIMILARITY = 0.08
+# Mean similarity that a rival of the own group has at least, where there is none.
+_RIVAL = 0.0075
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Grouping:
     similarity: Floats32
 
 
-def group(frames: KeyFrames, parameters: PixelsConfig, *, previous: Labels | None = None) -> Grouping:
+def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grouping:
     """Group trajectories by motion and find the number of groups: steps 2 to 6.
 
     The draw of local motions is fixed: same input, same groups.
@@ -72,14 +74,14 @@ def group(frames: KeyFrames, parameters: PixelsConfig, *, previous: Labels | Non
     superclusters = link(similarity)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = consensus(frames, pieces, np.random.default_rng(0))
-    geometry = Geometry(frames, pieces, parameters.drift)
+    geometry = Geometry(frames, parameters.drift)
     merging = Merging(
         similarity, distance.image, superclusters, agreed, geometry, parameters.smallest, previous
     )
     merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
-    mean = sums_over_groups(similarity, labels) / np.bincount(labels)[:, None]
-    return Grouping(labels, _confidence(mean.T, labels), similarity)
+    mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
+    return Grouping(labels, _confidence(mean, labels), similarity)
 
 
 def link(similarity: Floats32) -> Ints:
@@ -94,6 +96,6 @@ def _confidence(mean: Floats, labels: Ints) -> Floats:
     own = mean[rows, labels]
     others = mean.copy()
     others[rows, labels] = 0
-    rival = np.maximum(others.max(axis=1), SIMILARITY)
+    rival = np.maximum(others.max(axis=1), _RIVAL)
     share: Floats = np.clip(own / (own + rival), 0.0, 1.0)
     return share

@@ -56,7 +56,7 @@ class PixelMethod(Method):
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         labels = previous.labels[compared]
         if len(compared) > 1:
-            grouping = group(frames, self._p, previous=labels)  # 2 to 6
+            grouping = group(frames, self._p, labels)  # 2 to 6
             resting = alone_at_rest(frames, grouping.labels)
             groups[compared] = np.where(resting, NO_HYPOTHESIS, grouping.labels)
             confidence[compared] = grouping.confidence

@@ -36,7 +36,7 @@ def explain(frames: KeyFrames, groups: list[Ints]) -> Floats32:
         Members of local motions, each intp [H_r, M_r].
     """
     observed = frame_pairs(frames)
-    parts = [fit_local_motions(*observed, members.T, _RIDGE) for members in groups]
+    parts = [fit_local_motions(*observed, members, _RIDGE) for members in groups]
     motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     square = total_residuals(*observed, motions, used * np.float32(_CAP))
     count = used.T @ observed[2]
@@ -101,11 +101,7 @@ def _best_residuals(square: Floats32) -> Floats32:
     The least of all motions would fall with their number, and with it the width of the kernel.
     """
     draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
-    least = np.stack([square[k::draws].min(axis=0) for k in range(draws)])
-    finite = np.isfinite(least)
-    total = np.where(finite, least, np.float32(0)).sum(axis=0)
-    mean: Floats32 = total / np.maximum(finite.sum(axis=0, dtype=np.float32), 1)
-    return np.where(finite.any(axis=0), mean, np.float32(np.inf))
+    return np.asarray(np.mean([square[k::draws].min(axis=0) for k in range(draws)], axis=0))
 
 
 def subspace(frames: KeyFrames) -> Floats32:

@@ -5,7 +5,7 @@ A field predicts the displacement (u, v) of a trajectory at (x, y): u = a x + b 
 
 import numpy as np
 
-from ...arrays import Floats, Floats32, Ints
+from ...arrays import Floats32, Ints
 from ...compiled import compiled
 
 # A local motion has six parameters; three members would be fitted exactly, whatever bodies they are on.
@@ -16,75 +16,39 @@ _LEAST_MEMBERS = 4
 def fit_local_motions(
     start: Floats32, displacement: Floats32, seen: Floats32, members: Ints, ridge: float
 ) -> tuple[Floats32, Floats32]:
-    """Fields of local motions with members [M, H] in each frame pair, by least squares with a ridge.
+    """Fields of local motions with members [H, M] in each frame pair, by least squares with a ridge.
 
     The ridge (px² per member) goes on the diagonal of the centred normal matrix. Returns the fields
     (a, b, c, d, e, f) [Q, H, 6] and whether enough members were seen, 1 or 0, [Q, H].
     """
-    size, count = members.shape
-    motions = np.zeros((len(seen), count, 6), np.float32)
-    used = np.zeros((len(seen), count), np.float32)
-    x, y, u, v, w = np.empty((5, size, count), np.float32)
+    motions = np.zeros((len(seen), len(members), 6), np.float32)
+    used = np.zeros((len(seen), len(members)), np.float32)
     for q in range(len(seen)):
-        # Gathered first: the sums of the fit then go over contiguous numbers.
-        for m in range(size):
-            for h in range(count):
-                i = members[m, h]
-                x[m, h], y[m, h], w[m, h] = start[q, 0, i], start[q, 1, i], seen[q, i]
-                u[m, h], v[m, h] = displacement[q, 0, i], displacement[q, 1, i]
-        means, moments = np.zeros((5, count)), np.zeros((7, count))
-        _means(x, y, u, v, w, means)
-        _moments(x, y, u, v, w, means, moments)
-        for h in range(count):
-            n, cx, cy, cu, cv = means[:, h]
+        for h in range(len(members)):
+            n = cx = cy = cu = cv = 0.0
+            for i in members[h]:
+                n += seen[q, i]
+                cx += start[q, 0, i]
+                cy += start[q, 1, i]
+                cu += displacement[q, 0, i]
+                cv += displacement[q, 1, i]
             if n < _LEAST_MEMBERS:
                 continue
             used[q, h] = 1
-            xx, yy, xy, xu, yu, xv, yv = moments[:, h]
-            xx += n * ridge
-            yy += n * ridge
+            cx, cy, cu, cv = cx / n, cy / n, cu / n, cv / n
+            xx = yy = n * ridge
+            xy = xu = yu = xv = yv = 0.0
+            for i in members[h]:
+                x, y = (start[q, 0, i] - cx) * seen[q, i], (start[q, 1, i] - cy) * seen[q, i]
+                u, v = displacement[q, 0, i] - cu, displacement[q, 1, i] - cv
+                xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+                xu, yu, xv, yv = xu + x * u, yu + y * u, xv + x * v, yv + y * v
             det = xx * yy - xy * xy
             a, b = (xu * yy - yu * xy) / det, (yu * xx - xu * xy) / det
             c, d = (xv * yy - yv * xy) / det, (yv * xx - xv * xy) / det
-            field = a, b, c, d, cu - a * cx - b * cy, cv - c * cx - d * cy
-            for k in range(6):
-                motions[q, h, k] = field[k]
+            motions[q, h, 0], motions[q, h, 1], motions[q, h, 4] = a, b, cu - a * cx - b * cy
+            motions[q, h, 2], motions[q, h, 3], motions[q, h, 5] = c, d, cv - c * cx - d * cy
     return motions, used
-
-
-@compiled()
-def _means(x: Floats32, y: Floats32, u: Floats32, v: Floats32, w: Floats32, means: Floats) -> None:
-    n, cx, cy, cu, cv = means
-    for m in range(len(x)):
-        for h in range(len(n)):
-            n[h] += w[m, h]
-            cx[h] += w[m, h] * x[m, h]
-            cy[h] += w[m, h] * y[m, h]
-            cu[h] += w[m, h] * u[m, h]
-            cv[h] += w[m, h] * v[m, h]
-    for h in range(len(n)):
-        if n[h] > 0:
-            cx[h], cy[h], cu[h], cv[h] = cx[h] / n[h], cy[h] / n[h], cu[h] / n[h], cv[h] / n[h]
-
-
-@compiled()
-def _moments(
-    x: Floats32, y: Floats32, u: Floats32, v: Floats32, w: Floats32, means: Floats, moments: Floats
-) -> None:
-    _, cx, cy, cu, cv = means
-    xx, yy, xy, xu, yu, xv, yv = moments
-    for m in range(len(x)):
-        for h in range(len(cx)):
-            px, py = x[m, h] - cx[h], y[m, h] - cy[h]
-            wx, wy = px * w[m, h], py * w[m, h]
-            pu, pv = u[m, h] - cu[h], v[m, h] - cv[h]
-            xx[h] += wx * px
-            yy[h] += wy * py
-            xy[h] += wx * py
-            xu[h] += wx * pu
-            yu[h] += wy * pu
-            xv[h] += wx * pv
-            yv[h] += wy * pv
 
 
 # Halves the time. The products that are fused into sums are all written here, so that it changes no bit from

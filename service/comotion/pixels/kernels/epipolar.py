@@ -18,7 +18,7 @@ def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -
     """
     misfits = np.zeros((len(picks), len(starts) - 1))
     for h in range(len(picks)):
-        matrix = fundamental(first[picks[h]], second[picks[h]], np.ones(picks.shape[1]))
+        matrix = fundamental(first[picks[h]], second[picks[h]])
         squares = sampson(matrix, first, second)
         for g in range(len(starts) - 1):
             for i in range(starts[g], starts[g + 1]):
@@ -43,8 +43,8 @@ def sampson(f: Floats, first: Floats, second: Floats) -> Floats:
 
 
 @compiled()
-def fundamental(first: Floats, second: Floats, weight: Floats) -> Floats:
-    """Fundamental matrix [3, 3] of weighted points [m, 2], by the eight-point method (Hartley 1997)."""
+def fundamental(first: Floats, second: Floats) -> Floats:
+    """Fundamental matrix [3, 3] of points [m, 2] in both frames, by the eight-point method (Hartley 1997)."""
     left, right = _normalising(first), _normalising(second)
     normal = np.zeros((9, 9))
     row = np.empty(9)
@@ -53,7 +53,6 @@ def fundamental(first: Floats, second: Floats, weight: Floats) -> Floats:
         u, v = right[0, 0] * second[i, 0] + right[0, 2], right[1, 1] * second[i, 1] + right[1, 2]
         row[0], row[1], row[2], row[3], row[4], row[5] = u * x, u * y, u, v * x, v * y, v
         row[6], row[7], row[8] = x, y, 1.0
-        row *= weight[i]
         for a in range(9):
             for b in range(9):
                 normal[a, b] += row[a] * row[b]
