@@ -80,23 +80,16 @@ class RigidConfig(Group):
     outlier_share: float = Field(
         default=0.5, gt=0, le=1, description="share of the cap that a frame of an outlier costs"
     )
-    pose_price: Above = Field(
-        default=1.0,
-        description="half nats that a degree of freedom of a pose must gain beyond the noise it fits",
-    )
     birth_price: Above = Field(default=15.0, description="nat; price of a hypothesis beside its poses")
     membership_price: Annotated[float, Field(ge=0, le=100)] = Field(
         default=1.5,
         description="price of the memberships of a moving body, as a factor of the nats that it takes to say "
         "which trajectories they are",
     )
-    stay: float = Field(
-        default=2.0, ge=0, le=100, description="nat; preference of a trajectory for its hypothesis"
+    prior_floor: Annotated[float, Field(ge=0, le=100)] = Field(
+        default=6.0,
+        description="nat; most that the spatial prior may cost (log density of each hypothesis' members)",
     )
-    prior_weight: Annotated[float, Field(ge=0, le=10)] = Field(
-        default=1.0, description="weight of the spatial prior (log density of each hypothesis' members)"
-    )
-    prior_floor: Above = Field(default=6.0, description="nat; most that the spatial prior may cost")
     min_life: Annotated[float, Field(ge=0.1, le=10)] = Field(
         default=0.3,
         description="s of observation from which on a trajectory takes part in finding hypotheses",
