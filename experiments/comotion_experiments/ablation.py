@@ -60,17 +60,12 @@ RULES: dict[str, Rule] = {
     "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
     "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
     "clear_members": Rule("price of leaving for clear members", {"search.carried_costs": _no_costs}),
-    "stay": Rule("preference to stay", parameters={"stay": 0.0}),
     "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
     "looseness": Rule("deformation of bodies", parameters={"looseness": 0.0}),
     "contradiction": Rule("nats that speak against a body", {"belief._CONTRARY": 0.0}),
-    "supported": Rule(
-        "in large scenes, a body is worth its price by its own trajectories",
-        {"search.supported": lambda _scene, owners, *_: list(range(len(owners)))},
-    ),
     "uncovered": Rule("more than an outlier where a body has no pose", {"costs._UNCOVERED_SHARE": 0.5}),
-    "place": Rule("spatial prior", parameters={"prior_weight": 0.0}),
+    "place": Rule("spatial prior", parameters={"prior_floor": 0.0}),
     "sliding": Rule(
         "features that slide",
         {"fits.with_sliders": lambda _f, _b, body, *_: (body, np.zeros(body.shape, np.bool_))},

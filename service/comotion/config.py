@@ -65,19 +65,13 @@ class RigidConfig(Group):
     """squared residual per dimension, in tolerances, from which on it costs no more"""
     outlier_share: float = Field(0.5, gt=0, le=1)
     """share of the cap that a frame of an outlier costs"""
-    pose_price: Above = 1.0
-    """half nats that a degree of freedom of a pose must gain beyond the noise it fits"""
     birth_price: Above = 15.0
     """nat; price of a hypothesis beside its poses"""
     membership_price: Annotated[float, Field(ge=0, le=100)] = 1.5
     """price of the memberships of a moving body, as a factor of the nats that it takes to say which
     trajectories they are"""
-    stay: float = Field(2.0, ge=0, le=100)
-    """nat; preference of a trajectory for its hypothesis"""
-    prior_weight: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """weight of the spatial prior (log density of each hypothesis' members)"""
-    prior_floor: Above = 6.0
-    """nat; most that the spatial prior may cost"""
+    prior_floor: Annotated[float, Field(ge=0, le=100)] = 6.0
+    """nat; most that the spatial prior may cost (log density of each hypothesis' members)"""
     min_life: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     """s of observation from which on a trajectory takes part in finding hypotheses"""
 

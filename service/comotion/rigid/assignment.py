@@ -1,4 +1,4 @@
-"""Assigns trajectories to bodies by costs, positions and earlier hypotheses (step 9), with probabilities."""
+"""Assigns trajectories to bodies by costs and positions (step 9), with probabilities."""
 
 from dataclasses import dataclass
 
@@ -11,25 +11,17 @@ from ..arrays import Floats, Ints, last_true, thinned
 from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .costs import Costs, updated
-from .frames import Frames
+from .frames import DRAWN, SETTLED, Frames
+from .kernels.rotation import ROUNDING
 from .procrustes import Body
 
 OUTLIER = NO_HYPOTHESIS
 """Label of a trajectory that belongs to no body."""
+SURE = 40.0
+"""nat; margin of evidence of a clear membership, which no place changes. Chosen on stress scenes of even
+seeds and on the markers."""
 # Rounds of prior and assignment at most; chosen on the scenes of docs/research/accuracy.md.
 _ROUNDS = 3
-# s after which a trajectory has its full weight in the density of its body; chosen on the scenes of
-# docs/research/accuracy.md.
-_FULL_WEIGHT_AFTER = 1.0
-# nat; where the evidence exceeds all that the prior can add by this much, the prior changes neither the
-# label nor the confidence, and is not computed.
-_CLEAR = 30.0
-# Smallest variance of a density in any direction, as a share of the sum over directions: above rounding.
-_FLATTEST = 1e-9
-# Most members, evenly drawn, in the density of a body, and most points for the spacing of the scene. They
-# bound the work in large scenes; chosen on made-up crowds of thousands of features.
-_DENSITY_MEMBERS = 128
-_SPACING_POINTS = 256
 
 
 @dataclass(frozen=True)
@@ -75,9 +67,9 @@ def cheapest(body: Floats, outlier: Floats) -> Ints:
 
 
 def assign(
-    frames: Frames, body: Floats, outlier: Floats, own_columns: Ints, position: Floats, config: RigidConfig
+    frames: Frames, body: Floats, outlier: Floats, position: Floats, config: RigidConfig
 ) -> Assignment:
-    """Assign every trajectory to a body by motion cost, spatial prior and a preference to stay.
+    """Assign every trajectory to a body by motion cost and spatial prior.
 
     The prior of body k at x is the kernel density of its members there. It decides for a newborn
     trajectory, of which only the position is known; evidence of motion soon outweighs it.
@@ -86,19 +78,15 @@ def assign(
     ----------
     body, outlier
         float64 [N, K] and [N], costs in nats.
-    own_columns
-        intp [N], column of the body that continues the trajectory's hypothesis; -1 for none.
     position
         float64 [N, 3], newest position; of an ended trajectory, where its body has moved it since.
     """
     evidence = np.column_stack([outlier, body])
-    stays = np.flatnonzero(own_columns >= 0)
-    evidence[stays, own_columns[stays] + 1] -= config.stay
     labels = np.asarray(np.argmin(evidence, 1) - 1)
     weight, x = _weight(frames), np.ascontiguousarray(position[:, : frames.dim])
     least, spacing = np.partition(evidence, 1, axis=1), _spacing(x[weight > 0])
     margin = least[:, 1] - least[:, 0]
-    unclear = np.flatnonzero(margin < config.prior_weight * config.prior_floor + _CLEAR)
+    unclear = np.flatnonzero(margin < SURE)
     if not len(unclear):
         return Assignment(labels, evidence, spacing)
     # In the first round a trajectory has weight in its body only as far as its evidence is clear.
@@ -187,7 +175,7 @@ def same_body(chances: Floats) -> NDArray[np.float32]:
 
 def _weight(frames: Frames) -> Floats:
     """Weight of each trajectory in the density of its body, 0 to 1, float64 [N]."""
-    return np.where(frames.informative, np.minimum(frames.life / _FULL_WEIGHT_AFTER, 1.0), 0.0)
+    return np.where(frames.informative, np.minimum(frames.life / SETTLED, 1.0), 0.0)
 
 
 def _place_costs(
@@ -201,7 +189,7 @@ def _place_costs(
             log_density[:, k] = _log_density(x, points, members, weight[members], spacing)
     top = log_density.max(1, keepdims=True, initial=-np.inf)
     cost = np.where(np.isfinite(top), np.where(np.isfinite(top), top, 0.0) - log_density, 0.0)
-    return config.prior_weight * np.minimum(cost, config.prior_floor)
+    return np.minimum(cost, config.prior_floor)
 
 
 def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing: float) -> Floats:
@@ -215,11 +203,11 @@ def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing
     z = x[members] - (weight[:, None] * x[members]).sum(0) / total
     spread = (weight[:, None] * z).T @ z
     # Coincident features on a line or plane have no spacing: the kernel must stay above rounding.
-    spread += max(spacing, _FLATTEST * np.trace(spread)) * np.eye(dim)
+    spread += max(spacing, ROUNDING * np.trace(spread)) * np.eye(dim)
     spread /= total + dim
     bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
     whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
-    drawn = thinned(np.arange(len(members)), _DENSITY_MEMBERS)
+    drawn = thinned(np.arange(len(members)), DRAWN)
     members, weight = members[drawn], weight[drawn] * (total / weight[drawn].sum())
     near = np.exp(-0.5 * cdist(x[points] @ whiten.T, x[members] @ whiten.T, "sqeuclidean"))
     near[points[:, None] == members] = 0.0
@@ -231,5 +219,5 @@ def _spacing(x: Floats) -> float:
     """Median squared distance of points [n, dim] to their nearest neighbour."""
     if len(x) < 2:
         return 1.0
-    drawn = x[thinned(np.arange(len(x)), _SPACING_POINTS)]
+    drawn = x[thinned(np.arange(len(x)), DRAWN)]
     return max(float(np.median(cKDTree(x).query(drawn, 2)[0][:, 1] ** 2)), 1e-18)

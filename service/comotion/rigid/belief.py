@@ -14,24 +14,17 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
 from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
-from .assignment import SearchResult
+from .assignment import SURE, SearchResult
 from .costs import Costs, path_price
 from .fits import Fitted
-from .frames import Frames
+from .frames import SETTLED, Frames
 from .subset import Scene
 
-# s of motion that explains the members better than rest does by more than its price, until a hypothesis is
-# known to be separate; twice as long of evidence to the contrary, until it no longer is.
-_SEPARATE_AFTER = 1.0
 # Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated
 # over time gains once or twice the price by chance.
 _CLEARLY = 4.0
 # nat; margin by which rest must explain the members better than the body does to count against the body.
 _CONTRARY = 10.0
-# nat; margin by which a hypothesis must explain a trajectory better than any other for a clear membership,
-# and the price that the trajectory then pays for leaving it. Chosen on stress scenes of even seeds and on the
-# markers.
-_SURE = 40.0
 # Hypothesis of a trajectory without a clear membership; differs from every hypothesis and from NO_HYPOTHESIS.
 _UNKNOWN = NO_HYPOTHESIS - 1
 
@@ -39,6 +32,9 @@ _UNKNOWN = NO_HYPOTHESIS - 1
 @dataclass
 class Record:
     """Evidence so far that one hypothesis is a body of its own.
+
+    It is known to be one after a second of motion that explains the members better than rest does by more
+    than its price, until there has been evidence to the contrary for twice as long.
 
     Attributes
     ----------
@@ -55,7 +51,7 @@ class Record:
     @property
     def separate(self) -> bool:
         """Whether it is known to be a body of its own."""
-        return self.seconds >= _SEPARATE_AFTER
+        return self.seconds >= SETTLED
 
 
 class Belief:
@@ -85,7 +81,7 @@ class Belief:
             record.moves = moves[k]
             record.seconds += step if moves[k] else 0.0
             record.contrary = record.contrary + step if against else 0.0
-            if record.contrary > 2 * _SEPARATE_AFTER:
+            if record.contrary > 2 * SETTLED:
                 record.seconds = 0.0
         member_of = np.append(self._member_of, _UNKNOWN)[find(frames.key, self._keys)]
         clear = _clear(evidence, labels)
@@ -146,7 +142,7 @@ def carried_costs(scene: Scene, fitted: list[Fitted]) -> Floats:
     cost, continued = np.zeros((len(scene.hypotheses), len(fitted))), continued_by(scene, fitted)
     for hypothesis in np.unique(scene.hypotheses[scene.clear]).tolist():
         members = scene.clear & (scene.hypotheses == hypothesis)
-        cost[np.ix_(members, continued != hypothesis)] = _SURE
+        cost[np.ix_(members, continued != hypothesis)] = SURE
     return cost
 
 
@@ -208,4 +204,4 @@ def _clear(evidence: Costs, labels: Ints) -> Bools:
     if evidence.body.shape[1] < 2:
         return np.zeros(len(labels), np.bool_)
     least = np.partition(evidence.body, 1, axis=1)
-    return np.asarray((least[:, 1] - least[:, 0] > _SURE) & (np.argmin(evidence.body, 1) == labels))
+    return np.asarray((least[:, 1] - least[:, 0] > SURE) & (np.argmin(evidence.body, 1) == labels))

@@ -10,34 +10,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Bools, Ints, Stamps, find, identities
+from ..arrays import Bools, Ints, Stamps, find
 from ..config import RigidConfig
 from ..matching import continued, largest_total
 from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
 from .costs import stacked
-from .frames import Frames
-from .kernels.procrustes import fit_poses
-from .kernels.records import PoseArrays
+from .frames import RENEWED, SELDOM, SETTLED, Frames
 from .kernels.residuals import recent_residuals
-from .procrustes import ITERATIONS, Body, static_body
+from .kernels.rest import FALSE_ALARMS
+from .procrustes import followed_body
 from .resampling import extended
 from .subset import is_small
 from .tracks import Tracks
 
 # Shares of the window: a result is held for the first; twice as long as the previous one where it confirms
-# that, but at most for the second; in a large scene where a few of each body show nothing new, for the third.
-_HELD_SHARE, _MOST_HELD, _MOST_CHECKED = 0.04, 0.12, 0.3
+# that, but at most for the second.
+_HELD_SHARE, _MOST_HELD = 0.04, 0.12
 # A fit confirms the previous one if at most this share of the trajectories changes its body.
 _CHANGED_SHARE = 0.02
-# A result is held until this share of the trajectories is new.
-_NEW_SHARE = 0.1
-# s before the new frames from which the place of a trajectory in its body is averaged.
-_REFERENCE_TIME = 1.0
 # Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
 _ROUND_UP = 0.45
-# Updates per false alarm: a trajectory that its body explains, but that looks unexplained by chance.
-_FALSE_ALARMS = 20.0
 
 
 @dataclass(frozen=True)
@@ -76,7 +69,8 @@ def held(
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    share = last.holds if is_small(frames) else _MOST_CHECKED
+    # In a large scene a few of each body are searched before.
+    share = last.holds if is_small(frames) else SELDOM
     longest_ns = share * (frames.stamps[-1] - frames.stamps[0])
     if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
         return None
@@ -89,9 +83,9 @@ def held(
     stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
     longer = extended(frames, recent, stamps, window.gap_ns, config)
-    if longer is None or judged(longer, config) - last.judged > _NEW_SHARE * int(longer.current.sum()):
+    if longer is None or judged(longer, config) - last.judged > RENEWED * int(longer.current.sum()):
         return None
-    bodies = [_followed(longer, body) for body in last.result.bodies]
+    bodies = [followed_body(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
     unexplained = _unexplained(longer, result, len(frames.stamps), config) & ~np.isin(longer.key, outlying)
     # Only a trajectory that was too young at the fit may leave its body without a new fit.
@@ -132,35 +126,20 @@ def _stamps(last_ns: int, stamp_ns: int, config: RigidConfig) -> Stamps:
     return last_ns + (stamp_ns - last_ns) * np.arange(1, count + 1, dtype=np.int64) // count
 
 
-def _followed(frames: Frames, body: Body) -> Body:
-    """The body with poses in the frames that it has none for."""
-    first, count = len(body.t), len(frames.stamps)
-    if body.static:
-        return static_body(count)
-    R, t, posed = identities(count), np.zeros((count, 3)), np.zeros(count, np.bool_)
-    R[:first], t[:first], posed[:first] = body.R, body.t, body.posed
-    y = np.ascontiguousarray(frames.y[body.rows, first:].transpose(1, 2, 0))
-    w = np.ascontiguousarray(frames.w[body.rows, first:].T)
-    noise = 1 / frames.tolerance[body.rows], frames.metric[body.rows]
-    template, newer = np.ascontiguousarray(body.template.T), PoseArrays(R[first:], t[first:], posed[first:])
-    fit_poses(y, w, *noise, frames.dim, R[first - 1], ITERATIONS, True, template, newer)
-    return replace(body, R=R, t=t, posed=posed)
-
-
 def _unexplained(frames: Frames, result: SearchResult, first: int, config: RigidConfig) -> Bools:
     """Which trajectories leave their body in the frames from `first` on, bool [N].
 
     The squared residuals of one that does not are chi-squared; the bound of their tail is that of Laurent and
-    Massart (2000).
+    Massart (2000), for a false alarm among all trajectories in so many updates.
     """
     labels = without_sliders(result.assignment.labels, result.evidence)
     all_labels = np.append(labels, np.full(len(frames.key) - len(labels), OUTLIER))
     body = np.where(frames.current, all_labels, OUTLIER)[frames.owner]
     squared, count = np.zeros(len(body)), np.zeros(len(body))
-    span = max(first - round(_REFERENCE_TIME * config.frame_rate), 0), first
+    span = max(first - round(SETTLED * config.frame_rate), 0), first
     poses, soft = stacked(result.bodies), result.evidence.soft
     recent_residuals(frames.arrays, body, poses, soft, span, squared, count)
     freedom = frames.dim * np.bincount(frames.owner, count, len(frames.key))
-    rare = float(np.log(_FALSE_ALARMS * max(int(frames.current.sum()), 1)))
+    rare = float(np.log(FALSE_ALARMS * max(int(frames.current.sum()), 1)))
     most = freedom + 2 * np.sqrt(freedom * rare) + 2 * rare
     return np.asarray(np.bincount(frames.owner, squared, len(frames.key)) > most, np.bool_)

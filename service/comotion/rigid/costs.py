@@ -115,8 +115,11 @@ def excess_costs(evidence: Costs, labels: Ints, config: RigidConfig) -> Floats:
 
 
 def path_price(dof: int, poses: float, config: RigidConfig) -> float:
-    """Price of a body and its path of some poses, nat; the static one, of no degree of freedom, has none."""
-    return 0.5 * dof * (1 + config.pose_price) * poses + config.birth_price if dof else 0.0
+    """Price of a body and its path of some poses, nat; the static one, of no degree of freedom, has none.
+
+    A nat for each degree of freedom (Akaike 1974).
+    """
+    return dof * poses + config.birth_price if dof else 0.0
 
 
 def _residuals(

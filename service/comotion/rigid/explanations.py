@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
-from .frames import Frames
+from .frames import FEWEST, Frames
 from .kernels.records import RowArrays
 from .offset_equations import UNKNOWNS, Equations, normal_equations, velocities
 from .procrustes import Body, pose_information
@@ -31,15 +31,11 @@ _LATENCY, _LONGEST, _ALIKE = 0.2, 0.5, 0.8
 # Mean squared residual, in tolerances, up to which a group moves like a body with such a delay: after a clock
 # was set, a window holds two delays, and neither explains it all.
 _LATE_RESIDUAL = 1.8
-# s; an offset with a longer delay than this is one of such a source.
-_MOST_DELAY = 3 * _DELAY
 # Squared distance of an offset from none, in prior standard deviations, beyond which a group and a body are
 # not taken for one, and mean squared residual, in tolerances, beyond which they do not move alike. Chosen
 # on the scenes of docs/research/accuracy.md.
 _MOST_OFFSET = 30.0
 _MOST_RESIDUAL = 3.0
-# Frames that a row and a body share at least.
-_LEAST_FRAMES = 8
 # Unknowns of (rotation, shift, delay) that exist in 2-D.
 _PLANAR = np.array([2, 3, 4, 6])
 # nat; margin of the evidence against the offset in force before it is replaced; "very strong" on the scale of
@@ -72,7 +68,7 @@ class Offset:
     @property
     def late(self) -> bool:
         """Whether its delay is that of a source that stamps observations on arrival."""
-        return abs(self.delay) > _MOST_DELAY
+        return abs(self.delay) > 3 * _DELAY
 
     @property
     def vector(self) -> Floats:
@@ -265,7 +261,7 @@ def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats)
     """Equations of rows and one body, in the unknowns that exist."""
     frames, unknowns = view.frames, view.unknowns
     terms = arrays, _seconds(frames), rows, view.bodies[k], view.information[k], pivot
-    equations = normal_equations(*terms, frames.dim, _LEAST_FRAMES)
+    equations = normal_equations(*terms, frames.dim, FEWEST)
     left, right = equations.left[np.ix_(unknowns, unknowns)], equations.right[unknowns]
     return equations._replace(left=left, right=right)
 

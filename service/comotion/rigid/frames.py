@@ -11,8 +11,19 @@ from .kernels.records import RowArrays
 
 # Names of rows: the key of the trajectory times this, plus the place among its rows.
 _ROWS_PER_TRACK = 8
-# s; an ended trajectory counts only if it was observed for this long.
-_LEAST_ENDED = 0.5
+LONG_LIFE = 0.5
+"""s of observation from which on an ended trajectory counts, and any shows the offset of its source."""
+SETTLED = 1.0
+"""s of observation, or of evidence, after which it counts in full."""
+FEWEST = 8
+"""Fewest frames that are compared."""
+DRAWN = 128
+"""Most points, evenly drawn, that stand for all: a bound of the work in large scenes. Chosen on made-up
+crowds of thousands of features."""
+SELDOM = 0.3
+"""Share of the window after which what was confirmed is sought anew."""
+RENEWED = 0.1
+"""Share of the window, or of trajectories that are new, after which what was found is sought anew."""
 NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
 """Attributes of :class:`Frames` that describe the noise and the motion of a row."""
 
@@ -86,7 +97,7 @@ class Frames:
     @property
     def informative(self) -> Bools:
         """Which trajectories show how a body moves, bool [N]: the current ones, and long-lived ended ones."""
-        return self.current | (self.life >= _LEAST_ENDED)
+        return self.current | (self.life >= LONG_LIFE)
 
     @property
     def arrays(self) -> RowArrays:

@@ -17,7 +17,6 @@ from ..partition import PoseReference
 from .frames import Frames
 from .kernels.rotation import quaternion, rotation_matrix, rotation_vectors
 from .procrustes import Body, align
-from .subset import FIT_ROWS
 
 # s and degree of the polynomial. A longer span has less noise, a shorter one follows jerk. Measured on bodies
 # of 10 features at 5 mm: a quadratic over 0.6 s errs by 1.2 degrees and 6.9 % of the velocity, a cubic over
@@ -164,21 +163,14 @@ def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
     return Twist(linear=linear.tolist(), angular=angular.tolist())
 
 
-def centroid_of(body: Body, member_rows: Bools, newest: Floats) -> Floats:
-    """Centroid of the members in body coordinates, float64 [3].
+def centroid_of(body: Body, newest: Floats) -> Floats:
+    """Centroid of the members now, by their newest positions [n, 3], in body coordinates, float64 [3].
 
-    The mean of those of their rows that the body was fitted to; of all rows it was fitted to if it was fitted
-    to none of theirs. Where they are too many to be fitted to, of their newest positions.
-
-    Parameters
-    ----------
-    member_rows, newest
-        bool [P], the rows of the members, and float64 [n, 3], their newest positions.
+    That of the rows that the body was fitted to, where it has no member or no pose.
     """
     if body.static:
         return np.zeros(3)
-    if np.count_nonzero(member_rows) > FIT_ROWS and body.posed.any():
-        last = np.flatnonzero(body.posed)[-1]
-        return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])
-    chosen = member_rows[body.rows]
-    return np.asarray(body.template[chosen if chosen.any() else slice(None)].mean(0))
+    if not len(newest) or not body.posed.any():
+        return np.asarray(body.template.mean(0))
+    last = np.flatnonzero(body.posed)[-1]
+    return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])

@@ -12,7 +12,7 @@ noise or to the extent of the scene, so that no parameter has a scale. The steps
 5.  Choose the trajectories to search, all of them in a small scene (:mod:`.subset`), and find candidates: the
     previous hypotheses, and clusters of the normalised deviation of distances (:mod:`.candidates`).
 6.  Fit a body with a pose in each frame to each candidate (:mod:`.fits`, :mod:`.procrustes`). Once clusters
-    are sorted out, it has one pose for each rest of it (:mod:`.rest`).
+    are sorted out, it has one pose for each rest of it (:func:`.fits.settled`).
 7.  Compute what each trajectory costs under each body (:mod:`.costs`).
 8.  Select the bodies of least total cost (:mod:`.selection`).
 9.  Assign every trajectory to a body (:mod:`.assignment`).
@@ -38,24 +38,19 @@ from ..partition import (
     SpaceSpec,
 )
 from ..trajectories.window import Window
-from .anchored import anchored_motions
 from .assignment import SearchResult, posterior, same_body
 from .belief import Belief
 from .continuation import Fit, held, holding, judged
 from .costs import excess_costs
 from .fits import Fits
-from .frames import Frames
-from .motions import describe_bodies
+from .frames import RENEWED, Frames
+from .motions import anchored_motions, describe_bodies
 from .noise import NoiseEstimates
 from .registration import Registration
 from .resampling import make_frames
 from .search import follow, has_news, search
 from .subset import Scene, unexplained
 from .tracks import Tracks, read_tracks
-
-# Share of the window after which bodies are searched even if the known ones explain all trajectories, and
-# within which the same unexplained trajectory does not cause another search.
-_SEARCH_SHARE = 0.1
 
 
 class RigidMethod(Method):
@@ -185,14 +180,13 @@ class RigidMethod(Method):
     def _due(self, scene: Scene, outlying_keys: Stamps) -> bool:
         """Whether to search for new bodies: if a trajectory is newly unexplained, and else now and then.
 
+        Within that share of the window the same unexplained trajectory does not cause another search.
         `outlying_keys` int64 [n] are the keys of the unexplained trajectories.
         """
         stamps, searched = scene.frames.stamps, self._searched_for
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
-        self._searched_for = {
-            key: ns for key, ns in searched.items() if now_ns - ns < _SEARCH_SHARE * span_ns
-        }
-        long_ago = now_ns - self._searched_ns >= _SEARCH_SHARE * span_ns
+        self._searched_for = {key: ns for key, ns in searched.items() if now_ns - ns < RENEWED * span_ns}
+        long_ago = now_ns - self._searched_ns >= RENEWED * span_ns
         if long_ago or not self._searched_for.keys() >= set(outlying_keys.tolist()):
             self._searched_ns = now_ns
             self._searched_for |= dict.fromkeys(outlying_keys.tolist(), now_ns)

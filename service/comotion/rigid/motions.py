@@ -1,5 +1,10 @@
-"""Describes each body for publication (step 10): state, twist, noise and pose."""
+"""Describes each body for publication (step 10): state, twist, noise, pose, and motion over the window.
 
+The axes of a body are new at every update. Those of a hypothesis are the axes of the space at its birth; its
+pose reference gives the transform to them.
+"""
+
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -7,16 +12,16 @@ import numpy as np
 from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Bools, Floats
-from ..partition import Group, PoseReference
+from ..arrays import Bools, Floats, inverses
+from ..partition import BodyMotion, Group, PoseReference
 from .assignment import OUTLIER, SearchResult
-from .frames import Frames
+from .frames import SETTLED, Frames
 from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motions
-from .procrustes import Body
+from .procrustes import Body, pose_information
 from .tracks import Tracks
 
-# s; a hypothesis at rest is static only if it was observed for this long, as it may begin to move later.
-_LEAST_STATIC_TIME = 1.0
+# m^-2 or the like: a centroid that no point fixes.
+_LEAST_INFORMATION = 1e-12
 
 
 def describe_bodies(tracks: Tracks, frames: Frames, result: SearchResult) -> list[Group]:
@@ -25,8 +30,7 @@ def describe_bodies(tracks: Tracks, frames: Frames, result: SearchResult) -> lis
     current = np.where(tracks.current, labels, OUTLIER)
     memberships = [current == k for k in range(len(bodies))]
     points = [
-        centroid_of(body, members[frames.owner], tracks.newest[members])
-        for body, members in zip(bodies, memberships, strict=True)
+        centroid_of(body, tracks.newest[members]) for body, members in zip(bodies, memberships, strict=True)
     ]
     motions = local_motions(frames, bodies, int(frames.stamps[-1]), points)
     return [_described(frames, result, k, memberships[k], points[k], now) for k, now in enumerate(motions)]
@@ -68,7 +72,8 @@ def _state(frames: Frames, result: SearchResult, k: int) -> HypothesisState:
     """Static or moving where the costs of its members tell, else undetermined."""
     members = result.assignment.labels == k
     if result.bodies[k].static:
-        return "static" if frames.life[members].max(initial=0.0) >= _LEAST_STATIC_TIME else "undetermined"
+        # What has been observed for less may begin to move.
+        return "static" if frames.life[members].max(initial=0.0) >= SETTLED else "undetermined"
     costs = result.evidence
     gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
     return "moving" if gain > costs.restless[k] else "undetermined"
@@ -78,3 +83,52 @@ def _noise(squared: Floats, dim: int) -> float | None:
     """One-sigma residual of a coordinate of members by their mean squared residuals float64 [n]."""
     computed = squared[np.isfinite(squared)]
     return float(np.sqrt(computed.mean() / dim)) if len(computed) else None
+
+
+def anchored_motions(
+    tracks: Tracks, frames: Frames, result: SearchResult, references: Mapping[int, tuple[int, PoseReference]]
+) -> dict[int, BodyMotion]:
+    """Motion of some hypotheses; those whose axes are not known are left out.
+
+    Parameters
+    ----------
+    references
+        By hypothesis: the index of its body, and its pose reference, brought up to date.
+    """
+    motions = {}
+    for hypothesis, (k, reference) in references.items():
+        members = (result.assignment.labels == k) & tracks.current
+        motion = _motion(frames, result.bodies[k], reference, tracks.newest[members])
+        if motion is not None:
+            motions[hypothesis] = motion
+    return motions
+
+
+def _motion(frames: Frames, body: Body, reference: PoseReference, newest: Floats) -> BodyMotion | None:
+    """Motion of one body, the shape of which is that of its members now, float64 [n, 3], if it is static."""
+    count = len(frames.stamps)
+    if body.static:
+        path = np.tile(reference.R, (count, 1, 1)), np.tile(reference.t, (count, 1))
+        spread, points = (np.zeros((count, 3, 3)), np.zeros(count)), (newest - reference.t) @ reference.R
+    elif reference.axes is None or reference.axes[0] is not body.template:
+        return None
+    else:
+        # From the axes of the body to those of the hypothesis.
+        _, R, t = reference.axes
+        rows, points = body.rows, body.template @ R.T + t
+        tolerance = (frames.tolerance / frames.independent)[rows]
+        information = pose_information(frames, rows, body.template - body.template.mean(0), tolerance)
+        # A turn that no point fixes is uncertain by a radian.
+        turn = inverses(information[:, :3, :3] + np.eye(3))
+        path = body.R @ R.T, body.t - body.R @ R.T @ t
+        spread = R @ turn @ R.T, 1 / np.maximum(information[:, 3, 3], _LEAST_INFORMATION)
+    centre, radius = _shape(points)
+    return BodyMotion(frames.stamps, *path, body.posed, *spread, centre, radius, body.static)
+
+
+def _shape(points: Floats) -> tuple[Floats, float]:
+    """Centroid of points [m, 3], and their root mean square distance from it."""
+    if not len(points):
+        return np.zeros(3), 0.0
+    centre = points.mean(0)
+    return centre, float(np.sqrt(((points - centre) ** 2).sum(1).mean()))

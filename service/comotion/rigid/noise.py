@@ -6,14 +6,13 @@ from scipy.special import digamma, polygamma
 from comotion_schemas.types import symmetric
 
 from ..arrays import Floats, Ints, Stamps
+from .frames import RENEWED
 from .kernels.differences import difference_covariances
 from .kernels.resampling import mean_square
 from .tracks import Tracks
 
 MOST_DIFFERENCES = 60
 """Most differences from which the noise of a trajectory is estimated, over its newest observations."""
-# An estimate is renewed after this share of the time that it was made from.
-_RENEWED = 0.1
 # Share of the scene's extent: less noise than this is below the precision of float32, in which positions
 # are sent.
 _LEAST_NOISE = 1e-6
@@ -36,8 +35,8 @@ DIRECTIONS = {2: _THREE[[0, 1, 3], :2], 3: _THREE}
 class NoiseEstimates:
     """Covariance of the noise of every trajectory, from its own observations.
 
-    One entry for each slot of the window, renewed now and then. Turn, shift and delay of a source matter
-    little.
+    One entry for each slot of the window, renewed after a share of the time that it was made from. Turn,
+    shift and delay of a source matter little.
     """
 
     def __init__(self, dim: int) -> None:
@@ -56,7 +55,7 @@ class NoiseEstimates:
         self._grow(int(slot.max(initial=-1)) + 1)
         newest, oldest = tracks.times[tracks.stop - 1], tracks.times[tracks.start]
         valid = (self._key[slot] == tracks.key) & (self._made[slot] <= newest)
-        due = np.flatnonzero(~valid | (newest - self._made[slot] > _RENEWED * (newest - oldest)))
+        due = np.flatnonzero(~valid | (newest - self._made[slot] > RENEWED * (newest - oldest)))
         due_slots = slot[due]
         self._covariance[due_slots], self._count[due_slots] = difference_covariances(
             tracks.observations, gap_ns, due, DIRECTIONS[self._dim], MOST_DIFFERENCES

@@ -6,12 +6,11 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints
 from .kernels.records import RowArrays
+from .kernels.rotation import ROUNDING
 from .procrustes import Body, pose_columns
 
 UNKNOWNS = 7
 """Rotation vector, shift and delay."""
-# What is added to the mean information of the error of a pose where it is singular.
-_SINGULAR_RIDGE = 1e-9
 
 
 class Equations(NamedTuple):
@@ -106,7 +105,8 @@ def velocities(y: Floats, seen: Bools, seconds: Floats) -> Floats:
 def _eliminated(information: Floats, added: Floats, cross: Floats) -> tuple[Floats, float]:
     """Part of the equations, float64 [8, 8], and of the coordinates that errors of poses [F, 6] absorb."""
     pose = information + added
-    ridge = _SINGULAR_RIDGE * np.trace(pose, axis1=1, axis2=2) / pose.shape[1]
+    # Where the information of a pose is singular.
+    ridge = ROUNDING * np.trace(pose, axis1=1, axis2=2) / pose.shape[1]
     regular = pose + ridge[:, None, None] * np.eye(pose.shape[1])
     solved = np.linalg.solve(regular, np.concatenate([cross, added], 2))
     columns = cross.shape[2]

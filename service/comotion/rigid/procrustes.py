@@ -1,6 +1,6 @@
 """Fits a rigid body to rows: a template and its poses over the frames (step 6)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from .kernels.frame_pose import SLIGHT_PULL
 from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
 
-ITERATIONS = 4
-"""Iterations of a fit; chosen on the scenes of docs/research/accuracy.md."""
+# Iterations of a fit; chosen on the scenes of docs/research/accuracy.md.
+_ITERATIONS = 4
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class Body:
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
-        Number of poses that it is free to take; where it is settled (:mod:`.rest`), each rest has one.
+        Number of poses that it is free to take; where it is settled (:func:`~.fits.settled`), each rest has
+        one.
     rests
         Whether it is settled, and rests in the newest frame.
     """
@@ -65,21 +66,33 @@ def static_body(count: int) -> Body:
 def fit_body(frames: Frames, rows: Ints) -> Body:
     """Fit a body to rows intp [m]: generalised Procrustes with missing data and robust weights."""
     count = len(frames.stamps)
-    w = frames.w[rows]
-    R = identities(count)
-    t = np.zeros((count, 3))
-    posed = np.zeros(count, np.bool_)
-    poses = PoseArrays(R, t, posed)
+    poses = PoseArrays(identities(count), np.zeros((count, 3)), np.zeros(count, np.bool_))
     template = np.zeros((3, len(rows)))
-    # The inner loops of the kernel run over the rows of a frame.
-    y = np.ascontiguousarray(frames.y[rows].transpose(1, 2, 0))
-    inverse = 1 / frames.tolerance[rows]
-    noise = inverse, frames.metric[rows]
-    terms = y, np.ascontiguousarray(w.T), *noise, frames.dim, np.eye(3)
-    fit_poses(*terms, ITERATIONS, False, template, poses)
-    pair = int((w > 0).any(1).sum()) <= 2
+    _fit(frames, rows, 0, np.eye(3), template, poses)
+    pair = int((frames.w[rows] > 0).any(1).sum()) <= 2
     dof = 3 if frames.dim == 2 else (5 if pair else 6)
-    return Body(rows, np.ascontiguousarray(template.T), R, t, posed, dof, int(posed.sum()))
+    return Body(rows, np.ascontiguousarray(template.T), *poses, dof, int(poses.posed.sum()))
+
+
+def followed_body(frames: Frames, body: Body) -> Body:
+    """The body with poses in the frames that it has none for."""
+    first, count = len(body.t), len(frames.stamps)
+    if body.static:
+        return static_body(count)
+    R, t, posed = identities(count), np.zeros((count, 3)), np.zeros(count, np.bool_)
+    R[:first], t[:first], posed[:first] = body.poses
+    newer = PoseArrays(R[first:], t[first:], posed[first:])
+    _fit(frames, body.rows, first, R[first - 1], np.ascontiguousarray(body.template.T), newer)
+    return replace(body, R=R, t=t, posed=posed)
+
+
+def _fit(frames: Frames, rows: Ints, first: int, near: Floats, template: Floats, poses: PoseArrays) -> None:
+    """Fit poses from a frame on, and from the first one on the template [3, m] as well, in place."""
+    # The inner loops of the kernel run over the rows of a frame.
+    y = np.ascontiguousarray(frames.y[rows, first:].transpose(1, 2, 0))
+    w = np.ascontiguousarray(frames.w[rows, first:].T)
+    noise = 1 / frames.tolerance[rows], frames.metric[rows]
+    fit_poses(y, w, *noise, frames.dim, near, _ITERATIONS, first > 0, template, poses)
 
 
 def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) -> tuple[Floats, Floats]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..arrays import Ints
 from .explanations import Groups, Offset, View, explained
-from .frames import Frames
+from .frames import LONG_LIFE, SELDOM, Frames
+from .kernels.procrustes import SOFT
 from .kernels.resampling import spread
 from .procrustes import fit_body
 from .subset import is_small, representatives
@@ -20,15 +21,9 @@ from .tracks import Tracks
 # Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
 # made-up crowds of thousands of features.
 _REPRESENTATIVES = 12
-# s; a trajectory takes part if it is observed for this long.
-_LEAST_LIFE = 0.5
-# Mean squared displacement of a group, in tolerances and per dimension, below which it does not move: the
-# poses of a body at rest are noise, which would look like motion that constrains an offset.
-_LEAST_MOTION = 9.0
-# Offsets are estimated anew after this share of the time that they are estimated from: three in ten as often
-# as bodies are searched, which moves no figure of six families of two sources (seed 3). At the next search
-# where a delay changed by more s: without, delays of .15 to .3 s cost .01 to .03 of NMI (seeds 5 to 8).
-_RENEWED, _SETTLED = 0.3, 0.005
+# Offsets are estimated anew at the next search where a delay changed by more s: without, delays of .15 to
+# .3 s cost .01 to .03 of NMI (seeds 5 to 8).
+_MOST_CHANGE = 0.005
 
 
 class Registration:
@@ -62,7 +57,7 @@ class Registration:
         """
         sources, counts = np.unique(tracks.source, return_counts=True)
         now_ns, first_ns = int(frames.stamps[-1]), int(frames.stamps[0])
-        recent = 0 <= now_ns - self._learned_ns < _RENEWED * (now_ns - first_ns)
+        recent = 0 <= now_ns - self._learned_ns < SELDOM * (now_ns - first_ns)
         if len(sources) < 2 or (recent and self._settled_of == sources.tolist()):
             return
         self._learned_ns, moved = now_ns, False
@@ -80,7 +75,7 @@ class Registration:
                 self.offsets.pop(source, None)
                 if offset.vector.any():
                     self.offsets[source] = offset
-                moved |= abs(offset.delay - applied.delay) > _SETTLED
+                moved |= abs(offset.delay - applied.delay) > _MOST_CHANGE
         self._settled_of = [] if moved else sources.tolist()
 
     def state(self) -> dict[str, Any]:
@@ -100,7 +95,7 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
     """Rows of one source on each moving body, where they are enough for a pose."""
     groups = {}
     for k in range(1, int(labels.max(initial=0)) + 1):
-        members = (labels == k) & (tracks.source == source) & (frames.life >= _LEAST_LIFE)
+        members = (labels == k) & (tracks.source == source) & (frames.life >= LONG_LIFE)
         if members.sum() >= frames.dim:
             if not is_small(frames):
                 members = representatives(frames, tracks.newest, members, _REPRESENTATIVES)
@@ -111,10 +106,13 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
 
 
 def _moves(frames: Frames, rows: Ints) -> bool:
-    """Whether rows intp [n] move by more than their noise."""
+    """Whether rows intp [n] move by more than three times their noise.
+
+    The poses of a body at rest are noise, which would look like motion that constrains an offset.
+    """
     seen, squared = np.zeros(len(rows), np.intp), np.zeros(len(rows))
     spread(frames.y[rows], frames.w[rows], seen, squared)
-    return float(np.mean(squared / frames.tolerance[rows])) > _LEAST_MOTION * frames.dim
+    return float(np.mean(squared / frames.tolerance[rows])) > SOFT * frames.dim
 
 
 def _excerpt(frames: Frames, groups: dict[int, Groups]) -> tuple[Frames, dict[int, Groups]]:

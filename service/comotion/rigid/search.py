@@ -3,19 +3,24 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Ints
+from ..arrays import Bools, Floats, Ints, last_true
 from ..config import RigidConfig
-from ..matching import continued, largest_total
 from ..partition import NO_HYPOTHESIS
-from .arrivals import undecided
-from .assignment import SearchResult, assign, cheapest, predicted_positions, without_sliders
+from .assignment import OUTLIER, SearchResult, assign, cheapest, predicted_positions, without_sliders
 from .belief import carried_costs
 from .candidates import cluster_rows
 from .costs import Costs, excess_costs
 from .fits import Fits, Fitted
-from .selection import STATIC, membership_prices, select, supported
+from .selection import membership_prices, select
 from .subset import Scene, Subset, choose_subset, known_rows, rows_to_fit, unexplained
+
+# Neighbours of a newborn feature that are examined, and how many of them must be newborn too.
+_NEIGHBOURS, _LEAST_NEWBORN = 4, 2
+# A hypothesis may return if it loses most of its features at once. In this order: s that count as at once;
+# fewest features lost; their least share of all lost in the look-back; s of the look-back.
+_AT_ONCE, _LEAST_LOST, _LOST_SHARE, _LOOK_BACK = 0.08, 3, 0.6, 0.55
 
 
 def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
@@ -49,7 +54,7 @@ def search(
 
 
 def _decided(scene: Scene, result: SearchResult) -> SearchResult:
-    """The result, with newborn features as outliers that may be a lost body's return (:mod:`.arrivals`)."""
+    """The result, with newborn features as outliers that may be a lost body's return."""
     labels = undecided(scene, result.assignment.labels)
     return replace(result, assignment=replace(result.assignment, labels=labels))
 
@@ -79,27 +84,22 @@ def _first_bodies(scene: Scene, fits: Fits | None, subset: Subset, config: Rigid
 def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
     """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
     fitted = fits.of(rows, still=True)  # 6
-    costs = fits.costs(fitted)  # 7
-    if not scene.small:
-        columns = supported(scene, fitted, costs, config)
-        fitted, costs = [fitted[k] for k in columns], costs.of(columns)
-    chosen, chosen_costs = select(scene, fitted, costs, config)  # 8
-    return _assigned(scene, [fitted[k] for k in chosen], chosen_costs, config)  # 9
+    chosen, costs = select(scene, fitted, fits.costs(fitted), config)  # 7, 8
+    return _assigned(scene, [fitted[k] for k in chosen], costs, config)  # 9
 
 
 def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
     """Assign every trajectory to one of the bodies that were selected."""
-    frames, hypotheses, bodies = scene.frames, scene.hypotheses, [body.body for body in fitted]
+    frames, bodies = scene.frames, [body.body for body in fitted]
     cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
     rough = cheapest(cost + prices, evidence.outlier)
-    heirs = continued(hypotheses, rough, len(bodies), largest_total)
-    columns = {hypothesis: k for k, hypothesis in heirs.items()}
-    own = np.array([columns.get(hypothesis, -1) for hypothesis in hypotheses.tolist()], np.intp)
-    # A resting member of a resting body looks like the background: its membership has a price here too.
-    resting = np.array([body.costed.rests for body in fitted])
-    cost[np.ix_(scene.judged & (own == STATIC), resting)] += prices[resting]
+    if scene.static is not None:
+        # A resting member of a resting body looks like the background: its membership has a price here too.
+        background = np.flatnonzero(scene.judged & (scene.hypotheses == scene.static))
+        resting = np.array([body.costed.rests for body in fitted])
+        cost[np.ix_(background, resting)] += prices[resting]
     position = predicted_positions(frames, scene.newest, bodies, rough)
-    return SearchResult(bodies, assign(frames, cost, evidence.outlier, own, position, config), evidence)
+    return SearchResult(bodies, assign(frames, cost, evidence.outlier, position, config), evidence)
 
 
 def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
@@ -117,3 +117,48 @@ def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
         if not any(np.array_equal(rows, group) for group in groups):
             groups.append(rows)
     return groups
+
+
+def undecided(scene: Scene, labels: Ints) -> Ints:
+    """The labels, intp [N], but :data:`OUTLIER` for features that may be a lost body's return.
+
+    By place alone, the features of a body that returns would be those of the bodies about it, and of the
+    static one, which has members everywhere. So while a hypothesis has no features, after it lost most of
+    them at once, features that appear later among other newborn ones are outliers until their motion is
+    known. Those that appear as soon as it loses them are the same ones, under other names.
+    """
+    frames = scene.frames
+    newborn = frames.current & ~scene.judged & (scene.hypotheses == NO_HYPOTHESIS)
+    doubtful = newborn & (labels != OUTLIER)
+    if np.count_nonzero(newborn) <= _LEAST_NEWBORN or not doubtful.any():
+        return labels
+    born = frames.stamps[-1] - (frames.life * 1e9).astype(np.int64)
+    doubtful &= born > _first_loss(scene) + _AT_ONCE * 1e9
+    if not doubtful.any():
+        return labels
+    current = np.flatnonzero(frames.current)
+    neighbours = min(_NEIGHBOURS + 1, len(current))
+    nearest = cKDTree(scene.newest[current]).query(scene.newest[doubtful], neighbours)[1]
+    # The nearest neighbour of each feature is the feature itself.
+    crowd = newborn[current][nearest].sum(1) - 1 >= _LEAST_NEWBORN
+    decided = labels.copy()
+    decided[np.flatnonzero(doubtful)[crowd]] = OUTLIER
+    return decided
+
+
+def _first_loss(scene: Scene) -> float:
+    """When the first of the hypotheses without a feature lost most of them at once, ns; infinite for none."""
+    frames, first_loss = scene.frames, np.inf
+    gone = np.setdiff1d(scene.hypotheses[~frames.current], scene.hypotheses[frames.current]).tolist()
+    rows, first = np.unique(frames.owner, return_index=True)
+    for hypothesis in gone:
+        members = rows[~frames.current[rows] & (scene.hypotheses[rows] == hypothesis)]
+        if hypothesis == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
+            continue
+        w = frames.w[first[np.searchsorted(rows, members)]]
+        last = frames.stamps[last_true(w > 0)]
+        seconds_before = (last.max() - last) * 1e-9
+        at_once = np.count_nonzero(seconds_before <= _AT_ONCE)
+        if at_once >= max(_LEAST_LOST, _LOST_SHARE * np.count_nonzero(seconds_before <= _LOOK_BACK)):
+            first_loss = min(first_loss, int(last.max()))
+    return first_loss

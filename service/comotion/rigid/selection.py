@@ -46,19 +46,6 @@ def cheapest_bodies(body: Floats, outlier: Floats, opening: Floats) -> list[int]
         paid = np.minimum(outlier, body[:, chosen].min(1))
 
 
-def supported(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig) -> list[int]:
-    """Columns of the static body and of the bodies that the trajectories pay for that they were fitted to.
-
-    Among very many trajectories at rest, some have more noise than was estimated and would gain by any body.
-    """
-    prices, owners = membership_prices(scene, fitted, config), [body.owners for body in fitted]
-    gains = [
-        float((costs.body[own, STATIC] - costs.body[own, k] - prices[k]).sum())
-        for k, own in enumerate(owners)
-    ]
-    return [k for k, gain in enumerate(gains) if k == STATIC or gain > costs.opening[k]]
-
-
 def membership_prices(scene: Scene, fitted: list[Fitted], config: RigidConfig) -> Floats:
     """Price of a membership in each body, [K]: the nats that it takes to encode its members.
 

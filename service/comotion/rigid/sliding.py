@@ -2,29 +2,20 @@
 
 A corner where an edge of a body meets the background slides along the edge as the view turns. Several such
 features often move alike, and would make a body of their own. A slider has one degree of freedom per frame
-in the frame of its body.
+in the frame of its body, which costs a nat as those of a pose do.
 """
 
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, thinned
 from ..config import RigidConfig
-from .frames import Frames
+from .frames import DRAWN, SETTLED, Frames
 from .kernels.residuals import LEAST_COVERED
 from .procrustes import Body
 
-# Fewest trajectories that a host of sliders was fitted to; and the variance, in that of the noise, up to
-# which a trajectory rests in its host, and up to which it may leave its line.
-_LEAST_OWNERS, _NOISY = 4, 1.5
-# Half nats that the degree of freedom of a frame must gain beyond the noise that it fits: the more, the more
-# limbs with two markers stay bodies. Least s of sliding: bodies that begin to move slide on each other
-# at first.
-_PRICE, _LEAST_TIME = 1.6, 1.45
-# Most that a feature slides, rms, in rms radii of its host. All were chosen on stress scenes of even seeds,
-# so that the markers keep their figures.
-_REACH = 0.5
-# Most trajectories that are examined in one update: a bound of the work where nothing is explained.
-_MOST = 128
+# Fewest trajectories that a host of sliders was fitted to, and most that a feature slides, rms, in rms radii
+# of its host. Chosen on stress scenes of even seeds, so that the markers keep their figures.
+_LEAST_OWNERS, _REACH = 4, 0.5
 
 
 def with_sliders(
@@ -61,10 +52,11 @@ def _unexplained(
 ) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
     large = [k for k, candidate in enumerate(bodies) if candidate.static or k in hosts]
-    due = 0.5 * _NOISY * frames.dim * seen
-    unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= _LEAST_TIME * config.frame_rate)
+    due = 0.5 * frames.dim * seen
+    # Bodies that begin to move slide on each other at first.
+    unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= SETTLED * config.frame_rate)
     unexplained &= np.bincount(frames.owner, minlength=len(seen)) == 1
-    return frames.rows_of(thinned(np.flatnonzero(unexplained), _MOST))
+    return frames.rows_of(thinned(np.flatnonzero(unexplained), DRAWN))
 
 
 def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floats:
@@ -77,9 +69,9 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     line = np.linalg.eigh((w[:, :, None] * x).transpose(0, 2, 1) @ x)[1][:, :, -1]
     along = np.einsum("nfi,ni->nf", x, line)
     across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
-    paid = np.minimum(across / (_NOISY * frames.noise[rows, None]), cap).sum(1)
-    cost = 0.5 * (paid + (1 + _PRICE) * held + cap * (seen - held))
+    paid = np.minimum(across / frames.noise[rows, None], cap).sum(1)
+    cost = 0.5 * (paid + cap * (seen - held)) + held
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
     near = (w * along**2).sum(1) / total <= _REACH**2 * radius
-    possible = near & (held >= LEAST_COVERED * seen) & (held >= _LEAST_TIME * config.frame_rate)
+    possible = near & (held >= LEAST_COVERED * seen) & (held >= SETTLED * config.frame_rate)
     return np.where(possible, cost, np.inf)

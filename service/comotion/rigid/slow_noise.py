@@ -5,20 +5,17 @@ distances of features that lie side by side: most such pairs are on one body.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
-from scipy.special import gammaincinv
 
 from ..arrays import Floats, Ints, last_true, thinned
+from .frames import FEWEST
 
 # Most rows of a source that are examined, evenly drawn, and nearest rows to compare each with: a median needs
 # no more, and beyond three pairs more and more span two bodies.
 _ROWS, _NEAREST = 64, 3
-# Fewest differences of a pair at a lag, and fewest pairs of a source.
-_FEWEST = 8
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
 # s; lags at which the change of distances is read, and fewest lags that tell white noise from slow.
@@ -73,7 +70,7 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     second = _nearest(y, w, rows, drawn).ravel()
     lags = np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp))
     measured = variograms(y, w, first, second, lags)
-    measurable = np.isfinite(measured).sum(0) >= _FEWEST
+    measurable = np.isfinite(measured).sum(0) >= FEWEST
     if measurable.sum() < _LEAST_LAGS:
         return SlowNoise()
     measured = measured[:, measurable] / (tolerance[first] + tolerance[second])[:, None]
@@ -81,7 +78,7 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     usual = np.array([np.quantile(column[np.isfinite(column)], _QUANTILE) for column in measured.T])
     if usual.min() <= 0:  # pairs at rest without any noise
         return SlowNoise()
-    noise = _fitted(lags[measurable], _TIMES * frame_rate, usual, w.shape[1])
+    noise = _fitted(lags[measurable], _TIMES * frame_rate, usual)
     return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
 
 
@@ -110,41 +107,20 @@ def variograms(y: Floats, w: Floats, first: Ints, second: Ints, lags: Ints) -> F
         seen = both[:, lag:] & both[:, :-lag]
         change = (apart[:, lag:] - apart[:, :-lag]) * seen
         count = seen.sum(1)
-        enough = count >= _FEWEST
+        enough = count >= FEWEST
         values[enough, k] = 0.5 * (change[enough] ** 2).sum(1) / count[enough]
     return values
 
 
-def _fitted(lags: Ints, times: Floats, usual: Floats, frames: int) -> SlowNoise:
-    """The noise whose variogram is nearest to the usual one, float64 [n], at lags intp [n] and of some times.
-
-    The variogram of one pair scatters like a chi-squared variable over its degrees of freedom: two of three
-    differences of white noise are independent, and those of slow noise that overlap by less than a third.
-    """
+def _fitted(lags: Ints, times: Floats, usual: Floats) -> SlowNoise:
+    """The noise whose variogram is nearest to the usual one, float64 [n], at lags intp [n], of some times."""
     best, least = SlowNoise(), np.inf
-    curves = _variograms(tuple(lags.tolist()), tuple(times.tolist()), frames)
-    for time, variogram in zip(times, curves, strict=True):
+    for time in times.tolist():
+        variogram = np.column_stack([np.ones(len(lags)), 1 - np.exp(-lags / time)])
         (a, b), error = nnls(variogram / usual[:, None], np.ones(len(lags)))
         if error < least:
-            best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), float(time)), error
+            best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), time), error
     return best
-
-
-@lru_cache(maxsize=64)
-def _variograms(lags: tuple[int, ...], times: tuple[float, ...], frames: int) -> list[Floats]:
-    """Variograms of white and of slow noise of variance 1 by correlation time, float64 [n, 2] each."""
-    k = np.array(lags)
-    white = _typical(np.full(len(k), 0.67 * frames))
-    return [
-        np.column_stack([white, (1 - np.exp(-k / time)) * _typical(1.5 * frames / np.minimum(k, 2 * time))])
-        for time in times
-    ]
-
-
-def _typical(freedom: Floats) -> Floats:
-    """The quantile of a chi-squared variable over its degrees of freedom."""
-    # scipy.stats has a name for it, but takes a third of a second to import.
-    return np.asarray(2 * gammaincinv(freedom / 2, _QUANTILE) / freedom)
 
 
 def _nearest(y: Floats, w: Floats, rows: Ints, drawn: Ints) -> Ints:

@@ -11,14 +11,13 @@ from ..trajectories.window import Window
 from .kernels.records import Observations
 from .kernels.resampling import stop_at
 
-# All trajectories of a source have the same period. Where there are more than the first number of them, it is
-# taken from the oldest, as many as the second number.
-_MANY_TRACKS, _PERIOD_TRACKS = 128, 16
+# All trajectories of a source have the same period: so many of the oldest tell it.
+_PERIOD_TRACKS = 16
 
 
-# Positions count for the scale of the scene up to this many widths of a source away: fewer than millimetres
-# in a metre. And the fewest trajectories from which the width of a source is taken.
-_FAR, _LEAST_FOR_WIDTH = 300.0, 4
+# Positions count for the scale of the scene up to this many times the median distance: fewer than millimetres
+# in a metre.
+_FAR = 300.0
 # Observations before a time that are needed to distinguish a gross error from motion there.
 _EARLIER = 4
 
@@ -85,30 +84,14 @@ class Tracks:
     def extent(self) -> float:
         """Root mean square distance of the current trajectories from their median: the scale of the scene.
 
-        One source must not set the scale of all: positions that are hundreds of times farther out than the
-        narrowest source is wide, such as outliers or a source in another unit, do not count.
+        Positions that are hundreds of times farther out than most, such as outliers, do not count.
         """
         newest = self.newest[self.current] if self.current.any() else self.newest
         squares = ((newest - np.median(newest, 0)) ** 2).sum(1)
-        if squares.max(initial=0.0) > _FAR**2 * np.median(squares):
-            newest = newest[self._near(newest)]
-            squares = ((newest - np.median(newest, 0)) ** 2).sum(1)
-        spread = float(np.sqrt(squares.mean()))
+        near = squares[squares <= _FAR**2 * np.median(squares)]
+        spread = float(np.sqrt((near if near.any() else squares).mean()))
         # A single trajectory has no spread: the size of its coordinates is the only scale.
         return spread if spread > 0 else float(np.abs(newest).max(initial=0.0)) + 1e-9
-
-    def _near(self, newest: Floats) -> Bools:
-        """Which positions [n, 3] of the current trajectories count for the scale, bool [n]."""
-        sources = self.source[self.current] if self.current.any() else self.source
-        width, centre = np.inf, np.zeros(3)
-        for source in np.unique(sources).tolist():
-            positions = newest[sources == source]
-            middle = np.median(positions, 0)
-            half = float(np.median(np.sqrt(((positions - middle) ** 2).sum(1))))
-            if len(positions) >= _LEAST_FOR_WIDTH and 0 < half < width:
-                width, centre = half, middle
-        near = np.asarray(np.sqrt(((newest - centre) ** 2).sum(1)) <= _FAR * width)
-        return near if near.any() else np.ones(len(newest), np.bool_)
 
     @property
     def corrected(self) -> Bools:
@@ -207,7 +190,7 @@ def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     period = np.zeros(len(sources))
     for source in np.unique(sources).tolist():
         members = np.flatnonzero(sources == source)
-        drawn = members[:_PERIOD_TRACKS] if len(members) > _MANY_TRACKS else members
+        drawn = members[:_PERIOD_TRACKS]
         observed = ranges(start[drawn], stop[drawn])
         steps = np.diff(times[observed])
         within = np.ones(len(steps), np.bool_)

@@ -94,7 +94,7 @@ class Ablation(OnFamilies):
     epilog = """
 Examples:
   comotion dev reproduce ablation --data recordings/mocap --out docs/research
-  comotion dev reproduce ablation --rule stay --rule sliding --family sliding --seeds 0,2
+  comotion dev reproduce ablation --rule place --rule sliding --family sliding --seeds 0,2
   comotion dev reproduce ablation --rule looseness=0.5 --rule looseness=2   # a parameter
 """
     out = Path("ablation")

@@ -8,9 +8,8 @@ from .frame_pose import frame_pose
 from .metric import quadratic
 from .records import PoseArrays
 
-# Poses in every frame gain by fitting noise. One pose for all may cost more than their expected gain by this
-# many standard deviations of the gain, plus this many nats. Chosen on stress scenes of even seeds.
-_DEVIATIONS, _NATS = 2.0, 6.0
+FALSE_ALARMS = 20.0
+"""Tests against noise per false alarm."""
 
 
 @compiled()
@@ -28,7 +27,7 @@ def settle(
     """Give a body one pose in each run of frames in which it does not move beyond the noise, in place.
 
     From the newest frame backwards, a run grows as long as one pose for all of it is likely: twice the rise
-    of the cost is chi-squared with `dof` degrees of freedom per frame.
+    of the cost is chi-squared with `dof` degrees of freedom per frame, by which poses in every frame gain.
 
     Parameters
     ----------
@@ -79,7 +78,7 @@ def _run_before(
     m = w.shape[1]
     # Sums of weights, of places relative to the first one, and of their squares.
     sums, first = np.zeros((5, m)), np.zeros((3, m))
-    begin, length = stop, 0
+    begin, length, rare = stop, 0, np.log(FALSE_ALARMS)
     for f in range(stop - 1, -1, -1):
         if not posed[f]:
             continue
@@ -99,8 +98,9 @@ def _run_before(
             if sums[0, i] > 0:
                 squared = quadratic(metric[i], sums[1, i], sums[2, i], sums[3, i])
                 scatter += max(sums[4, i] - squared / sums[0, i], 0.0)
-        expected = 0.5 * dof * length
-        if 0.5 * scatter > expected + _DEVIATIONS * np.sqrt(expected) + _NATS:
+        freedom = 1.0 * dof * length
+        # The bound of the tail of chi-squared is that of Laurent and Massart (2000).
+        if scatter > freedom + 2 * np.sqrt(freedom * rare) + 2 * rare:
             break
         begin, length = f, length + 1
     return begin, length

@@ -9,10 +9,8 @@ from ...compiled import compiled
 # one would be below double precision.
 _STEPS = 8
 _CONVERGED = 1e-16
-# A pivot below this share of the diagonal is rounding.
-_PIVOT = 1e-9
-# rad; below it the sine of an angle is the angle in double precision.
-_TINY = 1e-9
+ROUNDING = 1e-9
+"""Share below which a number is rounding; rad, below which the sine of an angle is the angle."""
 
 
 @compiled()
@@ -42,12 +40,12 @@ def newton_rotation(H: Floats, near: Floats, R: Floats) -> bool:
             return False
         l1, l2 = b / a, c / a
         d2 = d - l1 * b
-        if d2 <= _PIVOT * d:
+        if d2 <= ROUNDING * d:
             return False
         k = e - l1 * c
         l3 = k / d2
         d3 = f - l2 * c - l3 * k
-        if d3 <= _PIVOT * f:
+        if d3 <= ROUNDING * f:
             return False
         u0, u1, u2 = m21 - m12, m02 - m20, m10 - m01
         u1 -= l1 * u0
@@ -122,7 +120,7 @@ def rotation_matrix(v: Floats) -> Floats:
     """Rotation by a vector [3], [3, 3]."""
     R = np.zeros((3, 3))
     angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    s = 0.5 if angle < _TINY else np.sin(0.5 * angle) / angle
+    s = 0.5 if angle < ROUNDING else np.sin(0.5 * angle) / angle
     _from_quaternion(np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2], R)
     return R
 
