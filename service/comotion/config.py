@@ -63,7 +63,7 @@ class RigidConfig(Group):
     """factor of the variance by which bodies deform; 0: they are rigid"""
     residual_cap: Above = 16.0
     """squared residual per dimension, in tolerances, from which on it costs no more"""
-    outlier_share: float = Field(0.5, gt=0, le=1)
+    outlier_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """share of the cap that a frame of an outlier costs"""
     birth_price: Above = 15.0
     """nat; price of a hypothesis beside its poses"""
@@ -79,7 +79,7 @@ class RigidConfig(Group):
 class PixelsConfig(Group):
     """Parameters of grouping in pixel space."""
 
-    key_frames: int = Field(24, ge=2, le=1000)
+    key_frames: Annotated[int, Field(ge=2, le=1000)] = 24
     """instants of the window that trajectories are compared at"""
     most_tracks: Count = 1200
     """most trajectories that are compared; the others follow their neighbours"""
@@ -155,17 +155,17 @@ class JointsConfig(Group):
 class LimitsConfig(Group):
     """Bounds of a scene, and of one source where that is said."""
 
-    sources: int = Field(1024, ge=1, le=65_536)
+    sources: Annotated[int, Field(ge=1, le=65_536)] = 1024
     """source names at a time; the one silent for longest goes"""
-    spaces: int = Field(256, ge=1, le=4096)
+    spaces: Annotated[int, Field(ge=1, le=4096)] = 256
     """coordinate spaces at a time; one that nobody publishes goes"""
-    instants: int = Field(1024, ge=1, le=100_000)
+    instants: Annotated[int, Field(ge=1, le=100_000)] = 1024
     """different row stamps in one batch"""
-    waiting: float = Field(64.0, ge=1, le=4096)
+    waiting: Annotated[float, Field(ge=1, le=4096)] = 64.0
     """MB of batches of one source that wait for the watermark"""
     waiting_all: Annotated[float, Field(ge=1, le=65_536)] = 256.0
     """MB of batches of all sources that wait; beyond it, each source has its share"""
-    waiting_batches: int = Field(4096, ge=1, le=1_000_000)
+    waiting_batches: Annotated[int, Field(ge=1, le=1_000_000)] = 4096
     """batches of one source that wait for the watermark"""
     extent: Annotated[float, Field(ge=0, le=1e9)] = 200.0
     """rows so many times farther out than the other sources of the space see (at least 1 m or 1000 px) are
@@ -201,19 +201,19 @@ class FusionConfig(Group):
 
     method: Method = "comotion"
     """how hypotheses are inferred"""
-    window: float = Field(10.0, gt=0, le=600)
+    window: Annotated[float, Field(gt=0, le=600)] = 10.0
     """s; observations older than this leave the trajectories"""
-    period: float = Field(0.1, ge=0.005, le=60)
+    period: Annotated[float, Field(ge=0.005, le=60)] = 0.1
     """s between updates"""
     allowed_lateness: Annotated[float, Field(ge=0, le=10)] = 0.2
     """s behind the watermark up to which an observation is still inserted"""
-    max_lag: float = Field(0.5, ge=0, le=10)
+    max_lag: Annotated[float, Field(ge=0, le=10)] = 0.5
     """s the watermark may stay behind the clock for a slow source"""
     source_timeout: Annotated[float, Field(gt=0, le=60)] = 1.0
     """s without data after which a source no longer holds the watermark"""
     track_timeout: Annotated[float, Field(gt=0, le=60)] = 0.5
     """s without observation after which a trajectory is outdated (or 3 source periods)"""
-    max_tracks: int = Field(5000, ge=1, le=100_000)
+    max_tracks: Annotated[int, Field(ge=1, le=100_000)] = 5000
     """trajectories kept at once; further ones are refused"""
 
     thesis: ThesisConfig = ThesisConfig()
