@@ -1,11 +1,18 @@
 """What moves, and what only has parallax, before a camera that moves."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
+from comotion import Fusion
 from comotion.pixels.gains import group_gain, rest_gain
 from comotion.pixels.recent import SCALES_NS, Recent
 from comotion.pixels.steadying import Steadying
+from comotion_schemas import UNDETERMINED
+
+from .. import builders
+from ..builders import T0, S, labels_of
 
 # Features of the ground, of what stands near the camera, and of a box that may move.
 GROUND, NEAR, BOX = 120, 60, 20
@@ -71,3 +78,26 @@ def test_a_member_that_is_immensely_far_contradicts_the_motion_of_its_group(far_
     recent = Recent(np.arange(5), place, displacement, seen, np.full(5, 0.1), np.zeros((4, 5)))
     explained = group_gain(recent, np.ones(5, np.bool_))
     assert explained.gain[0] < 0 < explained.gain[1:].min()
+
+
+def test_a_second_body_is_found_soon_where_one_moved_from_the_first_image_on():
+    rng, fusion = np.random.default_rng(0), Fusion()
+    points = scene(rng)
+    later = slice(GROUND - BOX, GROUND)
+    points[later] = rng.uniform([-0.7, -0.1, 1.7], [-0.4, 0.2, 2.0], (BOX, 3))
+    labels = {}
+    for number in range(100):
+        seconds = number / 30
+        points[later, 0] += 0.003 * (number > 75)
+        places = image(points, seconds, lambda t: np.array([0, 0.3, 0]) * min(t, 2)) + rng.normal(
+            0, NOISE_PX, (N, 2)
+        )
+        fusion.ingest(
+            builders.batch("cam", number, T0 + number * S // 30, places, space="cam/pixels", unit="px")
+        )
+        if number % 3 == 2:
+            labels = labels_of(fusion.update(T0 + number * S // 30))
+    parts = [list(range(N))[part] for part in (slice(0, GROUND - BOX), later, slice(N - BOX, N))]
+    ground, second, first = (Counter(labels[k] for k in part).most_common(1)[0] for part in parts)
+    assert len({ground[0], second[0], first[0]} - {UNDETERMINED}) == 3
+    assert min(second[1], first[1]) >= 0.8 * BOX

@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import Bools, Labels
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
+from .gains import rest_gain
 from .recent import Recent, recent_motion
 from .steadying import Steadying
 
@@ -20,9 +21,10 @@ _STEP_NS = 100_000_000
 _LEAST_SHARE = 0.25
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
-# Before a camera that moves, the background is followed in windows longer than this, or once all but a share
-# has been one hypothesis for so many steps, and little undetermined: else the whole window tells more.
-_LONG_NS, _DIVIDED, _UNLABELLED, _UNDIVIDED_STEPS = 4_500_000_000, 0.03, 0.1, 10
+# Before a camera that moves, the background is followed in windows longer than this, or once the structure of
+# the largest hypothesis has explained it, and no other, up to a share, for so many steps: before, the window
+# tells more.
+_LONG_NS, _DISAGREE, _AGREED_STEPS = 4_500_000_000, 0.1, 10
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
@@ -41,7 +43,7 @@ class RestingCamera:
 
     def __init__(self) -> None:
         self.carried = False
-        self._undivided = 0
+        self._agreed = 0
         # That the camera rests, and that the background does once its motion is subtracted.
         self._evidence, self._steady = 0.0, 0.0
         self._steadying = Steadying()
@@ -65,18 +67,14 @@ class RestingCamera:
         last = min(stamp_ns, stamps[-1])
         # After a gap the window begins later than the last step.
         first = max(self._stamp_ns or stamps[0], last - window.span_ns, stamps[0])
-        _, sizes = np.unique(labels[labels >= 0], return_counts=True)
-        undivided = sizes.max(initial=0) > (1 - _DIVIDED) * sizes.sum()
-        undivided &= sizes.sum() > (1 - _UNLABELLED) * len(window.slots())
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
-        self._undivided = self._undivided + count if undivided else 0
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
             self._evidence = _judged(recent, self._evidence)
             began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
-                recent = self._steadied(window, recent)
-                early = self._undivided < _UNDIVIDED_STEPS and instant - stamps[0] < _LONG_NS
+                recent = self._steadied(window, recent, labels)
+                early = self._agreed < _AGREED_STEPS and instant - stamps[0] < _LONG_NS
                 if self._steady < 0 or (early and not began):
                     self._belief = None
                     continue
@@ -85,13 +83,17 @@ class RestingCamera:
         self._stamp_ns = max(last, first)
         return self._belief
 
-    def _steadied(self, window: Window, recent: Recent) -> Recent:
+    def _steadied(self, window: Window, recent: Recent, labels: Labels) -> Recent:
         """Motion relative to that of the background; and note whether that shows it at rest."""
-        background = np.ones(len(recent.slots), np.bool_)
+        own = labels[recent.slots]
         if self._belief is not None:
             self._belief.admit(window)
             background = self._belief.labels(recent.slots) == BACKGROUND
+        else:
+            background = own == np.bincount(own[own >= 0], minlength=1).argmax()
         recent = self._steadying.steadied(recent, window.key, background)
+        agree = (own >= 0) & ((rest_gain(recent) > 0) == background)
+        self._agreed = self._agreed + 1 if agree.mean() > 1 - _DISAGREE else 0
         if self._steadying.rigid:
             self._steady = _judged(recent, self._steady)
         else:
