@@ -85,14 +85,13 @@ class RestingCamera:
 
     def _steadied(self, window: Window, recent: Recent, labels: Labels) -> Recent:
         """Motion relative to that of the background; and note whether that shows it at rest."""
-        own = labels[recent.slots]
+        own, background = labels[recent.slots], np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
             self._belief.admit(window)
             background = self._belief.labels(recent.slots) == BACKGROUND
-        else:
-            background = own == np.bincount(own[own >= 0], minlength=1).argmax()
         recent = self._steadying.steadied(recent, window.key, background)
-        agree = (own >= 0) & ((rest_gain(recent) > 0) == background)
+        largest = own == np.bincount(own[own >= 0], minlength=1).argmax()
+        agree = (own >= 0) & ((rest_gain(recent) > 0) == largest)
         self._agreed = self._agreed + 1 if agree.mean() > 1 - _DISAGREE else 0
         if self._steadying.rigid:
             self._steady = _judged(recent, self._steady)
