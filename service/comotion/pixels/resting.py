@@ -90,7 +90,8 @@ class RestingCamera:
             self._belief.admit(window)
             background = self._belief.labels(recent.slots) == BACKGROUND
         recent = self._steadying.steadied(recent, window.key, background)
-        largest = own == np.bincount(own[own >= 0], minlength=1).argmax()
+        ids, counts = np.unique(own[own >= 0], return_counts=True)
+        largest = own == (ids[counts.argmax()] if len(ids) else -1)
         agree = (own >= 0) & ((rest_gain(recent) > 0) == largest)
         self._agreed = self._agreed + 1 if agree.mean() > 1 - _DISAGREE else 0
         if self._steadying.rigid:
