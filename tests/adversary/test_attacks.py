@@ -94,8 +94,8 @@ def test_short_attacks_are_laid_to_their_source_and_cost_the_others_nothing(ente
 def test_an_attack_costs_its_source_alone(enter, attack, named) -> None:
     runner = enter()
     before = runner.processes["service"].usage().memory_mb
-    found = attacked(runner, [attack], SECONDS)
-    assert not named or found & named
+    kinds = attacked(runner, [attack], SECONDS)
+    assert not named or kinds & named
     runner.wait(_GIVEN_BACK_S)
     held = [usage.memory_mb for *_, usage in runner.result.usage["service"]]
     assert attack not in {"large", "tokens"} or (max(held) - before < MOST_MB and held[-1] - before < 60)

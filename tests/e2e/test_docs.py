@@ -59,8 +59,8 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    found = BLOCK.findall(page.read_text())
-    return [Block(f"{page.relative_to(ROOT)}:{number}", *block) for number, block in enumerate(found)]
+    matches = BLOCK.findall(page.read_text())
+    return [Block(f"{page.relative_to(ROOT)}:{number}", *block) for number, block in enumerate(matches)]
 
 
 ALL = [block for page in PAGES for block in blocks(page)]

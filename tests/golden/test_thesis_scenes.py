@@ -22,8 +22,8 @@ def runs(scene: str, sigma_switch: float, v_move: float | None, period: float) -
 
 def curve(scene, sigma_switch, v_move=None, period=1 / 3):
     """(seconds [updates], NMI [seeds, updates])."""
-    found = runs(scene, sigma_switch, v_move, period)
-    return found[0].seconds, np.array([run.nmi for run in found])
+    by_seed = runs(scene, sigma_switch, v_move, period)
+    return by_seed[0].seconds, np.array([run.nmi for run in by_seed])
 
 
 def test_figure_4_1_with_the_best_sigma_is_perfect_from_1_5_s_on():

@@ -126,9 +126,9 @@ def check_accounts(run, released):
     rows = {}
     for instant in released:
         rows.setdefault(id(instant.batch), []).extend(instant.rows.tolist())
-    assert all(len(found) == len(set(found)) for found in rows.values())
+    assert all(len(taken) == len(set(taken)) for taken in rows.values())
     arrived = {id(batch): batch for arrivals, _ in run.steps for batch, _ in arrivals}
-    partly = sum(0 < len(found) < len(arrived[key].ids) for key, found in rows.items() if key in arrived)
+    partly = sum(0 < len(taken) < len(arrived[key].ids) for key, taken in rows.items() if key in arrived)
     assert partly <= stats.partly_late + stats.waiting
 
 
@@ -234,11 +234,11 @@ def test_every_number_of_a_session_is_new_once_and_what_is_missing_since_the_fir
             counter = restored(SequenceCounter, plain(counter))
         known = seen[stream]
         expected = "newest" if seq > max(known, default=-1) else "repeated" if seq in known else "overtaken"
-        found = counter.sight(*stream, seq)
+        sighting = counter.sight(*stream, seq)
         known.add(seq)
-        lost[stream] += found.lost
+        lost[stream] += sighting.lost
         begin = 0 if from_zero else first.setdefault(stream, seq)
-        assert found.order == expected
+        assert sighting.order == expected
         assert lost[stream] == len(set(range(begin, max(known))) - known)
         assert counter.newest(*stream) == max(known)
 

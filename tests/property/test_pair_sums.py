@@ -85,16 +85,16 @@ class SideBySide:
         """Affinities are equal to 1e-5."""
         tracks, matrix = sorted(self.slots), self.pairs.affinity(self.window)
         rows = self.slots_of(tracks)
-        found = matrix[np.ix_(rows, rows)]
+        part = matrix[np.ix_(rows, rows)]
         for a, i in enumerate(tracks):
             for b, j in enumerate(tracks[:a]):
-                assert found[a, b] == found[b, a] == pytest.approx(self.expected(i, j), abs=1e-5), (i, j)
+                assert part[a, b] == part[b, a] == pytest.approx(self.expected(i, j), abs=1e-5), (i, j)
 
 
 @st.composite
 def tracks(draw, dim):
     """Trajectories of different rates, phases, lifetimes, gaps and motions; times on a 10 ms grid."""
-    found = {}
+    matrices = {}
     for track in range(draw(st.integers(2, 5))):
         period = draw(st.sampled_from([20, 30, 70, 100, 250, 600]))
         phase = draw(st.integers(0, 9)) * 10 % period
@@ -106,11 +106,11 @@ def tracks(draw, dim):
         every = range(birth - birth % period + phase, min(birth + life, _LAST_MS), period)
         times = [t for t in every if t >= birth and not gap <= t < gap_end]
         noise = rng.normal(0, draw(st.sampled_from([0.0, 0.003])), (len(times), dim))
-        found[track] = {
+        matrices[track] = {
             T0 + t * MS: tuple(centre + amplitude * np.sin(pace * t * 1e-3) + noise[n])
             for n, t in enumerate(times)
         }
-    return found
+    return matrices
 
 
 @st.composite
@@ -162,8 +162,8 @@ def test_the_equations_of_a_pair_are_those_of_the_thesis_by_hand():
     assert distance == pytest.approx([3.0, 3.05, 3.1, 3.15, 3.2, 3.25])
     assert speed == pytest.approx([1.0] * 6)
     assert [len(thesis.distance_samples(one, other, ms * MS)[0]) for ms in (99, 100)] == [0, 6]
-    found = thesis.variance(distance, weight(speed, 0.1))
-    assert found == pytest.approx(np.var(distance))
+    variance = thesis.variance(distance, weight(speed, 0.1))
+    assert variance == pytest.approx(np.var(distance))
     assert thesis.affinity(np.array([0.0, 1.0, 4.0]), 1.0) == pytest.approx([1, 0.5, 0.5**4])
     weights = weight(np.array([0.0, 0.1, 1.0]), 0.1)
     assert weights == pytest.approx([0.0023, 0.9, 1.0], rel=0.01)

@@ -39,9 +39,9 @@ def status(text, **changes):
         "clock_offsets": {text: 0.5},
         "problems": [{"kind": "limit", "since_ns": 0, "text": text}],
     }  # fmt: skip
-    found = decode(msgpack.packb(fields | changes))
-    assert isinstance(found, Status)
-    return found
+    decoded = decode(msgpack.packb(fields | changes))
+    assert isinstance(decoded, Status)
+    return decoded
 
 
 def lines_of(*what):
@@ -58,20 +58,26 @@ def lines_of(*what):
 @given(texts, st.integers(1, 80))
 @example(MARKUP, 500)
 def test_what_is_shown_has_glyphs_only_and_is_bounded_and_stays_as_it_is(text, most):
-    found = shown(text, most)
-    assert found.isprintable()
-    assert len(found) <= most
-    assert shown(found, most) == found
+    printed = shown(text, most)
+    assert printed.isprintable()
+    assert len(printed) <= most
+    assert shown(printed, most) == printed
     if text.isprintable() and len(text) <= most:
-        assert found == text
+        assert printed == text
 
 
 @given(texts)
 @example(MARKUP)
 def test_every_text_of_a_decoded_status_can_be_shown(text):
-    found = status(text)
-    maps = (found.rates, found.ages, found.counters, found.clock_offsets)
-    given_ = [found.message, found.version, found.host, found.problems[0].text, *(k for m in maps for k in m)]
+    received = status(text)
+    maps = (received.rates, received.ages, received.counters, received.clock_offsets)
+    given_ = [
+        received.message,
+        received.version,
+        received.host,
+        received.problems[0].text,
+        *(k for m in maps for k in m),
+    ]
     assert given_ == [shown(text)] * 8
 
 
@@ -94,14 +100,14 @@ def test_status_prints_texts_as_they_are_each_in_its_line(text):
     model.on_router(
         {"zid": text, "version": text, "metadata": {"name": text, "host": text}, "locators": [text] * 99}
     )
-    found = model.status(0.0)
+    received = model.status(0.0)
     out = io.StringIO()
-    show(found, Console(file=out, width=4000, color_system=None))
+    show(received, Console(file=out, width=4000, color_system=None))
     lines = out.getvalue().split("\n")
     assert all(line.isprintable() for line in lines)
     # The row of a router begins with its name.
-    marked = len(found.problems) + shown(text, 80).strip().startswith("!")
-    assert sum(line.startswith("! ") for line in lines) in {len(found.problems), marked}
+    marked = len(received.problems) + shown(text, 80).strip().startswith("!")
+    assert sum(line.startswith("! ") for line in lines) in {len(received.problems), marked}
     assert any(shown(text, 80).strip() in line for line in lines)
 
 

@@ -6,8 +6,8 @@ import comotion
 from comotion_clients.subscribe import subscribe
 from comotion_sources.runtime import SourcePublisher
 
-found = comotion.group(np.zeros((3, 4, 3)), np.arange(3.0), config=comotion.FusionConfig())
-labels = found.labels + 1
+grouping = comotion.group(np.zeros((3, 4, 3)), np.arange(3.0), config=comotion.FusionConfig())
+labels = grouping.labels + 1
 period = comotion.FusionConfig(window=5.0).period * 2
 hypotheses = comotion.Scene(unit="px").push([1], [[0.0, 0.0]], 0.0).hypotheses
 with SourcePublisher("mine", space="world", unit="m", dim=3, connect="tcp/127.0.0.1:7447") as source:

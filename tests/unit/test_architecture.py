@@ -52,9 +52,9 @@ def named(section: str) -> list[str]:
 
 def children(folder: Path) -> list[str]:
     """Modules and folders in a package, as the page names them."""
-    found = [path for path in folder.iterdir() if path.name not in UNNAMED]
+    present = [path for path in folder.iterdir() if path.name not in UNNAMED]
     # A folder that git does not know may hold nothing but compiled files.
-    return [f"{path.name}/" if path.is_dir() else path.name for path in found if any_file(path)]
+    return [f"{path.name}/" if path.is_dir() else path.name for path in present if any_file(path)]
 
 
 def any_file(path: Path) -> bool:

@@ -43,12 +43,12 @@ class TestInstants:
         fusion = Fusion(FusionConfig())
         fusion.measure(lambda: fusion.stats.observations * 100_000)
         update = self.run(fusion, 6)
-        found = accounts(fusion)
-        assert found["honest"].fused == 30 * 6
-        assert found["honest"].rejected == {}
-        assert found["many"].rejected["over-budget"] > 60
-        assert found["many"].fused > 10, "he has his share"
-        assert found["many"].waiting < 60
+        listed = accounts(fusion)
+        assert listed["honest"].fused == 30 * 6
+        assert listed["honest"].rejected == {}
+        assert listed["many"].rejected["over-budget"] > 60
+        assert listed["many"].fused > 10, "he has his share"
+        assert listed["many"].waiting < 60
         assert list(fusion.timeline.troubles.lately()["over-budget"]) == ["many"]
         assert ("many", "over-budget") in in_words(fusion.timeline.troubles.lately())
         honest = [k for k, one in enumerate(update.sources) if one.name == "honest"]
@@ -64,8 +64,8 @@ class TestInstants:
             for n in range(20 if k > 35 else 0):
                 fusion.ingest(batch(f"name-{k}-{n}", 0, now, POINTS[:6]))
             (fusion.update if k % 3 == 2 else fusion.advance)(now)
-        found = accounts(fusion)
-        assert found["honest"].fused == found["honest"].batches - found["honest"].waiting
+        listed = accounts(fusion)
+        assert listed["honest"].fused == listed["honest"].batches - listed["honest"].waiting
         assert fusion.stats.rejected["over-budget"] > 100
         assert all(name.startswith("name") for name in fusion.timeline.troubles.lately()["over-budget"])
 
@@ -194,5 +194,5 @@ def test_instants_of_one_batch_count_as_much_as_batches_of_their_own(method):
     assert packed.stats.observations == single.stats.observations
     assert len(set(one.track_hypothesis.tolist())) == 2
     np.testing.assert_array_equal(one.track_hypothesis, other.track_hypothesis)
-    found, expected = packed.affinity("world"), single.affinity("world")
-    np.testing.assert_allclose(found.matrix, expected.matrix, atol=1e-6)
+    unpacked, expected = packed.affinity("world"), single.affinity("world")
+    np.testing.assert_allclose(unpacked.matrix, expected.matrix, atol=1e-6)

@@ -154,11 +154,11 @@ def appeared(seconds, centre, scale=1.0):
 
 def memory(*bodies):
     """Of (id, centre, velocity, static) at time 0; the features of hypothesis i are 100 i to 100 i + 7."""
-    found = {}
+    records = {}
     for one, centre, velocity, static in bodies:
-        found[one] = Record(PoseReference.new(0), description=described(one, velocity), static=static)
-        found[one].see(0, one, current({one: centre}), posed=False)
-    return found
+        records[one] = Record(PoseReference.new(0), description=described(one, velocity), static=static)
+        records[one].see(0, one, current({one: centre}), posed=False)
+    return records
 
 
 STILL = (0.0, 0.0, 0.0)
@@ -194,12 +194,12 @@ def test_a_body_is_recognised(known, new, expected):
 
 def test_a_body_is_expected_about_the_place_where_it_has_been():
     def passed_by(to):
-        found = {one: Record(PoseReference.new(0), description=described(one)) for one in (1, 2)}
+        records = {one: Record(PoseReference.new(0), description=described(one)) for one in (1, 2)}
         for second in range(11):
             places = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0)} if second < 10 else {1: to, 2: to}
-            for one, record in found.items():
+            for one, record in records.items():
                 record.see(second * S, one, current(places), posed=False)
-        return found
+        return records
 
     new = {7: appeared(13, (0.9, 0, 0)), 8: appeared(13, (0.1, 0, 0))}
     assert recognised(passed_by((0.5, 0.0, 0.0)), new, 1.0) == {7: 2, 8: 1}

@@ -104,7 +104,7 @@ def test_entries_that_somebody_else_wrote_are_left_out():
                 prefix + name: Entry(value, created=1, changed=2, lease=0) for name, value in values.items()
             }
 
-    found = read_fleet(Written())
-    assert found.scenes == {"good": Scene(("--set", "window=7"), (), 2)}
-    assert found.agents == {"a": Agent(3, draining=True)}
-    assert found.holders == {Place("good", 0): Holder("a", ready=True, revision=2)}
+    read = read_fleet(Written())
+    assert read.scenes == {"good": Scene(("--set", "window=7"), (), 2)}
+    assert read.agents == {"a": Agent(3, draining=True)}
+    assert read.holders == {Place("good", 0): Holder("a", ready=True, revision=2)}

@@ -56,10 +56,10 @@ def child(kind, q, seed=0, start=0):
 
 
 def judged(body, *, times=2):
-    found = Pair.of(1, 2, "world", np.zeros(3))
+    pair = Pair.of(1, 2, "world", np.zeros(3))
     for _ in range(times):
-        found.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
-    return found
+        pair.judge(world(len(body.stamps), int(body.stamps[0] // FRAME_NS)), body)
+    return pair
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def judged(body, *, times=2):
 def test_the_kind_is_known_once_it_has_moved(kind, reach):
     right = 0
     for seed in range(5):
-        found = judged(child(kind, np.linspace(0, reach, 60), seed))
-        right += found.joint.kind == kind
-        assert np.degrees(np.arccos(abs(found.models[kind].u @ AXIS))) < 3
+        pair = judged(child(kind, np.linspace(0, reach, 60), seed))
+        right += pair.joint.kind == kind
+        assert np.degrees(np.arccos(abs(pair.models[kind].u @ AXIS))) < 3
     assert right == 5
 
 
@@ -95,33 +95,33 @@ def test_bodies_that_move_as_one_are_fixed():
     rng = np.random.default_rng(0)
     held_R = Rotation.from_rotvec(rng.normal(0, TURN_NOISE, (45, 3))).as_matrix() @ R
     held = motion(held_R, R @ [0.2, 0, 0] + carrier.t + rng.normal(0, SHIFT_NOISE, (45, 3)))
-    found = Pair.of(1, 2, "world", np.zeros(3))
+    pair = Pair.of(1, 2, "world", np.zeros(3))
     for _ in range(2):
-        found.judge(carrier, held)
-    assert found.joint.kind == "fixed"
+        pair.judge(carrier, held)
+    assert pair.joint.kind == "fixed"
 
 
 def test_a_joint_is_remembered_when_its_motion_has_left_the_window(monkeypatch):
-    found = Pair.of(1, 2, "world", np.zeros(3))
+    pair = Pair.of(1, 2, "world", np.zeros(3))
     monkeypatch.setattr("comotion.joints.states._MAX_STATES", 10)
     for first in range(0, 400, 15):
         q = np.clip((np.arange(first, first + 150) - 100) * 0.02, 0, 1.2)
-        found.judge(world(150, first), child("revolute", q, seed=first, start=first))
-    assert found.joint.kind == "revolute"
-    assert len(found._keys) <= 10
+        pair.judge(world(150, first), child("revolute", q, seed=first, start=first))
+    assert pair.joint.kind == "revolute"
+    assert len(pair._keys) <= 10
     # For the last 150 frames it has rested.
-    low, high = found.range
+    low, high = pair.range
     assert high - low == pytest.approx(1.2, abs=0.1)
 
 
 def test_a_joint_that_breaks_is_released():
     q = np.linspace(0, 1.2, 150)
-    found = judged(child("revolute", q))
-    assert found.joint.kind == "revolute"
+    pair = judged(child("revolute", q))
+    assert pair.joint.kind == "revolute"
     body = child("revolute", np.concatenate([q[30:], np.full(30, 1.2)]), start=30)
     body.t[-30:] += np.linspace(0, 0.3, 30)[:, None] * np.array([1.0, 1.0, -1.0])
-    found.judge(world(150, 30), body)
-    assert found.joint.kind in {"undetermined", "free"}
+    pair.judge(world(150, 30), body)
+    assert pair.joint.kind in {"undetermined", "free"}
 
 
 def test_a_fit_that_is_hopeless_goes_on_at_the_next_judgement():
@@ -130,9 +130,9 @@ def test_a_fit_that_is_hopeless_goes_on_at_the_next_judgement():
     model = replace(first_guess(states, "revolute"), u=np.array([1.0, 0, 0]), c=1.5 * HINGE)
     worst = fit(states, model, 1.0, steps=0).misfit
     for _ in range(20):
-        found = fit(states, model, 1.0)
-        model = found.model
-    assert found.misfit < worst / 20
+        fitted = fit(states, model, 1.0)
+        model = fitted.model
+    assert fitted.misfit < worst / 20
     assert abs(model.u @ AXIS) > 0.99
 
 

@@ -103,8 +103,8 @@ def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_
 
 
 def modules():
-    for found in pkgutil.walk_packages(comotion.__path__, "comotion."):
-        yield importlib.import_module(found.name)
+    for module in pkgutil.walk_packages(comotion.__path__, "comotion."):
+        yield importlib.import_module(module.name)
 
 
 def names(code):
@@ -124,7 +124,7 @@ def imported(module):
 
 
 def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover():
-    found = 0
+    count = 0
     outside = set()
     covered = {str(path) for path in compiled.kernel_sources()}
     for module in modules():
@@ -132,14 +132,14 @@ def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover():
         for kernel in vars(module).values():
             if not isinstance(kernel, Dispatcher) or kernel.py_func.__module__ != module.__name__:
                 continue
-            found += 1
+            count += 1
             assert kernel._cache.cache_path.startswith(str(compiled.folder()))
             for name in names(kernel.py_func.__code__) & origins.keys():
                 file = find_spec(origins[name]).origin  # type: ignore[union-attr]
                 if file not in covered:
                     outside.add(f"{name} in {module.__name__} is from {file}")
     assert not outside
-    assert found > 50
+    assert count > 50
 
 
 @pytest.mark.parametrize("python", [sys.executable, "/bin/false", "/missing"])

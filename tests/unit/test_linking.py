@@ -45,8 +45,10 @@ def camera(**changes):
 def pixels_of(view, points):
     inside = (points - np.asarray(view.translation)) @ CameraModel(view).rotation
     K = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1.0]])
-    found, _ = cv2.projectPoints(inside, np.zeros(3), np.zeros(3), K, np.array(view.distortion or [0.0] * 5))
-    return np.asarray(found.reshape(-1, 2))
+    projected, _ = cv2.projectPoints(
+        inside, np.zeros(3), np.zeros(3), K, np.array(view.distortion or [0.0] * 5)
+    )
+    return np.asarray(projected.reshape(-1, 2))
 
 
 def shapes(rng, counts):
@@ -97,11 +99,11 @@ def main_body(update):
 def linked_bodies(update):
     """Body of each linked image hypothesis -> bodies of the hypotheses it is linked to."""
     body = main_body(update)
-    found: dict[str, set[str]] = {}
+    projected: dict[str, set[str]] = {}
     for h in update.hypotheses:
         if h.space == "plain/pixels" and h.linked:
-            found.setdefault(body[h.id], set()).update(body[other] for other in h.linked)
-    return found
+            projected.setdefault(body[h.id], set()).update(body[other] for other in h.linked)
+    return projected
 
 
 def fused(view):

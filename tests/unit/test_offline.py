@@ -47,11 +47,11 @@ def test_recordings_and_scenes_are_evaluated(recording):
     scenes = by_file(results)[scene]["mean_nmi"]
     assert scenes == pytest.approx((results[0].run.summary.mean_nmi + results[1].run.summary.mean_nmi) / 2)
 
-    found = json.loads(json.dumps(as_json(results, CONFIG, 0.25), allow_nan=False))
-    assert found["period"] == 0.25
-    assert found["config"]["thesis"]["sigma_switch"] == 0.02
-    assert [run["seed"] for run in found["runs"]] == [0, 1, None]
-    assert found["overall"]["mean_nmi"] == pytest.approx((scenes + results[2].run.summary.mean_nmi) / 2)
+    content = json.loads(json.dumps(as_json(results, CONFIG, 0.25), allow_nan=False))
+    assert content["period"] == 0.25
+    assert content["config"]["thesis"]["sigma_switch"] == 0.02
+    assert [run["seed"] for run in content["runs"]] == [0, 1, None]
+    assert content["overall"]["mean_nmi"] == pytest.approx((scenes + results[2].run.summary.mean_nmi) / 2)
     text = io.StringIO()
     Console(file=text, width=80).print(table(results))
     assert "overall" in text.getvalue()

@@ -48,10 +48,10 @@ def test_bodies_are_told_apart_without_their_number(sizes):
     rng = np.random.default_rng(5)
     positions, truth = affine_scene(rng, sizes)
     visible = rng.random(positions.shape[:2]) > 0.15
-    found = grouped(frames_of(positions, visible))
-    assert misclassification(found.labels, truth) <= 0.02
-    assert (found.confidence >= 0).all()
-    assert (found.confidence <= 1).all()
+    result = grouped(frames_of(positions, visible))
+    assert misclassification(result.labels, truth) <= 0.02
+    assert (result.confidence >= 0).all()
+    assert (result.confidence <= 1).all()
 
 
 def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
@@ -60,14 +60,14 @@ def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
     x[:, 20:] += [250, 0]
     moving = (np.arange(35) >= 20)[None, :, None]
     positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
-    found = grouped(frames_of(positions))
-    np.testing.assert_array_equal(found.labels == found.labels[0], np.arange(35) < 20)
+    result = grouped(frames_of(positions))
+    np.testing.assert_array_equal(result.labels == result.labels[0], np.arange(35) < 20)
 
 
 def test_noise_that_is_known_does_not_join_bodies():
     positions, truth = affine_scene(np.random.default_rng(0), (60, 50), noise=1.0)
-    found = grouped(frames_of(positions, noise=1.0))
-    assert misclassification(found.labels, truth) <= 0.02
+    result = grouped(frames_of(positions, noise=1.0))
+    assert misclassification(result.labels, truth) <= 0.02
     # Taken for motion, it widens the kernel.
     assert grouped(frames_of(positions)).labels.max() == 0
 
@@ -226,29 +226,29 @@ def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
 def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
-    found = Geometry(scene(noise, hidden), drift=0.02)
-    assert not found.two_bodies(NEAR, FAR)
-    assert found.two_bodies(NEAR, OTHER)
+    geometry = Geometry(scene(noise, hidden), drift=0.02)
+    assert not geometry.two_bodies(NEAR, FAR)
+    assert geometry.two_bodies(NEAR, OTHER)
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
 def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
     groups = [NEAR, FAR, OTHER[:15], OTHER[15:], np.zeros(0, int)]
-    found = consensus(scene(noise, hidden), groups, np.random.default_rng(0))
-    assert min(found[0, 1], found[2, 3]) > 0.2
-    assert found[:2, 2:].max() < 0.1
-    np.testing.assert_array_equal(found, found.T)
+    agreement = consensus(scene(noise, hidden), groups, np.random.default_rng(0))
+    assert min(agreement[0, 1], agreement[2, 3]) > 0.2
+    assert agreement[:2, 2:].max() < 0.1
+    np.testing.assert_array_equal(agreement, agreement.T)
     # Of a group that is never seen nothing is known.
-    assert not found[4].any()
+    assert not agreement[4].any()
 
 
-@pytest.mark.parametrize(("previous", "found"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
-def test_what_was_apart_stays_apart_on_little_evidence(previous, found):
+@pytest.mark.parametrize(("previous", "merged"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
+def test_what_was_apart_stays_apart_on_little_evidence(previous, merged):
     superclusters = np.repeat([0, 1], 10)
     alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
     agreed, unmoved = np.full((2, 2), 0.2), Geometry(frames_of(np.zeros((4, 20, 2))), drift=0.02)
     merging = Merging(alike, near, superclusters, agreed, unmoved, 5, np.array(previous)[superclusters])
-    assert len(np.unique(merging.groups())) == found
+    assert len(np.unique(merging.groups())) == merged
 
 
 def test_too_few_points_say_nothing():

@@ -36,14 +36,14 @@ def play(fusion, scene, path, first=0, ids=lambda number: np.arange(WALL + HAND)
 
     Of a scene with more features than ids the first are seen.
     """
-    found = {}
+    labels_at = {}
     for number, shift in enumerate(path, first):
         seen, now = np.asarray(ids(number), np.uint64), T0 + number * S // RATE
         positions = scene.at(shift)[: len(seen)]
         fusion.ingest(builders.batch("cam", number, now, positions, space="cam/pixels", unit="px", ids=seen))
         if number % 3 == 2:
-            found[number] = labels_of(fusion.update(now))
-    return found
+            labels_at[number] = labels_of(fusion.update(now))
+    return labels_at
 
 
 def path(rest, move, after=0, speed=4.0):
@@ -61,13 +61,13 @@ def wall_of(labels):
 
 
 def test_what_moves_leaves_the_background_at_once_and_is_a_body_soon():
-    found = play(Fusion(), Scene(), path(45, 30))
-    (background,) = wall_of(found[44])
-    assert hand_of(found[44]) == {background}
-    assert background not in hand_of(found[50])
-    (body,) = hand_of(found[59])
+    labels_at = play(Fusion(), Scene(), path(45, 30))
+    (background,) = wall_of(labels_at[44])
+    assert hand_of(labels_at[44]) == {background}
+    assert background not in hand_of(labels_at[50])
+    (body,) = hand_of(labels_at[59])
     assert body not in (background, UNDETERMINED)
-    assert all(wall_of(labels) == {background} for number, labels in found.items() if number >= 30)
+    assert all(wall_of(labels) == {background} for number, labels in labels_at.items() if number >= 30)
 
 
 def test_what_is_grasped_goes_from_the_background_to_the_body_at_once():
@@ -76,17 +76,17 @@ def test_what_is_grasped_goes_from_the_background_to_the_body_at_once():
     scene.hand[0] = scene.hand.mean(axis=0) + np.array([160.0, 0.0])
     shift = np.repeat(path(30, 60)[:, None], HAND, axis=1)
     shift[:, 0] = path(70, 20)
-    found = play(Fusion(), scene, shift)
-    (body,) = {found[68][k] for k in range(WALL + 1, WALL + HAND)}
-    assert {found[68][WALL]} == wall_of(found[68])
-    assert found[80][WALL] == body
+    labels_at = play(Fusion(), scene, shift)
+    (body,) = {labels_at[68][k] for k in range(WALL + 1, WALL + HAND)}
+    assert {labels_at[68][WALL]} == wall_of(labels_at[68])
+    assert labels_at[80][WALL] == body
 
 
 def test_what_came_to_rest_stays_a_body_when_its_motion_has_left_the_window():
     fusion = Fusion(FusionConfig(window=2.0))
-    found = play(fusion, Scene(), path(30, 30, after=180))
-    (body,) = hand_of(found[59])
-    assert hand_of(found[239]) == {body}
+    labels_at = play(fusion, Scene(), path(30, 30, after=180))
+    (body,) = hand_of(labels_at[59])
+    assert hand_of(labels_at[239]) == {body}
     # A feature born on it while it rests, by place alone.
     scene = Scene(seed=1)
     scene.wall, scene.hand = Scene().wall, Scene().hand
@@ -105,34 +105,34 @@ def test_a_body_goes_on_while_its_features_live_for_a_third_of_a_second():
         known[WALL:] += 100 * ((number + np.arange(HAND)) // 10 + 1)
         return known
 
-    found = play(Fusion(), Scene(), path(30, 90, speed=3.0), ids=ids)
+    labels_at = play(Fusion(), Scene(), path(30, 90, speed=3.0), ids=ids)
     bodies = set()
     for number in range(44, 120, 3):
-        hand = [found[number][one] for one in ids(number)[WALL:].tolist()]
+        hand = [labels_at[number][one] for one in ids(number)[WALL:].tolist()]
         known = [one for one in hand if one != UNDETERMINED]
         bodies |= set(known)
         assert len(known) >= 0.6 * HAND
-    assert len(bodies - wall_of(found[119])) == 1
+    assert len(bodies - wall_of(labels_at[119])) == 1
 
 
 def test_a_newborn_feature_is_of_the_background_once_it_was_seen_to_rest():
     renewed = np.arange(WALL + HAND)
     renewed[[0, WALL]] = 998, 999
     usual = np.arange(WALL + HAND)
-    found = play(Fusion(), Scene(), path(30, 60), ids=lambda number: renewed if number > 70 else usual)
-    (background,), (body,) = wall_of(found[68]), hand_of(found[68])
-    assert found[71][998] == UNDETERMINED
-    assert (found[77][998], found[77][999]) == (background, body)
+    labels_at = play(Fusion(), Scene(), path(30, 60), ids=lambda number: renewed if number > 70 else usual)
+    (background,), (body,) = wall_of(labels_at[68]), hand_of(labels_at[68])
+    assert labels_at[71][998] == UNDETERMINED
+    assert (labels_at[77][998], labels_at[77][999]) == (background, body)
 
 
 def test_the_background_keeps_its_id_when_something_larger_begins_to_move():
     scene = Scene()
     scene.hand = scene.rng.uniform([100, 100], [300, 300], (90, 2))
     ids = np.arange(WALL + 90)
-    found = play(Fusion(), scene, path(30, 40), ids=lambda _: ids)
-    (background,) = wall_of(found[29])
-    assert wall_of(found[68]) == {background}
-    assert background not in {found[68][one] for one in range(WALL, WALL + 90)}
+    labels_at = play(Fusion(), scene, path(30, 40), ids=lambda _: ids)
+    (background,) = wall_of(labels_at[29])
+    assert wall_of(labels_at[68]) == {background}
+    assert background not in {labels_at[68][one] for one in range(WALL, WALL + 90)}
 
 
 def test_what_came_to_rest_stays_a_body_when_one_with_most_of_the_features_enters():
@@ -141,10 +141,10 @@ def test_what_came_to_rest_stays_a_body_when_one_with_most_of_the_features_enter
     scene.hand = np.concatenate([scene.hand, scene.rng.uniform([0, 200], [200, 400], (120, 2))])
     shift = np.repeat(path(30, 20, after=130)[:, None], HAND + 120, axis=1)
     shift[:, HAND:] = np.arange(180)[:, None, None] * [2.0, 0.0]
-    found = play(fusion, scene, shift, ids=lambda k: np.arange(15 + HAND + (120 if k >= 70 else 0)))
+    labels_at = play(fusion, scene, shift, ids=lambda k: np.arange(15 + HAND + (120 if k >= 70 else 0)))
     # Eight in ten move: that is no sign of a camera that moves.
-    assert found[68].items() <= found[179].items()
-    assert len({*found[68].values(), *found[179].values()} - {UNDETERMINED}) == 3
+    assert labels_at[68].items() <= labels_at[179].items()
+    assert len({*labels_at[68].values(), *labels_at[179].values()} - {UNDETERMINED}) == 3
 
 
 def test_a_large_body_that_creeps_is_no_sign_of_a_camera_that_moves():
@@ -152,16 +152,16 @@ def test_a_large_body_that_creeps_is_no_sign_of_a_camera_that_moves():
     scene.hand = scene.rng.uniform([100, 100], [400, 400], (90, 2))
     shift = path(45, 30)
     shift[:, 0] += 0.05 * np.arange(75)
-    found = play(Fusion(), scene, shift, ids=lambda _: np.arange(WALL + 90))
-    (background,) = wall_of(found[44])
-    assert background not in {found[50][k] for k in range(WALL, WALL + 90)}
-    assert wall_of(found[74]) == {background}
+    labels_at = play(Fusion(), scene, shift, ids=lambda _: np.arange(WALL + 90))
+    (background,) = wall_of(labels_at[44])
+    assert background not in {labels_at[50][k] for k in range(WALL, WALL + 90)}
+    assert wall_of(labels_at[74]) == {background}
 
 
 @pytest.mark.parametrize("noise", [0.05, 1.0])
 def test_noise_makes_no_bodies(noise):
-    found = play(Fusion(), Scene(noise), path(150, 0))
-    labels = found[149]
+    labels_at = play(Fusion(), Scene(noise), path(150, 0))
+    labels = labels_at[149]
     known = {one for one in labels.values() if one != UNDETERMINED}
     assert len(known) == 1
     assert sum(one == UNDETERMINED for one in labels.values()) <= 2
@@ -187,8 +187,8 @@ def test_a_restart_keeps_what_rests():
 
 
 def test_gross_errors_of_single_observations_move_nothing_that_rests():
-    found = play(Fusion(), Scene(wild=0.05), path(30, 30, after=60))[119]
-    labels = np.array([found[k] for k in range(WALL + HAND)])
+    labels_at = play(Fusion(), Scene(wild=0.05), path(30, 30, after=60))[119]
+    labels = np.array([labels_at[k] for k in range(WALL + HAND)])
     (background, body), counts = np.unique(labels[labels != UNDETERMINED], return_counts=True)
     assert counts.sum() > 0.8 * (WALL + HAND)
     assert body not in labels[:WALL]
@@ -212,13 +212,15 @@ class Carried(Scene):
 
 
 def test_a_body_before_a_carried_camera_is_found_and_kept_where_it_stops():
-    found = play(Fusion(), Carried(), path(180, 45, after=135))
-    (body,) = hand_of(found[215])
-    assert all(hand_of(labels) == {body} for number, labels in found.items() if number >= 215)
-    background = {labels[k] for number, labels in found.items() if number >= 215 for k in range(WALL)}
+    labels_at = play(Fusion(), Carried(), path(180, 45, after=135))
+    (body,) = hand_of(labels_at[215])
+    assert all(hand_of(labels) == {body} for number, labels in labels_at.items() if number >= 215)
+    background = {labels[k] for number, labels in labels_at.items() if number >= 215 for k in range(WALL)}
     (wall,) = background - {UNDETERMINED}
     assert wall != body
-    assert sum(labels[k] == wall for labels in found.values() for k in range(WALL)) > 0.9 * WALL * len(found)
+    assert sum(labels[k] == wall for labels in labels_at.values() for k in range(WALL)) > 0.9 * WALL * len(
+        labels_at
+    )
 
 
 def test_a_window_may_grow_before_a_carried_camera():

@@ -44,13 +44,13 @@ def filled():
 
 
 def test_what_is_saved_is_built_again():
-    found = restored(Outer, plain(filled()))
-    np.testing.assert_equal(plain(found), plain(filled()))
-    assert isinstance(found.ranges[0], Range)
-    assert isinstance(found.others[3], Inner)
-    assert isinstance(found.queue, deque)
-    assert found.seen == {7}
-    assert found.clock is None
+    again = restored(Outer, plain(filled()))
+    np.testing.assert_equal(plain(again), plain(filled()))
+    assert isinstance(again.ranges[0], Range)
+    assert isinstance(again.others[3], Inner)
+    assert isinstance(again.queue, deque)
+    assert again.seen == {7}
+    assert again.clock is None
 
 
 def dump(state):
@@ -59,12 +59,12 @@ def dump(state):
 
 def test_arrays_come_back_with_shape_and_dtype_and_can_be_written_to():
     arrays = {"empty": np.zeros((0, 3)), "matrix": np.arange(6, dtype=np.int32).reshape(2, 3)}
-    found = load(dump({"arrays": arrays, "scalar": np.int64(7)}), dict)
-    assert found["scalar"] == 7
+    loaded = load(dump({"arrays": arrays, "scalar": np.int64(7)}), dict)
+    assert loaded["scalar"] == 7
     for name, array in arrays.items():
-        assert np.array_equal(found["arrays"][name], array)
-        assert found["arrays"][name].dtype == array.dtype
-    found["arrays"]["matrix"][0, 0] = 9
+        assert np.array_equal(loaded["arrays"][name], array)
+        assert loaded["arrays"][name].dtype == array.dtype
+    loaded["arrays"]["matrix"][0, 0] = 9
 
 
 def signed(values: bytes, version: int = saving.FORMAT) -> bytes:

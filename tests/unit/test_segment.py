@@ -108,17 +108,17 @@ def test_regions_end_at_the_edges_of_the_image():
     image, disc = picture()
     pixels, labels = features(disc, 60)
     labels[:5] = -1
-    found = regions(image, pixels, labels)
-    assert set(np.unique(found)) == {3, 7}
-    assert overlap(found == 3, ~disc) > 0.95
-    assert overlap(found == 7, disc) > 0.9
+    dense = regions(image, pixels, labels)
+    assert set(np.unique(dense)) == {3, 7}
+    assert overlap(dense == 3, ~disc) > 0.95
+    assert overlap(dense == 7, disc) > 0.9
 
 
 def test_a_body_does_not_spread_over_a_wall_without_edges():
     on_body = np.random.default_rng(0).uniform([14, 44], [46, 76], (20, 2))
     pixels = np.vstack([on_body, [[155, 4], [155, 60], [115, 115]]]).astype(np.float32)
-    found = regions(np.full((120, 160), 90, np.uint8), pixels, np.repeat([7, 3], [20, 3]))
-    assert (found[:, 80:] == 3).all()
+    dense = regions(np.full((120, 160), 90, np.uint8), pixels, np.repeat([7, 3], [20, 3]))
+    assert (dense[:, 80:] == 3).all()
 
 
 def test_a_wall_with_few_features_at_its_ends_is_the_background():
@@ -126,8 +126,8 @@ def test_a_wall_with_few_features_at_its_ends_is_the_background():
     on_disc = np.argwhere(disc)[::7, ::-1]
     wall = [[x + dx, y + dy] for x in (4, 150) for y in (4, 110) for dx in (0, 4) for dy in (0, 4)]
     pixels = np.vstack([wall, on_disc]).astype(np.float32)
-    found = regions(image, pixels, np.repeat([3, 7], [len(wall), len(on_disc)]))
-    assert overlap(found == 7, disc) > 0.9
+    dense = regions(image, pixels, np.repeat([3, 7], [len(wall), len(on_disc)]))
+    assert overlap(dense == 7, disc) > 0.9
 
 
 def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
@@ -140,9 +140,9 @@ def test_masks_hold_the_hypothesis_of_every_pixel(tmp_path):
         frame = Frame(k * 100_000_000, image)
         folder.write(Labelled(k, frame, tracks, labels, np.ones(2), []))
     assert sorted(path.name for path in (tmp_path / "masks").iterdir()) == ["000000.png", "000005.png"]
-    found = cv2.imread(str(tmp_path / "masks" / "000005.png"), cv2.IMREAD_UNCHANGED)
-    assert found.dtype == np.uint16
-    assert (found == regions(image, pixels, labels)).all()
+    mask = cv2.imread(str(tmp_path / "masks" / "000005.png"), cv2.IMREAD_UNCHANGED)
+    assert mask.dtype == np.uint16
+    assert (mask == regions(image, pixels, labels)).all()
 
 
 def test_a_sheet_is_written_alone(folder, tmp_path, capsys):

@@ -34,9 +34,9 @@ def seen(*updates):
 
 
 def test_gaps_and_missed_updates_are_counted():
-    found = seen(*((at, update({0: 1, 1: 2})) for at in (0.0, 0.1, 0.2, 0.8, 0.9)))
-    assert (found.updates, found.missed) == (5, 5)
-    assert [(gap.at_s, round(gap.seconds, 3)) for gap in found.gaps] == [(0.8, 0.6)]
+    findings = seen(*((at, update({0: 1, 1: 2})) for at in (0.0, 0.1, 0.2, 0.8, 0.9)))
+    assert (findings.updates, findings.missed) == (5, 5)
+    assert [(gap.at_s, round(gap.seconds, 3)) for gap in findings.gaps] == [(0.8, 0.6)]
 
 
 def test_a_label_that_changes_for_long_is_a_change_and_a_birth_that_changes_is_an_id_given_out_twice():
@@ -61,8 +61,8 @@ def counted(folder, batches, lost, sent, repeated=0):
 
 def test_what_was_sent_is_received_or_lost(tmp_path):
     before = counted(tmp_path, 10, 0, sent=10)
-    found = audit(before, counted(tmp_path, 29, 3, sent=30, repeated=2))
-    assert (found.sent, found.missing, found.is_exact) == (22, 0, True)
+    account = audit(before, counted(tmp_path, 29, 3, sent=30, repeated=2))
+    assert (account.sent, account.missing, account.is_exact) == (22, 0, True)
     assert audit(before, counted(tmp_path, 28, 3, sent=30, repeated=2)).missing == 1
 
 

@@ -41,7 +41,7 @@ MISTAKES = {
 }
 
 
-def told(fusion, frames, *sources):
+def named(fusion, frames, *sources):
     """Feed sources; returns the problems at each frame."""
     found = []
     for k in frames:
@@ -55,16 +55,16 @@ def told(fusion, frames, *sources):
 
 def run(fusion, make, frames):
     """Feed a good source and another one; returns the problems of the last moment."""
-    return told(fusion, frames, lambda k: batch(k, IDS, good(k), source="good", session="b" * 16), make)[-1]
+    return named(fusion, frames, lambda k: batch(k, IDS, good(k), source="good", session="b" * 16), make)[-1]
 
 
 @pytest.mark.parametrize("kind", MISTAKES)
 def test_a_mistake_is_told_with_what_to_do_until_it_ends(kind):
     fusion = Fusion()
-    found = run(fusion, MISTAKES[kind], range(60))
-    assert set(found) == {("odd", kind)}
-    assert found["odd", kind].startswith("odd: ")
-    assert "; " in found["odd", kind]
+    problems = run(fusion, MISTAKES[kind], range(60))
+    assert set(problems) == {("odd", kind)}
+    assert problems["odd", kind].startswith("odd: ")
+    assert "; " in problems["odd", kind]
     assert run(fusion, lambda k: batch(k, 10_000 + IDS, good(k)), range(60, 180)) == {}
 
 
@@ -85,8 +85,8 @@ def test_ids_that_change_hands_now_and_then_are_told():
     """Ids are places in a list whose head is dropped once in ten batches."""
     fusion = Fusion()
     rolled = lambda k: batch(k, IDS, np.roll(good(k), k // 10, axis=0))  # noqa: E731
-    found = [set(run(fusion, rolled, range(k, k + 60))) for k in range(0, 300, 60)]
-    assert found.count({("odd", "ids-reused")}) >= 3
+    problems = [set(run(fusion, rolled, range(k, k + 60))) for k in range(0, 300, 60)]
+    assert problems.count({("odd", "ids-reused")}) >= 3
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1, "count from a start"), (1000, "Unix times in us")])
@@ -104,18 +104,20 @@ def test_ids_that_come_back_after_their_end_are_reused():
     def back(k):
         return batch(k, IDS, good(k), ended=IDS[:2].astype(np.uint64) if k == 20 else None)
 
-    found = run(Fusion(), back, range(60))
-    assert set(found) == {("odd", "ids-reused")}
-    assert "ended" in found["odd", "ids-reused"]
+    problems = run(Fusion(), back, range(60))
+    assert set(problems) == {("odd", "ids-reused")}
+    assert "ended" in problems["odd", "ids-reused"]
 
 
 def test_a_lone_source_in_millimetres_is_told_until_it_ends():
     def ends(k):
         return batch(k, IDS + (1000 if k >= 90 else 0), good(k) * (1000 if k < 90 else 1))
 
-    found = told(Fusion(), range(180), ends)
-    assert all("if they are millimetres, divide them by 1000" in one["odd", "scale"] for one in found[60:90])
-    assert found[-1] == {}
+    problems = named(Fusion(), range(180), ends)
+    assert all(
+        "if they are millimetres, divide them by 1000" in one["odd", "scale"] for one in problems[60:90]
+    )
+    assert problems[-1] == {}
 
 
 def test_a_majority_is_believed_whoever_came_first():
@@ -124,8 +126,8 @@ def test_a_majority_is_believed_whoever_came_first():
     def right(k, name):
         return batch(k, IDS, good(k), source=name, session="c" * 16) if k > 10 else None
 
-    found = told(fusion, range(60), MISTAKES["scale"], *(partial(right, name=name) for name in names))
-    assert set(found[-1]) == {("odd", "scale")}
+    problems = named(fusion, range(60), MISTAKES["scale"], *(partial(right, name=name) for name in names))
+    assert set(problems[-1]) == {("odd", "scale")}
     accounts = fusion.timeline.ledger.accounts
     assert all(accounts[name, "c" * 16].rejected == {} for name in names)
 
@@ -158,30 +160,30 @@ def clocks(*, correct=True):
     return SourceClocks(SimpleNamespace(session=session, keys=Keys()), correct=correct)  # type: ignore[arg-type]
 
 
-def hear(found, ahead, times, delays=None):
+def feed(followed, ahead, times, delays=None):
     """Statuses of a source whose clock is ahead, and the round trips between them."""
     for k in range(times):
         delay = DELAY if delays is None else delays[k]
-        found.on_status(status("cam", "source", stamp_ns=round((NOW + k + ahead) * 1e9)), NOW + k + delay)
-        found.on_trip("cam", 2.5 * delay)
+        followed.on_status(status("cam", "source", stamp_ns=round((NOW + k + ahead) * 1e9)), NOW + k + delay)
+        followed.on_trip("cam", 2.5 * delay)
 
 
 @pytest.mark.parametrize("step", [0.5, -0.5, 0.03, -0.03])
 def test_a_clock_that_is_set_is_noticed_once_and_followed(step):
-    found = clocks()
-    hear(found, 0.08, 8)
-    hear(found, 0.08 + step, 8)
-    assert found.steps == 1
-    assert f"{step:+.3f}"[:5] in found.notes()[0] or abs(step) < 0.1
-    assert found.offsets()["cam"] == pytest.approx(0.08 + step, abs=2.5 * DELAY)
+    followed = clocks()
+    feed(followed, 0.08, 8)
+    feed(followed, 0.08 + step, 8)
+    assert followed.steps == 1
+    assert f"{step:+.3f}"[:5] in followed.notes()[0] or abs(step) < 0.1
+    assert followed.offsets()["cam"] == pytest.approx(0.08 + step, abs=2.5 * DELAY)
 
 
 def test_delays_that_vary_and_a_link_that_becomes_slow_are_no_steps():
-    found = clocks()
+    followed = clocks()
     rng = np.random.default_rng(3)
-    hear(found, 0.0, 40, DELAY + rng.exponential(0.003, 40))
-    hear(found, 0.0, 10, np.full(10, 0.3))
-    assert found.steps == 0
+    feed(followed, 0.0, 40, DELAY + rng.exponential(0.003, 40))
+    feed(followed, 0.0, 10, np.full(10, 0.3))
+    assert followed.steps == 0
 
 
 def test_stamps_are_corrected_if_that_is_wanted():
@@ -192,7 +194,7 @@ def test_stamps_are_corrected_if_that_is_wanted():
     )
     assert found.correct(original) is original
     for one in (found, kept):
-        hear(one, 0.08, 3)
+        feed(one, 0.08, 3)
     corrected = found.correct(original)
     assert (stamp - corrected.stamp_ns) / 1e9 == pytest.approx(0.08, abs=2.5 * DELAY)
     assert corrected.stamps_ns.tolist() == [corrected.stamp_ns - 10, corrected.stamp_ns]
@@ -230,13 +232,13 @@ def test_only_what_jumps_alone_and_stays_there_is_cut(rows, become, expected):
     x = scene()
     x[rows] = become(x.copy())
     window = Window(3, 10**10, 10**9)
-    slots, found = window.open(x.shape[1], 0), {}
+    slots, by_slot = window.open(x.shape[1], 0), {}
     for k, positions in enumerate(x):
         window.insert(slots, 1 + round(k * 1e9 / HZ), positions, np.full(len(slots), np.nan), None)
         if k % 2:
             jumping, first = jumps(window, slots, 1 + round((k - 2) * 1e9 / HZ))
-            found |= dict(zip(jumping.tolist(), (first - window.start[jumping]).tolist(), strict=True))
-    assert {int(np.flatnonzero(slots == slot)[0]): k for slot, k in found.items()} == expected
+            by_slot |= dict(zip(jumping.tolist(), (first - window.start[jumping]).tolist(), strict=True))
+    assert {int(np.flatnonzero(slots == slot)[0]): k for slot, k in by_slot.items()} == expected
 
 
 def test_features_that_exchange_their_ids_exchange_their_hypotheses():

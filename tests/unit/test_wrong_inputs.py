@@ -114,13 +114,13 @@ def test_a_wrong_call_is_one_sentence(name):
 
 
 def test_parameters_are_keywords_dicts_or_a_configuration():
-    found = [
+    groupings = [
         comotion.group(P, TIMES, window=5, period=0.2),
         comotion.group(P, TIMES, config={"window": 5, "period": 0.2}),
         comotion.group(P, TIMES, config=comotion.FusionConfig(window=5), period=0.2),
     ]
-    assert {len(one.updates) for one in found} == {10}
-    assert repr(found[0]) == "Grouping(60 x 30, 2 hypotheses, 1 at rest)"
+    assert {len(one.updates) for one in groupings} == {10}
+    assert repr(groupings[0]) == "Grouping(60 x 30, 2 hypotheses, 1 at rest)"
 
 
 @pytest.mark.parametrize("name", SAID)
@@ -177,11 +177,11 @@ def test_a_scene_is_a_context_and_yields_each_update_once():
 
 def test_a_table_has_a_row_for_each_observation(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=dict))
-    found = comotion.group(P, TIMES)
-    table = found.to_pandas()
+    grouping = comotion.group(P, TIMES)
+    table = grouping.to_pandas()
     assert list(table) == ["source", "time", "feature", "hypothesis", "x", "y", "z"]
     assert {len(column) for column in table.values()} == {60 * 30}
-    np.testing.assert_array_equal(table["hypothesis"].reshape(60, 30), found.labels)
+    np.testing.assert_array_equal(table["hypothesis"].reshape(60, 30), grouping.labels)
     np.testing.assert_array_equal(table["x"].reshape(60, 30), P[..., 0])
 
 
@@ -213,8 +213,8 @@ def test_nothing_is_ever_certain_of_data_that_makes_no_sense(made_of, seed):
 def test_small_bodies_that_make_sense_are_certain(members):
     positions = np.repeat(P[:1], len(P), axis=0)
     positions[:, :members, 0] += 0.4 * TIMES[:, None]
-    found = comotion.group(positions + np.random.default_rng(1).normal(0, 0.005, P.shape), TIMES)
-    assert found.updates[-1].track_confidence.min() > 0.95
+    grouping = comotion.group(positions + np.random.default_rng(1).normal(0, 0.005, P.shape), TIMES)
+    assert grouping.updates[-1].track_confidence.min() > 0.95
 
 
 def test_a_hinge_is_drawn_and_told_in_words_with_given_names():
@@ -228,11 +228,11 @@ def test_a_hinge_is_drawn_and_told_in_words_with_given_names():
         c, s = np.cos(angle), np.sin(angle)
         turned = door @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [0.2, 0, 0]
         positions[k] = np.vstack([turned, shelf]) + shift
-    found = comotion.group(positions + rng.normal(0, 0.001, positions.shape), times)
-    names = {int(found.labels[-1, 0]): "door", int(found.labels[-1, -1]): "shelf"}
-    (words,) = found.joints_in_words(names)
+    grouping = comotion.group(positions + rng.normal(0, 0.001, positions.shape), times)
+    names = {int(grouping.labels[-1, 0]): "door", int(grouping.labels[-1, -1]): "shelf"}
+    (words,) = grouping.joints_in_words(names)
     assert re.fullmatch(r"(door turns on shelf|shelf turns on door), -?\d+ to \d+°", words)
-    (legend,) = found.plot(names=names).legends
+    (legend,) = grouping.plot(names=names).legends
     assert {"door (12)", "shelf (20)", words} <= {text.get_text() for text in legend.get_texts()}
 
 

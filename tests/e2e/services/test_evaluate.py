@@ -74,5 +74,5 @@ def test_live_agrees_with_offline(start, endpoint, session, listen, tmp_path):
 def test_a_scene_that_nobody_serves_is_one_clear_line(endpoint, monkeypatch, capsys):
     monkeypatch.setattr(live, "FIRST_UPDATE_TIMEOUT_S", 0.6)
     assert run(["evaluate", "--connect", endpoint, "--duration", "0.5", "--scene", "typo"]) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert said[-1] == "error: no update was received in scene 'typo': is the service running?"
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[-1] == "error: no update was received in scene 'typo': is the service running?"

@@ -135,6 +135,6 @@ def test_what_is_wrong_is_one_line(etcd, capsys):
         (("list", "--etcd", "http://127.0.0.1:1"), "etcd does not answer"),
     ]:
         assert run(["fleet", *arguments]) == 2
-        said = capsys.readouterr().err
-        assert reason in said
-        assert len(said.splitlines()) == 1
+        printed = capsys.readouterr().err
+        assert reason in printed
+        assert len(printed.splitlines()) == 1

@@ -160,10 +160,10 @@ def test_a_service_that_was_stopped_goes_on_or_yields_to_its_successor(
     presence = session.liveliness().declare_subscriber(KEYS.all_live("service"), history=True)
     first = start(*arguments)
     assert presence.recv().kind == zenoh.SampleKind.PUT
-    heard = [updates.next()]
+    received = [updates.next()]
     first.signal(signal.SIGSTOP)
     assert presence.recv().kind == zenoh.SampleKind.DELETE
-    last = [*heard, *updates.drain()][-1]
+    last = [*received, *updates.drain()][-1]
     first.signal(signal.SIGCONT)
     before = updates.until(lambda u: u.seq > last.seq)
     assert before.session == last.session

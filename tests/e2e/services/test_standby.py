@@ -197,20 +197,20 @@ def test_a_service_that_is_cut_off_stopped_or_killed_is_followed_by_the_standby_
     after = client.until(lambda update: update.epoch > before.epoch)
     check_takeover(before, after, client)
     # It still runs, and believes that it speaks, until it hears of the other.
-    said = len(cut_off.process.lines)
+    printed = len(cut_off.process.lines)
     cut_off.mend()
-    cut_off.process.wait_line(lambda line: "is a standby now" in line, start=said)
+    cut_off.process.wait_line(lambda line: "is a standby now" in line, start=printed)
     assert [status.component for status in asked(session)] == [other]
     follows(speaks.component)
 
     before = client.until(is_sorted_out)
     stopped = hosts[other].process
-    said = len(stopped.lines)
+    printed = len(stopped.lines)
     stopped.signal(signal.SIGSTOP)
     after = client.until(lambda update: update.epoch > before.epoch)
     assert labels(after) == labels(before)
     stopped.signal(signal.SIGCONT)
-    stopped.wait_line(lambda line: "is a standby now" in line, start=said)
+    stopped.wait_line(lambda line: "is a standby now" in line, start=printed)
     follows(other)
 
     before = client.until(is_sorted_out)

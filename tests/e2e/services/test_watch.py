@@ -51,8 +51,8 @@ def test_once_as_json_and_lines_where_the_output_is_no_terminal(start, endpoint,
 
 
 def test_once_without_a_scene_is_one_clear_line(endpoint, capsys):
-    said = refused(capsys, "watch", "--once", "--timeout", 0.3, "--connect", endpoint)
-    assert said == f"error: no message of scene 'default' arrives at {endpoint}"
+    refusal = refused(capsys, "watch", "--once", "--timeout", 0.3, "--connect", endpoint)
+    assert refusal == f"error: no message of scene 'default' arrives at {endpoint}"
 
 
 class Terminal:
