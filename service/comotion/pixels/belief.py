@@ -18,7 +18,7 @@ from ..trajectories.window import Window
 from .gains import group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
-from .recent import Recent
+from .recent import SCALES_NS, Recent
 
 BACKGROUND = 0
 """Column of the background."""
@@ -193,7 +193,7 @@ class Belief:
             fits = {column: as_one(recent, labels == column, is_member) for column, _ in self._living()}
             column = max(fits, key=lambda candidate: fits[candidate], default=BACKGROUND)
             if fits.get(column, 0.0) <= 0:
-                column = self._new_column(stamp_ns)
+                column = self._new_column(stamp_ns, recent.farthest(members, len(SCALES_NS)))
             slots = recent.slots[members]
             self._evidence[slots, column] = _FIRST
             # What has left the background as one need not be shown to have left it one by one.
@@ -233,12 +233,12 @@ class Belief:
         body = self.bodies[column]
         return 0 if body is None else body.born_ns
 
-    def _new_column(self, stamp_ns: int) -> int:
+    def _new_column(self, stamp_ns: int, farthest: float) -> int:
         if None not in self.bodies:
             self.bodies.append(None)
             self._evidence = np.pad(self._evidence, ((0, 0), (0, 1)), constant_values=-_MOST)
         column = self.bodies.index(None)
-        self.bodies[column] = Body(stamp_ns, stamp_ns)
+        self.bodies[column] = Body(stamp_ns, stamp_ns, farthest=farthest)
         return column
 
     def _drop(self, column: int) -> None:

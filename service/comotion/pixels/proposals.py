@@ -70,6 +70,8 @@ def as_one(recent: Recent, first: Bools, second: Bools) -> float:
         return -1.0
     if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
+    if min(recent.farthest(first, 2), recent.farthest(second, 2)) < _LEAST_MOTION_PX:
+        return -1.0
     both = np.flatnonzero(first | second)
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
     if joint is None:
