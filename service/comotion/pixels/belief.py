@@ -13,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Floats, Ints, Labels, Slots
+from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
 from .recent import SCALES_NS, Recent
+from .structure import Structure
 
 BACKGROUND = 0
 """Column of the background."""
@@ -73,6 +75,8 @@ class Belief:
         becomes the background, the others bodies.
     resting
         intp [n]; slots of trajectories at rest.
+    config
+        Of the method.
 
     Attributes
     ----------
@@ -80,7 +84,7 @@ class Belief:
         By column of the evidence; None for a free one. The first is the background.
     """
 
-    def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
+    def __init__(self, window: Window, labels: Labels, resting: Slots, config: PixelsConfig) -> None:
         ids = np.unique(labels[labels >= 0])
         counts = (labels[resting] == ids[:, None]).sum(axis=1)
         ids = ids[np.argsort(-counts, kind="stable")]
@@ -92,7 +96,7 @@ class Belief:
         self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
         # By slot: whether its own motion has been seen, and not its place alone.
         self._seen = labels >= 0
-        self._together = Together()
+        self._together, self._structure = Together(), Structure(config)
         self._recent: Recent | None = None
 
     def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
@@ -109,7 +113,8 @@ class Belief:
         least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
         self._evidence[recent.slots] = np.maximum(evidence, least)
         self._propose(recent, rest, stamp_ns)
-        self._merge(recent, motion)
+        self._merge(window, recent, motion, stamp_ns)
+        self._split(window, recent, stamp_ns)
         self._review(recent, stamp_ns)
         self._recent = recent
 
@@ -199,15 +204,33 @@ class Belief:
             # What has left the background as one need not be shown to have left it one by one.
             self._evidence[slots, BACKGROUND] = np.minimum(self._evidence[slots, BACKGROUND], 0.0)
 
-    def _merge(self, recent: Recent, motion: dict[int, float]) -> None:
+    def _merge(self, window: Window, recent: Recent, motion: dict[int, float], stamp_ns: int) -> None:
         labels = self.labels(recent.slots)
         members = {column: labels == column for column in motion}
         self._together.compare(recent, members, motion)
         shown = {column for column, body in self._living() if body.shown}
         while (pair := self._together.merged(shown)) is not None:
+            rows = [np.flatnonzero(labels == column) for column in pair]
+            if shown.issuperset(pair) and not self._structure.are_one(window, recent, rows, stamp_ns):
+                self._together.part(*pair)
+                continue
             older, younger = sorted(pair, key=lambda column: (self._born(column), column))
             self._evidence[:, older] = self._evidence[:, [older, younger]].max(axis=1)
             self._drop(younger)
+
+    def _split(self, window: Window, recent: Recent, stamp_ns: int) -> None:
+        labels = self.labels(recent.slots)
+        shown = [column for column, body in self._living() if body.shown]
+        members = {column: np.flatnonzero(labels == column) for column in shown}
+        parted = self._structure.parted(window, recent, members, stamp_ns)
+        if parted is None:
+            return
+        column, rows = parted
+        slots, moved = recent.slots[rows], recent.farthest(rows, len(SCALES_NS))
+        new = self._new_column(stamp_ns, moved, shown=True)
+        self._evidence[slots, new] = self._evidence[slots, column]
+        self._evidence[slots, column] = -_MOST_AGAINST
+        self._together.part(column, new)
 
     def _review(self, recent: Recent, stamp_ns: int) -> None:
         """Show bodies that have lasted, drop those that have not, and those without members."""
@@ -233,15 +256,16 @@ class Belief:
         body = self.bodies[column]
         return 0 if body is None else body.born_ns
 
-    def _new_column(self, stamp_ns: int, farthest: float) -> int:
+    def _new_column(self, stamp_ns: int, farthest: float, *, shown: bool = False) -> int:
         if None not in self.bodies:
             self.bodies.append(None)
             self._evidence = np.pad(self._evidence, ((0, 0), (0, 1)), constant_values=-_MOST)
         column = self.bodies.index(None)
-        self.bodies[column] = Body(stamp_ns, stamp_ns, farthest=farthest)
+        self.bodies[column] = Body(stamp_ns, stamp_ns, shown, farthest)
         return column
 
     def _drop(self, column: int) -> None:
         self.bodies[column] = None
         self._evidence[:, column] = -_MOST
         self._together.forget(column)
+        self._structure.forget(column)

@@ -81,6 +81,13 @@ def compared_trajectories(
     return slots[chosen], frames.of(chosen)
 
 
+def frames_since(window: Window, slots: Slots, first_ns: int, last_ns: int, most: int) -> KeyFrames:
+    """Up to `most` key frames of trajectories (slots intp [N]) after a time, up to another, ns."""
+    stamps = [stamp for stamp in window.instants if first_ns < stamp <= last_ns]
+    chosen = np.array(stamps, np.int64)[evenly_spaced(len(stamps), most)]
+    return _key_frames(window, slots, chosen, noise_variance(window, slots, stamps))
+
+
 def choose(seen: Ints, ended: Bools, limit: int) -> Ints:
     """Indices of the trajectories that are compared, intp, ascending.
 

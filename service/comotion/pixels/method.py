@@ -39,7 +39,7 @@ class PixelMethod(Method):
 
     def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
         self._p = config.pixels
-        self._camera = RestingCamera()
+        self._camera = RestingCamera(config.pixels)
         no_slots: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
         self._last: tuple[Slots, Slots, Floats32] = (no_slots, no_slots, np.zeros((0, 0), np.float32))

@@ -109,6 +109,10 @@ class Together:
                 return pair
         return None
 
+    def part(self, a: int, b: int) -> None:
+        """Two bodies are not one."""
+        self._sums[min(a, b), max(a, b)] = -_MOST_SUM
+
     def forget(self, body: int) -> None:
         """A body is no more."""
         self._sums = {pair: total for pair, total in self._sums.items() if body not in pair}

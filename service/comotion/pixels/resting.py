@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import Bools, Labels
+from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
 from .gains import rest_gain
@@ -41,7 +42,8 @@ class RestingCamera:
         Whether the camera moved at the last step.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, config: PixelsConfig) -> None:
+        self._config = config
         self.carried = False
         self._agreed = 0
         # That the camera rests, and that the background does once its motion is subtracted.
@@ -78,7 +80,9 @@ class RestingCamera:
                 if self._steady < 0 or (early and not began):
                     self._belief = None
                     continue
-            self._belief = self._belief or Belief(window, labels, recent.slots[_still(recent, 0)])
+            self._belief = self._belief or Belief(
+                window, labels, recent.slots[_still(recent, 0)], self._config
+            )
             self._belief.step(window, recent, instant)
         self._stamp_ns = max(last, first)
         return self._belief
