@@ -106,6 +106,12 @@ def restored(fusion, *, clean=False):
     return Fusion.restore(fusion.config, fusion.snapshot(clean=clean))
 
 
+def settled(account):
+    """Sum of all that became of the batches of an account."""
+    fates = "fused", "partly_late", "late", "duplicates", "overflow", "waiting"
+    return sum(getattr(account, fate) for fate in fates) + sum(account.rejected.values())
+
+
 def fused(timeline, now_ns):
     """What comes out of an advance, all of it fused; and the number of a session of which no more comes."""
     events = []

@@ -9,7 +9,7 @@ from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
 
 from .. import builders
-from ..builders import MS, T0, S, fused
+from ..builders import MS, T0, S, fused, settled
 
 
 def batch(source, seq, stamp_ns, ids=(1,), **fields):
@@ -37,11 +37,11 @@ class Clockwork:
     def advance(self, now_ns):
         """What comes out of an advance; all of it is fused."""
         events = fused(self.timeline, T0 + now_ns)
-        assert self.stats.batches == self.stats.settled()
+        assert self.stats.batches == settled(self.stats)
         return events
 
     def is_live(self, name, now_ns):
-        return self.timeline.sources[name].is_live(T0 + now_ns, S)
+        return T0 + now_ns - self.timeline.sources[name].newest_ns <= S
 
     @property
     def watermark(self):
