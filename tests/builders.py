@@ -107,9 +107,7 @@ def restored(fusion, *, clean=False):
 
 
 def settled(account):
-    """Sum of all that became of the batches of an account."""
-    fates = "fused", "partly_late", "late", "duplicates", "overflow", "waiting"
-    return sum(getattr(account, fate) for fate in fates) + sum(account.rejected.values())
+    return sum([*vars(account).values()][1:7]) + sum(account.rejected.values())  # `fused` to `waiting`
 
 
 def fused(timeline, now_ns):

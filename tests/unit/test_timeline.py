@@ -40,9 +40,6 @@ class Clockwork:
         assert self.stats.batches == settled(self.stats)
         return events
 
-    def is_live(self, name, now_ns):
-        return T0 + now_ns - self.timeline.sources[name].newest_ns <= S
-
     @property
     def watermark(self):
         return (self.timeline.watermark_ns - T0) // MS
@@ -75,7 +72,6 @@ def test_a_stalled_source_is_left_out_and_comes_back(clock):
     clock.feed(batch("runs", 1, T0 + 2_000 * MS))
     clock.at(2_000 * MS)
     assert clock.watermark == 2_000
-    assert not clock.is_live("stalls", 2_000 * MS)
     clock.feed(batch("stalls", 1, T0 + 2_100 * MS), batch("runs", 2, T0 + 2_200 * MS))
     assert clock.at(2_200 * MS) == [(2_100, "stalls")]
     assert clock.watermark == 2_100
