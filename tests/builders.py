@@ -106,6 +106,10 @@ def restored(fusion, *, clean=False):
     return Fusion.restore(fusion.config, fusion.snapshot(clean=clean))
 
 
+def settled(account):
+    return sum([*vars(account).values()][1:7]) + sum(account.rejected.values())  # `fused` to `waiting`
+
+
 def fused(timeline, now_ns):
     """What comes out of an advance, all of it fused; and the number of a session of which no more comes."""
     events = []

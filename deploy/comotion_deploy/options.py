@@ -241,7 +241,7 @@ class Assignments(Command):
         UserError, ValueError
             For an unknown parameter or a value out of bounds.
         """
-        from comotion.reading import put, read_config
+        from comotion.config import put, read_config
 
         table = _read_null(file_table(self.ctx, "fusion"))
         values = {spelling(name): value for name, value in table.items()}

@@ -2,7 +2,8 @@
 
 import math
 import mmap
-from typing import Any
+from dataclasses import fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -28,6 +29,25 @@ _LARGE_BYTES = 1 << 22
 _PRIVATE: dict[str, Any] = (
     {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if hasattr(mmap, "MAP_PRIVATE") else {}
 )
+
+
+class Table:
+    """Base of frozen dataclasses that are tables: each field is a column, an array of as many rows."""
+
+    def __len__(self) -> int:
+        return len(self._columns[0])
+
+    @property
+    def _columns(self) -> list[NDArray[Any]]:
+        return [getattr(self, column.name) for column in fields(self)]  # type: ignore[arg-type]
+
+    def of(self, rows: "Bools | Ints | slice") -> Self:
+        """Some of the rows."""
+        return type(self)(*(column[rows] for column in self._columns))
+
+    def joined(self, other: Self) -> Self:
+        """The rows of both, one after the other."""
+        return type(self)(*map(np.concatenate, zip(self._columns, other._columns, strict=True)))
 
 
 def untouched_zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate, Pose
+from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate
 from comotion_schemas.rigid import pose_of, transform
 
-from .arrays import Ints, Labels, find
+from .arrays import find
 from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
 from .matching import largest_total, shared_counts
@@ -121,8 +121,10 @@ class PublishedIds:
             if entry is not None and entry.born_ns == born_ns and own.stamp_ns != leader.stamp_ns:
                 self._published[number] = replace(entry, id=name)
             else:
-                poses = own_bodies[number].pose, leading[name].pose
-                self._published[number] = _Published(name, born_ns, _motion(*poses))
+                pose, led, motion = own_bodies[number].pose, leading[name].pose, None
+                if pose is not None and led is not None:
+                    motion = transform(pose).inv() * transform(led)
+                self._published[number] = _Published(name, born_ns, motion)
 
     def _renamed(self, body: Hypothesis) -> Hypothesis:
         entry, pose, linked = self._published[body.id], body.pose, body.linked
@@ -142,36 +144,19 @@ def same_bodies(own: HypothesisUpdate, leader: HypothesisUpdate) -> dict[int, in
 
     The assignment with most shared trajectories in all (Kuhn 1955), among hypotheses of the same space.
     """
-    own_labels, leader_labels = _labels_of_shared(own, leader)
+    # The hypotheses in both of the trajectories that are in both, negative for none.
+    pairs: list[tuple[int, int]] = []
+    for source in own.sources:
+        led = leader.hypotheses_of(source.name, source.session)
+        tracks = own.hypotheses_of(source.name, source.session).items()
+        pairs += [(label, led[track]) for track, label in tracks if track in led]
+    labels = np.array(pairs, np.int64).reshape(-1, 2)
+    labels[labels == UNDETERMINED] = -1
     leading = sorted(leader.hypotheses, key=lambda h: h.id)
-    columns = find(leader_labels, np.array([h.id for h in leading], np.int64))
-    own_ids, shared = shared_counts(own_labels, columns, len(leading))
+    columns = find(labels[:, 1], np.array([h.id for h in leading], np.int64))
+    own_ids, shared = shared_counts(labels[:, 0], columns, len(leading))
     space = {h.id: h.space for h in own.hypotheses}
     spaces = np.array([h.space for h in leading], object)
     for row, own_id in enumerate(own_ids.tolist()):
         shared[row, spaces != space[own_id]] = 0
     return {int(own_ids[row]): leading[column].id for row, column in largest_total(shared)}
-
-
-def _labels_of_shared(own: HypothesisUpdate, leader: HypothesisUpdate) -> tuple[Labels, Labels]:
-    """Hypotheses in both updates of the trajectories that are in both, int64 [N] each, negative for none."""
-    at = {(source.name, source.session): k for k, source in enumerate(leader.sources)}
-    own_rows, leader_rows = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
-    for k, source in enumerate(own.sources):
-        in_own = np.flatnonzero(own.track_source == k)
-        in_leader = np.flatnonzero(leader.track_source == at.get((source.name, source.session), -1))
-        _, i, j = np.intersect1d(own.track_id[in_own], leader.track_id[in_leader], return_indices=True)
-        own_rows.append(in_own[i])
-        leader_rows.append(in_leader[j])
-    return _labels(own, np.concatenate(own_rows)), _labels(leader, np.concatenate(leader_rows))
-
-
-def _labels(update: HypothesisUpdate, rows: Ints) -> Labels:
-    labels: Labels = update.track_hypothesis[rows].astype(np.int64)
-    labels[labels == UNDETERMINED] = -1
-    return labels
-
-
-def _motion(own: Pose | None, leader: Pose | None) -> RigidTransform | None:
-    """From the birth that clients know to the own one, by the poses at one time since either birth."""
-    return None if own is None or leader is None else transform(own).inv() * transform(leader)

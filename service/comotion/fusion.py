@@ -95,8 +95,7 @@ class Fusion:
         self._ids = IdAllocator(first_id)
         self._spaces = Spaces(self.config, self._ids, self.timeline)
         self._assembly = Assembly(self.config, self.faults)
-        self._published = PublishedIds()
-        self._effort = FULL
+        self._published, self._effort = PublishedIds(), FULL
         self._latest: HypothesisUpdate | None = None
         self._seq = 0
 
@@ -115,7 +114,12 @@ class Fusion:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
         refusal: RejectionReason | None = "defect"
         with self.faults.guard("checking a batch", batch):
-            refusal = self._refusal(batch)
+            refusal = self._spaces.refusal(batch)
+            stamps, refused = batch.stamps_ns, refusal is not None
+            oldest = batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
+            in_time = oldest >= 0 and batch.stamp_ns <= _MAX_STAMP_NS
+            if not refused and not (in_time and np.abs(batch.positions).max(initial=0.0) <= MAX_COORDINATE):
+                refusal = "range"
         self.timeline.receive(batch, refusal)
 
     def advance(self, now_ns: int, at_ns: int | None = None) -> None:
@@ -277,11 +281,3 @@ class Fusion:
             space = fusion._spaces.open(SpaceSpec(part["name"], part["unit"], int(part["dim"])))
             space.load(part, keep_method=same_method)
         return fusion
-
-    def _refusal(self, batch: ObservationBatch) -> RejectionReason | None:
-        """Why a batch cannot be fused, whatever its time; None if it can."""
-        stamps = batch.stamps_ns
-        oldest = batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
-        in_range = oldest >= 0 and batch.stamp_ns <= _MAX_STAMP_NS
-        in_range = in_range and np.abs(batch.positions).max(initial=0.0) <= MAX_COORDINATE
-        return self._spaces.refusal(batch) or (None if in_range else "range")

@@ -86,9 +86,9 @@ class MovingFrame:
         if self._world is None:
             poses = {number: transform(h.pose) for number, h in present.items() if h.pose is not None}
             self._early = [*self._early[-_MAX_EARLY:], (stamp_ns, poses)]
-        has_pose = world is not None and world.pose is not None
-        if world is not None and world.pose is not None:
-            self._frame = self._anchor * transform(world.pose).inv()
+        pose = None if world is None else world.pose
+        if pose is not None:
+            self._frame = self._anchor * transform(pose).inv()
         self._past.append((stamp_ns, self._frame))
         while self._past[0][0] < stamp_ns - _MEMORY_NS:
             self._past.popleft()
@@ -98,7 +98,7 @@ class MovingFrame:
             born_ns = present[number].born_ns
             self._births[number] = min(self._past, key=lambda past: abs(past[0] - born_ns))[1]
         described = [h if h.absent else self._described(h, world) for h in hypotheses]
-        return described, pose_of(self._frame, self.dim) if self.metric and has_pose else None
+        return described, None if pose is None or not self.metric else pose_of(self._frame, self.dim)
 
     def _choose(
         self, stamp_ns: int, present: Mapping[int, Hypothesis], labels: Labels, positions: Floats
@@ -112,13 +112,15 @@ class MovingFrame:
         largest = max(sizes, key=lambda number: (sizes[number], -number), default=self._world)
         if largest is None or largest == self._world:
             return
-        if self._world is None and not _is_first(stamp_ns, present[largest], labels):
-            return
+        body = present[largest]
+        if self._world is None and not body.confirmed:
+            share = np.count_nonzero(labels == largest) / len(labels)
+            if share < _FIRST_SHARE or stamp_ns - body.born_ns < _FIRST_NS:
+                return
         if self._world in sizes and sizes[largest] < _TIMES_LARGER * sizes[self._world]:
             return
-        pose = present[largest].pose
         # The place of the frame does not change with the body that is taken for the world.
-        self._anchor = self._frame if pose is None else self._frame * transform(pose)
+        self._anchor = self._frame if body.pose is None else self._frame * transform(body.pose)
         if self._world is None:
             # Find where the frame was before.
             placed = [(stamp, poses[largest]) for stamp, poses in self._early if largest in poses]
@@ -139,12 +141,6 @@ class MovingFrame:
         return replace(
             body, state=state, pose=pose_of(moved, self.dim), twist=_relative_twist(body, world, self.dim)
         )
-
-
-def _is_first(stamp_ns: int, body: Hypothesis, labels: Labels) -> bool:
-    """Whether enough is known of a body to take it for the first world."""
-    share = np.count_nonzero(labels == body.id) / len(labels)
-    return body.confirmed or bool(share >= _FIRST_SHARE and stamp_ns - body.born_ns >= _FIRST_NS)
 
 
 def _size(points: Floats) -> float:

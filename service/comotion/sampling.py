@@ -36,9 +36,11 @@ def extended(
     groups[partition.slots], deciding[partition.slots] = partition.groups, partition.deciding
     confidence[grouped] = partition.confidence
     others = np.setdiff1d(current, partition.slots)
-    groups[others] = _by_hypothesis(
-        previous_labels[others], previous_labels[partition.slots], partition.groups
-    )
+    # The group that has most members of a hypothesis now takes the others.
+    count = int(partition.groups.max(initial=0)) + 1
+    known, shared = shared_counts(previous_labels[partition.slots], partition.groups, count)
+    heirs = np.append(np.where(shared.any(axis=1), shared.argmax(axis=1), NO_HYPOTHESIS), NO_HYPOTHESIS)
+    groups[others] = heirs[find(previous_labels[others], known)]
     new = others[groups[others] == NO_HYPOTHESIS]
     groups[new] = _by_place_and_motion(window, new, current, groups[current])
     confidence[others] = np.where(groups[others] == NO_HYPOTHESIS, 0.0, _JOINED_CONFIDENCE)
@@ -64,15 +66,6 @@ def representatives(window: Window, current: Slots, labels: Labels, share: float
         return current
     spread = window.key[current] * _SPREAD % 2**32
     return current[np.sort(np.lexsort((spread, ranks(labels[current], spread)))[:count])]
-
-
-def _by_hypothesis(hypotheses: Labels, previous_labels: Labels, groups: Ints) -> Ints:
-    """Group that has most members of each hypothesis, int64 [n], now, or NO_HYPOTHESIS, intp [n]."""
-    continued, shared = shared_counts(previous_labels, groups, int(groups.max(initial=-1)) + 1)
-    if not shared.size:
-        return np.full(len(hypotheses), NO_HYPOTHESIS)
-    heir = np.where(shared.any(axis=1), shared.argmax(axis=1), NO_HYPOTHESIS)
-    return np.append(heir, NO_HYPOTHESIS)[find(hypotheses, continued)]
 
 
 def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:

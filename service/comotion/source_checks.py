@@ -98,7 +98,9 @@ class SourceChecks:
         if last is None:
             return
         due = instants.stamp_ns - record.compared_ns >= _COMPARE_NS
-        if due or (np.array_equal(ids, last[1]) and _leaps(positions, last[2])):
+        # Whether any feature moves by a quarter of what all span is a cheap look at every instant.
+        most = 0.25 * float(np.ptp(positions, axis=0).max())
+        if due or (np.array_equal(ids, last[1]) and np.abs(positions - last[2]).max() > most):
             share = _traded(record, last, record.last)
             if share:
                 self.troubles.note("ids-reused", source, share)
@@ -106,11 +108,6 @@ class SourceChecks:
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but these, by number."""
         self._records = {number: record for number, record in self._records.items() if number in sessions}
-
-
-def _leaps(positions: Floats, previous: Floats) -> bool:
-    """Whether any feature moves by a quarter of what all span; a cheap look at every instant."""
-    return float(np.abs(positions - previous).max()) > 0.25 * float(np.ptp(positions, axis=0).max())
 
 
 def _traded(record: _Record, last: Seen, new: Seen) -> float:

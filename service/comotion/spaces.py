@@ -58,14 +58,6 @@ class Spaces:
 
     def refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch does not fit in its space; None if it does, or the space can be released for it."""
-        contradiction = self._contradiction(batch)
-        if contradiction is None:
-            return None
-        self.timeline.troubles.note("contradicts-space", batch.source, contradiction)
-        return "space-mismatch"
-
-    def _contradiction(self, batch: ObservationBatch) -> str | None:
-        """How a batch contradicts its space, in words."""
         name, space = batch.space, self._spaces.get(batch.space)
         declared = self.config.spaces.get(name, SpaceConfig())
         unit, dim = declared.unit, declared.dim
@@ -73,16 +65,17 @@ class Spaces:
         if space is not None and not self._is_released(space):
             unit, dim = unit or space.spec.unit, dim or space.spec.dim
         if declared.sources is not None and batch.source not in declared.sources:
-            return f"that it observes in {name}, where the configuration names other sources"
-        if unit in (None, batch.unit) and dim in (None, batch.dim):
+            text = f"that it observes in {name}, where the configuration names other sources"
+        elif unit in (None, batch.unit) and dim in (None, batch.dim):
             return None
-        configured = declared.unit is not None or declared.dim is not None
-        first = "" if space is None else space.owner
-        owner = "the configuration" if configured else first or "the first source"
-        return (
-            f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says "
-            f"{unit or batch.unit} and {dim or batch.dim}"
-        )
+        else:
+            configured = declared.unit is not None or declared.dim is not None
+            first = "" if space is None else space.owner
+            owner = "the configuration" if configured else first or "the first source"
+            said = f"{unit or batch.unit} and {dim or batch.dim}"
+            text = f"that {name} has unit {batch.unit} and dim {batch.dim}, where {owner} says {said}"
+        self.timeline.troubles.note("contradicts-space", batch.source, text)
+        return "space-mismatch"
 
     def store(self, instant: Instants) -> RejectionReason | None:
         """Put instants into their space; returns why they are refused, if so. Raises nothing."""
@@ -126,7 +119,7 @@ class Spaces:
         mistimed = self._doubted(*CLOCKS)
         for space in self:
             space.drift.mistimed = mistimed
-        shares = {name: self._shares(name) for name in self._spaces}
+        shares = {name: self._shares(space) for name, space in self._spaces.items()}
         for name in self.turns.take(self.timeline.at_ns, shares, update):
             with self.timeline.faults.guard(f"repeating space {name!r}"):
                 last = self._spaces[name].last
@@ -153,19 +146,16 @@ class Spaces:
                 if number in self.timeline.sessions:
                     self.timeline.troubles.note("drifts", self.timeline.sessions[number][0])
 
-    def _shares(self, name: str) -> dict[str, float]:
+    def _shares(self, space: Space) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""
-        space, sessions = self._spaces[name], self.timeline.sessions
-        held = {
-            sessions[number][0]: count for number, count in space.tracks.held().items() if number in sessions
-        }
-        total = sum(held.values())
-        return {source: n / total for source, n in held.items()} if total else {space.owner: 1.0}
+        sessions, held = self.timeline.sessions, space.tracks.held().items()
+        counts = {sessions[number][0]: count for number, count in held if number in sessions}
+        total = sum(counts.values())
+        return {source: n / total for source, n in counts.items()} if total else {space.owner: 1.0}
 
     def sessions(self) -> set[int]:
         """Numbers of the sessions that have a trajectory anywhere."""
-        numbers: set[int] = set().union(*(space.tracks.sessions() for space in self))
-        return numbers
+        return {number for space in self for number in space.tracks.sessions()}
 
     def tidy(self, in_use: set[int]) -> None:
         """Forget empty spaces in which nothing was published for long, and sessions without tracks."""
@@ -187,8 +177,7 @@ class Spaces:
 
     def _rebuild(self, name: str, *, keep: bool) -> None:
         """Build a space anew, with its trajectories and labels where they can be kept."""
-        old = self._spaces.get(name)
-        if old is None:
+        if (old := self._spaces.get(name)) is None:
             return
         fresh = self.open(old.spec)
         fresh.fed_ns, fresh.owner = old.fed_ns, old.owner
@@ -201,10 +190,9 @@ class Spaces:
 
     def _space_for(self, batch: ObservationBatch) -> RejectionReason | None:
         """Make sure that there is a space for rows of a batch."""
-        name = batch.space
-        if self.refusal(batch) is not None:
-            return "space-mismatch"
-        space, spec = self._spaces.get(name), SpaceSpec(name, batch.unit, batch.dim)
+        if (refusal := self.refusal(batch)) is not None:
+            return refusal
+        space, spec = self._spaces.get(batch.space), SpaceSpec(batch.space, batch.unit, batch.dim)
         if space is None or space.spec != spec:
             if space is None and not self._admit_space(batch.source):
                 return "limit"
@@ -263,10 +251,8 @@ class Spaces:
             return instant
         ids = instant.batch.ids[instant.rows]
         # An id that has a trajectory here has none elsewhere.
-        unknown = home.tracks.find(ids, instant.session) < 0
-        if not unknown.any():
-            return instant
-        taken = unknown & np.any([space.tracks.find(ids, instant.session) >= 0 for space in others], axis=0)
+        taken = home.tracks.find(ids, instant.session) < 0
+        taken &= np.any([space.tracks.find(ids, instant.session) >= 0 for space in others], axis=0)
         if taken.any():
             self._refuse(int(np.count_nonzero(taken)), instant)
         return instant.of(~taken)

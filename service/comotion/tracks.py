@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Bools, Slots, distinct, find
+from .arrays import Slots, distinct, find
 from .event_time.entries import Instants
 from .event_time.stats import Stats
 from .partition import Method
@@ -196,7 +196,13 @@ class Tracks:
             self._evict(slots, counts)
         if not self._method.by_thesis:
             self._cut(stamp_ns)
-        fresh = self._fresh(stamp_ns)
+        limits = np.zeros(window.capacity, np.int64)
+        for session in self.sessions():
+            limits[window.source == session] = self._timeout_ns(session)
+        # Where the window is shorter than the timeout, trajectories that have left it have no current state.
+        held = window.stop > window.start
+        # Compare stamps, not differences: the smallest int64 stands for "never observed".
+        fresh = window.used & held & (window.last_ns >= stamp_ns - limits)
         # Those that are outdated and too short to show motion.
         forgotten = window.used & ~fresh & (window.stop - window.start < _MIN_OBSERVATIONS)
         if self._method.by_thesis:
@@ -231,16 +237,6 @@ class Tracks:
             reopened = self._open(track_id, source)
             window.insert(np.repeat(reopened, len(stamps)), stamps, positions, sigma, turns)
             window.covariance[reopened] = covariance
-
-    def _fresh(self, stamp_ns: int) -> Bools:
-        window = self._window
-        limits = np.zeros(window.capacity, np.int64)
-        for session in self.sessions():
-            limits[window.source == session] = self._timeout_ns(session)
-        # Where the window is shorter than the timeout, trajectories that have left it have no current state.
-        held = window.stop > window.start
-        # Compare stamps, not differences: the smallest int64 stands for "never observed".
-        return window.used & held & (window.last_ns >= stamp_ns - limits)
 
     def state(self) -> dict[str, Any]:
         """The window, and the ids that each session has declared lost, as plain values and arrays."""

@@ -135,8 +135,7 @@ def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
             quaternions[:_ORIENTED] = [0, 0, 0, 1]
             turns = quaternions if source else None
             stamp_ns = _FIRST_STAMP_NS + frame * 1_000_000_000 // _RATE_HZ
+            others = {"stamp_ns": stamp_ns, "ids": ids, "quaternions": turns}
             places = (scale * seen).astype(np.float32)
-            batches.append(
-                batch_of(f"warm-up-{source}", frame, unit, stamp_ns, ids, places, quaternions=turns)
-            )
+            batches.append(batch_of(f"warm-up-{source}", frame, unit, places, **others))
         yield batches

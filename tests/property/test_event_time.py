@@ -17,7 +17,7 @@ from comotion.saving import plain, restored
 from comotion_schemas.sequence import MAX_GAPS, MAX_JUMP, MAX_SESSIONS, SequenceCounter, Sighting
 
 from .. import builders
-from ..builders import MS, T0, S, fused
+from ..builders import MS, T0, S, fused, settled
 
 CONFIG = FusionConfig(window=2.0)
 LATENESS_NS = round(CONFIG.allowed_lateness * 1e9)
@@ -67,7 +67,7 @@ class Run:
     def advance(self):
         """What comes out; all of it is fused."""
         events = fused(self.timeline, self.now)
-        assert self.stats.batches == self.stats.settled()
+        assert self.stats.batches == settled(self.stats)
         return events
 
     def flush(self):
@@ -207,7 +207,7 @@ def test_accounts_are_those_of_an_accountant_over_restarts_of_the_service(seed):
         service.ledger.miss(2 * S)
         account = service.ledger.accounts[key]
         assert account.duplicates == came[source] - len(seen[source])
-        assert account.settled() - account.duplicates + account.lost == sent
+        assert settled(account) - account.duplicates + account.lost == sent
         assert account.lost >= sent - len(seen[source])
         assert account.fused > 0
 

@@ -11,7 +11,7 @@ from comotion.rigid.method import RigidMethod
 from comotion.runtime.health import in_words
 from comotion.shares import Turns
 
-from ..builders import MS, T0, S, batch
+from ..builders import MS, T0, S, batch, settled
 
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
 
@@ -36,7 +36,7 @@ class TestInstants:
             fusion.advance(now)
             if k % 3 == 2:
                 update = fusion.update(now)
-        assert fusion.stats.batches == fusion.stats.settled()
+        assert fusion.stats.batches == settled(fusion.stats)
         return update
 
     def test_who_costs_too_much_waits_then_loses_his_own_and_is_named(self):

@@ -153,7 +153,7 @@ def test_a_source_whose_clock_is_known_to_be_wrong_is_not_compared(monkeypatch):
 
 def motion_of(first, last):
     """The motion of one body, from where its features are first and last."""
-    seen = np.zeros(len(first), drift._columns(first.shape[1]))
+    seen = np.zeros(len(first), [*((n, float, first.shape[1]) for n in ("first", "last")), ("label", int)])
     seen["first"], seen["last"] = first, last
     return drift._motions(seen)[0]
 

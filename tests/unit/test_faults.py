@@ -6,7 +6,7 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion_schemas import encode
 
-from ..builders import MS, SESSION, T0, S, batch, play
+from ..builders import MS, SESSION, T0, S, batch, play, settled
 
 POINTS = np.random.default_rng(0).uniform(-1, 1, (12, 3))
 
@@ -24,7 +24,7 @@ def moved(k):
 def run(fusion, start, stop, *, source="cam", **fields):
     frames = range(start, stop)
     update = play(fusion, frames, lambda k, now: batch(source, k, now, moved(k), **fields))[-1]
-    assert fusion.stats.batches == fusion.stats.settled()
+    assert fusion.stats.batches == settled(fusion.stats)
     encode(update)
     return update
 

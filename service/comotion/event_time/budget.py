@@ -57,20 +57,17 @@ class Budget:
         elapsed = self.period_ns if self._at_ns is None else at_ns - self._at_ns
         self._at_ns = at_ns
         most = min(max(elapsed, 0), self.period_ns)
-        self._left = round(self._free(max(elapsed, 1)) * most)
+        share = self.share
+        if self.clock is not None and self._clock_ns is not None:
+            beside = (self.clock() - self._clock_ns) / max(elapsed, 1)
+            share = min(share, max(self.whole - beside, _LEAST * share))
+        self._left = round(share * most)
         self._share(spenders)
         self.share_ns = round(self.share * most) // self._parties
         # A source without work saves no time for later.
         self._credit = {
             name: credit for name, credit in self._credit.items() if credit < 0 or name in spenders
         }
-
-    def _free(self, elapsed_ns: int) -> float:
-        """Share of the time since the last round that may be spent now."""
-        if self.clock is None or self._clock_ns is None:
-            return self.share
-        beside = (self.clock() - self._clock_ns) / elapsed_ns
-        return min(self.share, max(self.whole - beside, _LEAST * self.share))
 
     def share_rest(self, spenders: Collection[str]) -> bool:
         """Share the rest of the round among some sources; whether there was any."""

@@ -2,16 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from enum import Enum, auto
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comotion_schemas import ObservationBatch, RejectionReason
 from comotion_schemas.types import Unit
 
-from ..arrays import Bools, Ints, Stamps
+from ..arrays import Bools, Floats32, Ints, Stamps
 from .stats import Fate, Key
 
 Rank = tuple[int, str, int]
@@ -20,16 +18,8 @@ Rank = tuple[int, str, int]
 _OBJECT_BYTES = 1500
 
 
-class Stage(Enum):
-    """What a batch waits for."""
-
-    CLOCK = auto()
-    NAME = auto()
-    WATERMARK = auto()
-
-
-Verdict = Stage | Fate
-"""What becomes of a batch."""
+Verdict = Literal["clock", "name", "watermark"] | Fate
+"""What a batch waits for, or its end."""
 
 
 @dataclass(eq=False)
@@ -131,16 +121,7 @@ def in_time_order(batch: ObservationBatch) -> tuple[Stamps, Ints]:
     return stamps[order], order
 
 
-def batch_of(
-    source: str,
-    seq: int,
-    unit: Unit,
-    stamp_ns: int,
-    ids: NDArray[np.uint64],
-    positions: NDArray[np.float32],
-    **columns: Any,
-) -> ObservationBatch:
+def batch_of(source: str, seq: int, unit: Unit, positions: Floats32, **others: Any) -> ObservationBatch:
     """Observations of a source at one instant in a program, as a batch of its only space and session."""
-    space: dict[str, Any] = {"space": "scene", "unit": unit, "dim": positions.shape[1]}
-    sender: dict[str, Any] = {"source": source, "session": "0" * 16, "seq": seq}
-    return ObservationBatch(**sender, **space, stamp_ns=stamp_ns, ids=ids, positions=positions, **columns)
+    only: dict[str, Any] = {"space": "scene", "session": "0" * 16, "dim": positions.shape[1]}
+    return ObservationBatch(source=source, seq=seq, unit=unit, positions=positions, **only, **others)

@@ -10,7 +10,7 @@ from comotion_schemas import RejectionReason
 
 from .budget import Budget
 from .entries import Entry, Instants
-from .sources import Sources
+from .sources import Source, Sources
 from .stats import Fate, Key
 from .troubles import Troubles
 
@@ -72,8 +72,6 @@ class Release:
         self._settle = settle
         self._budget = budget
         self._troubles = troubles
-        # By source, a heap of the batches that wait.
-        self._waiting: dict[str, list[Entry]] = {}
         self._behind_ns: dict[str, int] = {}
         self._over: list[int] = []
         self._order = 0
@@ -84,7 +82,7 @@ class Release:
         """Let the rows of a batch wait."""
         self._order += 1
         entry.order = self._order
-        heapq.heappush(self._waiting.setdefault(entry.batch.source, []), entry)
+        heapq.heappush(self._sources[entry.batch.source].waiting, entry)
 
     def end(self, number: int) -> None:
         """Let the end of a session come out with the next release."""
@@ -98,43 +96,46 @@ class Release:
                 end(number)
         if watermark_ns is None:
             return
-        due = {name for name, heap in self._waiting.items() if heap[0].rank[0] <= watermark_ns}
+        due = {name for name, source in self._sources.items() if source.is_due(watermark_ns)}
         self._budget.begin(at_ns, due, {name for name, source in self._sources.items() if source.is_new})
         while due:
             self._turn(due, watermark_ns, store, end)
             if not self._budget.share_rest(due):
                 break
-        self._drop_costly(due, watermark_ns, at_ns)
+        # Sources that have long been behind because of their costs lose what is due.
+        self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in due}
+        for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
+            while self._sources[name].is_due(watermark_ns):
+                self._settle(heapq.heappop(self._sources[name].waiting), "over-budget")
+            del self._behind_ns[name]
+            self._troubles.note("over-budget", name)
 
     def _turn(self, due: set[str], watermark_ns: int, store: Store, end: End) -> None:
         """Release due instants until their source has spent its share; `due` keeps sources with some left."""
-        heads = [self._waiting[name][0].rank for name in due if self._budget.allows(name)]
+        heads = [self._sources[name].waiting[0].rank for name in due if self._budget.allows(name)]
         heapq.heapify(heads)
         while heads:
             _, name, _ = heapq.heappop(heads)
             if not self._budget.allows(name):
                 continue
-            heap, instants = self._waiting[name], None
-            entry = heapq.heappop(heap)
-            if self._begins(entry, end):
-                others = [*heads[:1], *(other.rank for other in heap[:1])]
-                instants = entry.take(watermark_ns, others, self._sources[name].number)
+            source, instants = self._sources[name], None
+            entry = heapq.heappop(source.waiting)
+            if self._begins(entry, source, end):
+                others = [*heads[:1], *(other.rank for other in source.waiting[:1])]
+                instants = entry.take(watermark_ns, others, source.number)
                 if not instants.last:
-                    heapq.heappush(heap, entry)
-            if heap and heap[0].rank[0] <= watermark_ns:
-                heapq.heappush(heads, heap[0].rank)
+                    heapq.heappush(source.waiting, entry)
+            if source.is_due(watermark_ns):
+                heapq.heappush(heads, source.waiting[0].rank)
             else:
                 due.discard(name)
-            if not heap:
-                del self._waiting[name]
             if instants is not None:
                 with self._budget.charge({name: 1.0}):
                     self._book(entry, instants, store(instants))
 
-    def _begins(self, entry: Entry, end: End) -> bool:
+    def _begins(self, entry: Entry, source: Source, end: End) -> bool:
         """Whether a batch comes out: its session is not over. The first of a session ends the one before."""
-        source = self._sources.get(entry.batch.source)
-        if source is None or entry.generation < source.released:
+        if entry.generation < source.released:
             entry.late = True
             self._settle(entry, entry.fate)
             return False
@@ -155,15 +156,3 @@ class Release:
             entry.fused = True
         if instants.last:
             self._settle(entry, entry.fate)
-
-    def _drop_costly(self, behind: set[str], watermark_ns: int, at_ns: int) -> None:
-        """Drop the due batches of sources that have long been behind because of their costs."""
-        self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in behind}
-        for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
-            heap = self._waiting[name]
-            while heap and heap[0].rank[0] <= watermark_ns:
-                self._settle(heapq.heappop(heap), "over-budget")
-            if not heap:
-                del self._waiting[name]
-            del self._behind_ns[name]
-            self._troubles.note("over-budget", name)

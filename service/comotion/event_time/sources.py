@@ -8,7 +8,7 @@ from statistics import median
 from comotion_schemas import ObservationBatch
 
 from ..saving import NOT_KEPT
-from .entries import Entry, Stage, Verdict
+from .entries import Entry, Verdict
 from .stats import Key
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
@@ -54,6 +54,8 @@ class Source:
     """Sessions that are over."""
     rivals: list[Entry] = field(default_factory=list, metadata=NOT_KEPT)
     """Batches of other sessions, which get the name should this one fall silent."""
+    waiting: list[Entry] = field(default_factory=list, metadata=NOT_KEPT)
+    """Batches that wait for the watermark, a heap."""
 
     def __post_init__(self) -> None:
         # A snapshot gives queues without bounds.
@@ -63,12 +65,12 @@ class Source:
     @property
     def period_ns(self) -> int:
         """Median time between its recent stamps; 0 until there are two."""
-        return int(median(self.gaps_ns)) if self.gaps_ns else 0
+        return int(median(self.gaps_ns or [0]))
 
     @property
-    def arrival_period_ns(self) -> int:
-        """Median time between its recent arrivals; 0 until there are two."""
-        return int(median(self.arrivals_ns)) if self.arrivals_ns else 0
+    def _silence_ns(self) -> int:
+        """Three median times between its recent arrivals; 0 until there are two."""
+        return PERIODS * int(median(self.arrivals_ns or [0]))
 
     @property
     def is_new(self) -> bool:
@@ -99,13 +101,13 @@ class Source:
             self.arrivals_ns.append(at_ns - self.heard_ns)
         self.heard_ns = at_ns
 
-    def is_live(self, now_ns: int, timeout_ns: int) -> bool:
-        """Whether its newest stamp is at most `timeout_ns` old."""
-        return now_ns - self.newest_ns <= timeout_ns
-
     def is_sending(self, at_ns: int, timeout_ns: int) -> bool:
         """Whether it was heard within the timeout, or three of its periods if longer."""
-        return self.idle_ns(at_ns) <= max(timeout_ns, PERIODS * self.arrival_period_ns)
+        return self.idle_ns(at_ns) <= max(timeout_ns, self._silence_ns)
+
+    def is_due(self, watermark_ns: int) -> bool:
+        """Whether a batch of it waits that the watermark has passed."""
+        return bool(self.waiting) and self.waiting[0].rank[0] <= watermark_ns
 
     def idle_ns(self, at_ns: int) -> int:
         """How long it has not been heard."""
@@ -121,7 +123,7 @@ class Source:
         """
         while self.rivals:
             first, stamp_ns = self.rivals[0], scene_time(self.rivals[0].batch)
-            limit_ns = min(max(_LEAST_HANDOVER_NS, PERIODS * self.arrival_period_ns), timeout_ns)
+            limit_ns = min(max(_LEAST_HANDOVER_NS, self._silence_ns), timeout_ns)
             # Batches that are looked at together have no times of arrival of their own.
             if (max(self.idle_ns(at_ns), 0) or stamp_ns - self.newest_ns) >= limit_ns:
                 admitted = [entry for entry in self.rivals if entry.key == first.key]
@@ -129,7 +131,7 @@ class Source:
                 self.start(first.batch.session, stamp_ns, at_ns)
                 for entry in admitted:
                     self.observe(scene_time(entry.batch), at_ns)
-                    yield entry, Stage.WATERMARK
+                    yield entry, "watermark"
             elif at_ns - first.at_ns >= limit_ns or len(self.rivals) > _MAX_RIVALS:
                 yield self.rivals.pop(0), "duplicate-name"
             else:

@@ -71,11 +71,6 @@ class Account:
         else:
             self.rejected[name] = self.rejected.get(name, 0) + count  # type: ignore[index, call-overload]
 
-    def settled(self) -> int:
-        """Sum of all that became of the batches: equals `batches`."""
-        counted = self.fused + self.partly_late + self.late + self.duplicates + self.overflow + self.waiting
-        return counted + sum(self.rejected.values())
-
 
 @dataclass
 class Stats(Account):
@@ -156,7 +151,12 @@ class Ledger:
 
     def _book(self, key: Key, counts: Mapping[str, int]) -> None:
         """Add to the account of a session and to the totals."""
-        for account in (self.total, self._of(key)):
+        own = self.accounts[key] = self.accounts.pop(key, Account())
+        if len(self.accounts) > MAX_ACCOUNTS:
+            idle = next((k for k, other in self.accounts.items() if not other.waiting), None)
+            if idle is not None:
+                del self.accounts[idle]
+        for account in (self.total, own):
             for name, count in counts.items():
                 account.add(name, count)
         for name in counts.keys() & _BEYOND.keys():
@@ -204,12 +204,3 @@ class Ledger:
             account.batches -= account.waiting
             account.lost += account.waiting
             account.waiting = 0
-
-    def _of(self, key: Key) -> Account:
-        account = self.accounts.pop(key, None) or Account()
-        self.accounts[key] = account
-        if len(self.accounts) > MAX_ACCOUNTS:
-            idle = next((k for k, other in self.accounts.items() if not other.waiting), None)
-            if idle is not None:
-                del self.accounts[idle]
-        return account

@@ -25,6 +25,7 @@ from comotion_schemas import ObservationBatch
 from comotion_schemas.messages import ProblemKind
 
 from .entries import Entry
+from .troubles import Troubles
 
 # "More than 1 s ahead" of docs/protocol.md.
 FUTURE_NS = 1_000_000_000
@@ -50,6 +51,8 @@ class Steps:
     timeout_ns: int
     window_ns: int
     """`source_timeout` and `window` in ns."""
+    troubles: Troubles
+    """Get to know what is wrong with clocks."""
     shift_ns: int = 0
     """Stamps minus the time scale of the scene."""
     clock_set_ns: int = 0
@@ -66,10 +69,6 @@ class Steps:
         """Stamp of a batch on the time scale of the scene."""
         return batch.stamp_ns - self.shift_ns
 
-    def off_clock(self, batch: ObservationBatch, now_ns: int) -> int:
-        """By how much a stamp is ahead of now, also where the scene has followed the clock of live data."""
-        return (self.scene_time(batch) if self.replays else batch.stamp_ns) - now_ns
-
     def reference(self, now_ns: int, watermark_ns: int | None) -> int:
         """The time that stamps are compared with; recordings must not go back behind the watermark."""
         return max(now_ns, watermark_ns) if self.replays and watermark_ns is not None else now_ns
@@ -81,22 +80,20 @@ class Steps:
         if not self.replays and follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
             self.shift_ns = min(batch.stamp_ns - now_ns, 0)
 
-    def is_off(self, entry: Entry, reference_ns: int, floor_ns: int | None) -> bool:
-        """Whether a batch is far from a time, and of no use there; takes note of its offset.
+    def may_wait(
+        self, entry: Entry, reference_ns: int, floor_ns: int | None, *, agreed: bool, alone: bool
+    ) -> bool:
+        """Whether a batch is far from a time, of no use there, and waits (rule 3); takes note of its offset.
 
-        The end of a recording that is played again fast is near the end of the last one: all of it waits.
+        `agreed`: its session has agreed before; `alone`: no source agrees now. Of a recording any waits: the
+        end of one that is played again fast is near the end of the last one, so all of it does.
         """
         stamp_ns = self.scene_time(entry.batch)
         entry.offset_ns = stamp_ns - reference_ns
         late = floor_ns is not None and stamp_ns < floor_ns
         far = entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
-        return far or (self.replays and any(other.key == entry.key for other in self.held))
-
-    def may_wait(self, entry: Entry, *, agreed: bool, alone: bool) -> bool:
-        """Whether a batch that is off waits (rule 3); of a recording any does.
-
-        `agreed`: its session has agreed before; `alone`: no source agrees now.
-        """
+        if not far and not (self.replays and any(other.key == entry.key for other in self.held)):
+            return False
         near = abs(entry.offset_ns) <= self.window_ns
         as_set = self.clock_set_ns != 0 and abs(entry.offset_ns - self.clock_set_ns) <= _SAME_STEP_NS
         return self.replays or agreed or (alone and (near or as_set))
@@ -112,24 +109,23 @@ class Steps:
 
     def follow(self, reference_ns: int) -> None:
         """Move the time scale to the clock of the batches that wait."""
-        self.shift_ns += self._shift(reference_ns)
         self.followed += 1
-
-    def _shift(self, reference_ns: int) -> int:
         if self.replays:
             # So that the earliest follows the fused ones; a gap in a recording lasts as its stamps say.
             earliest = min(self.scene_time(entry.batch) for entry in self.held) - reference_ns
-            return earliest - _GAP_NS if earliest < 0 else 0
+            self.shift_ns += earliest - _GAP_NS if earliest < 0 else 0
+            return
         by_source: dict[str, list[int]] = {}
         for entry in self.held:
             by_source.setdefault(entry.batch.source, []).append(entry.offset_ns)
-        return median_low(median_low(offsets) for offsets in by_source.values())
+        self.shift_ns += median_low(map(median_low, by_source.values()))
 
-    def trouble(self, batch: ObservationBatch, offset_ns: int, *, off: bool) -> ProblemKind | None:
-        """What is wrong with the clock of a batch, if anything; `off` says that something is."""
+    def note(self, batch: ObservationBatch, offset_ns: int, *, off: bool) -> None:
+        """Take note of whether the clock of a source is right; `off` says that it cannot be."""
+        kind: ProblemKind | None = "clock-ahead" if offset_ns > 0 else "clock-behind"
         if not off and -self.timeout_ns <= offset_ns <= AHEAD_NS:
-            return None
+            kind = None
         # The stamps of a recording may count from anything.
-        if batch.stamp_ns < _ZERO_NS and not self.replays:
-            return "clock-zero"
-        return "clock-ahead" if offset_ns > 0 else "clock-behind"
+        elif batch.stamp_ns < _ZERO_NS and not self.replays:
+            kind = "clock-zero"
+        self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)

@@ -13,7 +13,7 @@ from comotion_schemas import ObservationBatch, RejectionReason
 from ..config import FusionConfig, to_ns
 from ..saving import plain, restored
 from .budget import Budget
-from .entries import Entry, Stage, Verdict, in_time_order
+from .entries import Entry, Verdict, in_time_order
 from .faults import Faults
 from .release import End, Load, Release, Store
 from .sources import PERIODS, Source, Sources
@@ -65,7 +65,7 @@ class Timeline:
         self.sessions = self._release.sessions
         self.at_ns = self._now_ns = 0
         self.watermark_ns: int | None = None
-        self.steps = Steps(self.sources.timeout_ns, self._window_ns)
+        self.steps = Steps(self.sources.timeout_ns, self._window_ns, self.troubles)
 
     def receive(self, batch: ObservationBatch, refusal: RejectionReason | None = None) -> None:
         """Take a batch in; the next :meth:`advance` judges it against the clock.
@@ -129,13 +129,13 @@ class Timeline:
     def _take(self, entry: Entry, verdict: Verdict) -> None:
         """Let a batch wait as its verdict says, or book its fate."""
         match verdict:
-            case Stage.CLOCK:
+            case "clock":
                 self.steps.held.append(entry)
-            case Stage.NAME:
+            case "name":
                 source = self.sources[entry.batch.source]
                 source.rivals.append(entry)
                 self._hand_over(source)
-            case Stage.WATERMARK:
+            case "watermark":
                 self._wait(entry)
             case fate:
                 self._settle(entry, fate)
@@ -149,14 +149,14 @@ class Timeline:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.sender(entry.key)
         steps.catch_up(entry.batch, self._now_ns)
-        if steps.is_off(entry, steps.reference(self._now_ns, self.watermark_ns), self._floor()):
-            agreed, last_ns = source is not None and source.agreed_ns is not None, self.sources.agreed_ns()
-            alone = last_ns is None or self.at_ns - last_ns > self.sources.timeout_ns
-            if steps.may_wait(entry, agreed=agreed, alone=alone):
-                if source is not None and agreed:
-                    source.hear(entry.at_ns)
-                return Stage.CLOCK
-        return self._judge(entry)
+        reference_ns, last_ns = steps.reference(self._now_ns, self.watermark_ns), self.sources.agreed_ns()
+        agreed = source is not None and source.agreed_ns is not None
+        alone = last_ns is None or self.at_ns - last_ns > self.sources.timeout_ns
+        if not steps.may_wait(entry, reference_ns, self._floor(), agreed=agreed, alone=alone):
+            return self._judge(entry)
+        if source is not None and agreed:
+            source.hear(entry.at_ns)
+        return "clock"
 
     def _floor(self) -> int | None:
         """Stamp below which all is late; None before the first watermark."""
@@ -200,10 +200,10 @@ class Timeline:
         if entry.repeated:
             return "duplicates"
         if entry.offset_ns > FUTURE_NS and not trusted:
-            self._note_clock(batch, entry.offset_ns, off=True)
+            self.steps.note(batch, entry.offset_ns, off=True)
             return "future"
         if self.watermark_ns is None and stamp_ns < now_ns - self._window_ns and not trusted:
-            self._note_clock(batch, stamp_ns - now_ns, off=True)
+            self.steps.note(batch, stamp_ns - now_ns, off=True)
             return "past"
         if source is None:
             if not self._admit_source():
@@ -211,9 +211,9 @@ class Timeline:
             source = self.sources[batch.source] = Source(batch.session, stamp_ns, stamp_ns, since_ns=at_ns)
         elif batch.session != source.session:
             over = batch.session in source.past and stamp_ns <= source.started_ns
-            return "late" if over else Stage.NAME
+            return "late" if over else "name"
         source.observe(stamp_ns, at_ns)
-        return Stage.WATERMARK
+        return "watermark"
 
     def _hand_over(self, source: Source) -> bool:
         """Let rivals take over the name of a source, or refuse them; whether any waits no more."""
@@ -229,9 +229,7 @@ class Timeline:
         if len(self.sources) < self._limits.sources:
             return True
         idle = self.sources.keys() - self.sources.sending(self.at_ns)
-        silent = [
-            (self.sources[name].idle_ns(self.at_ns), name) for name in idle if not self._load.holds(name)
-        ]
+        silent = [(self.sources[n].idle_ns(self.at_ns), n) for n in idle if not self._load.holds(n)]
         if silent:
             self._release.end(self.sources.pop(max(silent)[1]).number)
         return bool(silent)
@@ -250,20 +248,17 @@ class Timeline:
             source.agreed_ns = self.at_ns
         elif watermark is not None and entry.batch.ended is not None:
             entry.stamps = np.array([watermark])
-        self._note_clock(entry.batch, self.steps.off_clock(entry.batch, self._now_ns), off=not of_use)
+        # By the clock of its source, also where the scene has followed the clock of live data.
+        shift_ns = self.steps.shift_ns if self.steps.replays else 0
+        self.steps.note(entry.batch, entry.batch.stamp_ns - shift_ns - self._now_ns, off=not of_use)
         if len(entry.stamps):
             self._release.add(entry)
         else:
             self._settle(entry, "late")
 
-    def _note_clock(self, batch: ObservationBatch, offset_ns: int, *, off: bool) -> None:
-        """Take note of whether the clock of a source is right; `off` says that it cannot be."""
-        kind = self.steps.trouble(batch, offset_ns, off=off)
-        self.troubles.note_clock(batch.source, batch.stamp_ns, offset_ns, kind)
-
     def _move_watermark(self) -> None:
         now_ns, timeout_ns = self._now_ns, self.sources.timeout_ns
-        live = [s.newest_ns for s in self.sources.values() if s.is_live(now_ns, timeout_ns)]
+        live = [s.newest_ns for s in self.sources.values() if now_ns - s.newest_ns <= timeout_ns]
         if not live and not self.steps.replays:
             # All clocks are behind, or the service's is ahead: the sources that still send set the pace.
             live = [s.newest_ns for s in self.sources.sending(self.at_ns).values()]

@@ -24,6 +24,11 @@ class ClockTrouble:
     stamp_ns: int
     pace: float = 0.0
 
+    @property
+    def off_s(self) -> float:
+        """How far it is off, s."""
+        return abs(self.offset_ns) / 1e9
+
 
 @dataclass(frozen=True)
 class _Seen:

@@ -50,11 +50,7 @@ class _Motion(NamedTuple):
 
 # Of N trajectories: positions and velocities at the beginning and the end, session and hypothesis.
 _Seen = NDArray[Any]
-
-
-def _columns(dim: int) -> np.dtype[Any]:
-    vectors = ((name, np.float64, dim) for name in ("first", "last", "first_speed", "last_speed"))
-    return np.dtype([*vectors, ("source", np.intp), ("label", np.int64)])
+_VECTORS = "first", "last", "first_speed", "last_speed"
 
 
 @dataclass
@@ -130,7 +126,9 @@ def _seen(
     slots, label = slots[few], label[few]
     first_ns = stamp_ns - _SPAN_NS
     stamps = np.array([first_ns, first_ns + _STEP_NS, stamp_ns - _STEP_NS, stamp_ns])
-    seen, held = np.zeros(len(slots), _columns(window.dim)), np.zeros(len(slots), np.bool_)
+    vectors = [(name, np.float64, window.dim) for name in _VECTORS]
+    seen = np.zeros(len(slots), [*vectors, ("source", np.intp), ("label", np.int64)])
+    held = np.zeros(len(slots), np.bool_)
     seen["source"], seen["label"], step_s = window.source[slots], label, _STEP_NS * 1e-9
     for number in np.unique(seen["source"]).tolist():
         own = seen["source"] == number

@@ -13,6 +13,7 @@ What reverts earlier makes no event. An unconfirmed hypothesis without current m
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 
 from comotion_schemas import Event
 from comotion_schemas.hypotheses import EventKind
@@ -97,8 +98,13 @@ class Lifecycle:
                 elif self.confirmed(heir):
                     merged.setdefault(heir, []).append(number)
         changes += [("merged", heir, gone) for heir, gone in merged.items()]
-        expired = self._expired(stamp_ns)
-        for number in (*expired, *(number for gone in merged.values() for number in gone)):
+        # The absent ones that are remembered no longer, the longest absent first.
+        absent = ((r.since_ns, number) for number, r in self.records.items() if r.stage == "absent")
+        waiting = sorted((since, number) for since, number in absent if since is not None)
+        oldest_ns = stamp_ns - to_ns(self.config.memory)
+        surplus = len(waiting) - self.config.remembered
+        expired = [number for k, (since, number) in enumerate(waiting) if k < surplus or since < oldest_ns]
+        for number in chain(expired, *merged.values()):
             del self.records[number]
         changes += [("ended", number, []) for number in expired]
         changes.sort(key=lambda change: (_ORDER.index(change[0]), change[1]))
@@ -125,11 +131,3 @@ class Lifecycle:
         record.support_ns = None
         record.since_ns = stamp_ns if record.since_ns is None else record.since_ns
         return record.stage == "present" and stamp_ns - record.since_ns >= self._confirm_ns
-
-    def _expired(self, stamp_ns: int) -> list[int]:
-        """The absent ones that are remembered no longer, the longest absent first."""
-        absent = [(r.since_ns, number) for number, r in self.records.items() if r.stage == "absent"]
-        waiting = sorted((since, number) for since, number in absent if since is not None)
-        oldest_ns = stamp_ns - to_ns(self.config.memory)
-        surplus = len(waiting) - self.config.remembered
-        return [number for k, (since, number) in enumerate(waiting) if k < surplus or since < oldest_ns]

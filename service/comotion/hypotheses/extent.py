@@ -124,7 +124,10 @@ def _best_axes(points: Floats, last: Floats) -> Floats:
     best = int(sizes.argmin())
     if sizes[best] >= _SMALLER * _sizes(points, last[None])[0]:
         return last
-    return _like(principal @ turns[best], last)
+    # In the order and with the signs that turn them least from the last ones; right-handed.
+    axes = principal @ turns[best]
+    alike = (axes * np.append(np.ones(len(axes) - 1), np.linalg.det(axes))) @ _SAME_BOX[len(axes)]
+    return np.asarray(alike[(alike * last).sum((1, 2)).argmax()])
 
 
 # Rotations about each axis, float64 [n, dim, dim] by dim; all boxes are met within a right angle.
@@ -143,10 +146,3 @@ def _sizes(points: Floats, axes: Floats) -> Floats:
     a = (along.max(0) - along.min(0)).reshape(-1, dim)
     size = a.sum(1) if dim == 2 else a[:, 0] * a[:, 1] + a[:, 1] * a[:, 2] + a[:, 0] * a[:, 2]
     return np.asarray(size)
-
-
-def _like(axes: Floats, last: Floats) -> Floats:
-    """The same axes in the order and with the signs that turn them least from others; right-handed."""
-    axes = axes * np.append(np.ones(len(axes) - 1), np.linalg.det(axes))
-    alike = axes @ _SAME_BOX[len(axes)]
-    return np.asarray(alike[(alike * last).sum((1, 2)).argmax()])

@@ -110,7 +110,11 @@ def named(
     window.label[slots] = labels
     window.label_ns[slots[labels != last]] = stamp_ns
     if not by_thesis:
-        _establish(window, slots, stamp_ns)
+        # Those whose label has lasted are established, where the window knows them for as long.
+        held = slots[window.stop[slots] > window.start[slots]]
+        since_ns = np.maximum(window.label_ns[held], window.times[held, window.start[held]])
+        settled = held[since_ns <= stamp_ns - min(_TENURE_NS, window.span_ns // 2)]
+        window.established[settled] = window.label[settled]
     return ids
 
 
@@ -161,14 +165,6 @@ def supported(window: Window, slots: Slots) -> Labels:
     """The hypotheses for which slots intp [n] vote, int64 [n]."""
     established = window.established[slots]
     return np.where(established == NO_HYPOTHESIS, window.label[slots], established)
-
-
-def _establish(window: Window, slots: Slots, stamp_ns: int) -> None:
-    """Establish slots intp [n] whose label has lasted, and that the window knows for as long."""
-    slots = slots[window.stop[slots] > window.start[slots]]
-    since_ns = np.maximum(window.label_ns[slots], window.times[slots, window.start[slots]])
-    settled = slots[since_ns <= stamp_ns - min(_TENURE_NS, window.span_ns // 2)]
-    window.established[settled] = window.label[settled]
 
 
 def relabel(columns: Iterable[Labels], names: Mapping[int, int]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, Table, find
 from ..partition import NO_HYPOTHESIS, PoseReference
 
 # ns; lost features count among the last members of their hypothesis for so long.
@@ -45,7 +45,7 @@ class Current:
 
 
 @dataclass(frozen=True)
-class Members:
+class Members(Table):
     """Features of one body that are seen, or were lost: a table of m rows."""
 
     keys: Stamps
@@ -63,10 +63,6 @@ class Members:
         nothing = np.zeros(0, np.int64)
         return cls(nothing, np.zeros((0, 0)), nothing, nothing)
 
-    def of(self, rows: Bools | Ints) -> "Members":
-        """Some of the rows."""
-        return Members(self.keys[rows], self.points[rows], self.seen[rows], self.since[rows])
-
     def lost(self, current: Stamps, oldest_ns: int, *, posed: bool) -> "Members":
         """Those that are not seen, and still tell something.
 
@@ -79,12 +75,11 @@ class Members:
         telling &= find(self.keys, current) < 0
         return self if telling.all() else self.of(telling)
 
-    def joined(self, others: "Members") -> "Members":
+    def joined(self, other: "Members") -> "Members":
         """These and others, ascending."""
-        if not len(self.keys) or not len(others.keys):
-            return self if len(self.keys) else others
-        parts = vars(self), vars(others)
-        both = Members(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+        if not len(self) or not len(other):
+            return self if len(self) else other
+        both = super().joined(other)
         return both.of(np.argsort(both.keys))
 
     @property

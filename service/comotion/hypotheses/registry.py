@@ -85,11 +85,8 @@ class Registry(Lifecycle):
         if self._recall(stamp_ns, window, partition, present):  # 2
             present = replace(present, labels=window.label[current])
         members = present.members
-        origins = {
-            new: majority(previous[rows], (len(rows) + 1) // 2)
-            for new, rows in members.items()
-            if new not in self.records
-        }
+        new = [number for number in members if number not in self.records]
+        origins = {n: majority(previous[members[n]], (len(members[n]) + 1) // 2) for n in new}
         heirs = self._heirs(present, supported(window, current))
         sizes = {number: len(rows) for number, rows in members.items()}
         events = self.advance(stamp_ns, sizes, self._least(present), origins, heirs)  # 3
@@ -98,7 +95,11 @@ class Registry(Lifecycle):
         window.established[~np.isin(window.established, list(self.records))] = NO_HYPOTHESIS
         ends = [event.others or [event.hypothesis] for event in events if event.kind in ("merged", "ended")]
         relabel((window.label, self.ids), dict.fromkeys(chain(*ends), NO_HYPOTHESIS))
-        listed = [*self._described(stamp_ns, partition, present, boxes), *self._absent(present)]  # 4
+        listed = self._described(stamp_ns, partition, present, boxes)  # 4
+        for number, heir in self._heirs(present, present.labels).items():
+            last = self.records[number].description
+            if heir is None and last is not None:
+                listed.append(replace(last, size=0, absent=True, confirmed=True))
         return present.labels, sorted(listed, key=lambda h: h.id), events
 
     def forget(self, window: Window, hypothesis: int | None) -> list[int]:
@@ -189,9 +190,3 @@ class Registry(Lifecycle):
             record.description = described if described.confirmed else None
             listed.append(described)
         return listed
-
-    def _absent(self, present: Current) -> list[Hypothesis]:
-        """Hypotheses that are remembered without a current member, as they were last seen."""
-        heirs, records = self._heirs(present, present.labels), self._remembered(present)
-        lost = [record.description for number, record in records.items() if heirs[number] is None]
-        return [replace(h, size=0, absent=True, confirmed=True) for h in lost if h is not None]

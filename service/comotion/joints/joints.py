@@ -89,7 +89,8 @@ class Joints:
     ) -> None:
         """Judge a pair of a space, and take down what changes."""
         if key not in self._pairs:
-            parent, child = _roles(key, motions, listed)
+            # What rests carries what moves, else the larger one the smaller.
+            parent, child = sorted(key, key=lambda n: (not motions[n].static, -listed[n].size))
             self._pairs[key] = Pair.of(parent, child, space, motions[child].centre.copy())
         pair = self._pairs[key]
         last = pair.joint.kind
@@ -98,14 +99,6 @@ class Joints:
         for change, kind in ends if last != pair.joint.kind else ():
             if kind in KINDS:
                 changes.setdefault((change, pair.joint.parent), []).append(pair.joint.child)
-
-
-def _roles(key: Key, motions: Mapping[int, BodyMotion], listed: Mapping[int, Hypothesis]) -> Key:
-    """Parent and child: what rests carries what moves, else the larger one the smaller."""
-    a, b = key
-    if motions[a].static != motions[b].static:
-        return (a, b) if motions[a].static else (b, a)
-    return (a, b) if listed[a].size >= listed[b].size else (b, a)
 
 
 def _touching(listed: Mapping[int, Hypothesis]) -> list[Key]:

@@ -86,7 +86,7 @@ class Pair:
         stamp_ns = int(parent.stamps[-1])
         window = relative_states(parent, child, self.point)
         window = averaged(window.of(window.stamps > self._absorbed_ns))
-        states = States.joined([self._keys, window])
+        states = self._keys.joined(window)
         if len(window) < 2:
             return
         self._together = self._together or (_has_moved(child) and _has_moved(parent))
@@ -103,11 +103,15 @@ class Pair:
         if self.joint.kind in KINDS:
             if last != self.joint.kind:
                 self._first, self.range = states.of(slice(0, 1)), (0.0, 0.0)
-            self._see(fits[self.joint.kind])
+            fit = fits[self.joint.kind]
+            self.zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
+            if fit.model.kind != "fixed":
+                low, high = quantiles(fit.q - self.zero, (0.01, 0.99))
+                self.range = (min(self.range[0], low), max(self.range[1], high))
         # What is about to leave the window is remembered.
         leaving = window.of(window.stamps <= parent.stamps[0] + int(_RECENT * 1e9))
         if len(leaving):
-            self._keys = key_states(States.joined([self._keys, leaving]), radius)
+            self._keys = key_states(self._keys.joined(leaving), radius)
             self._absorbed_ns = int(leaving.stamps[-1])
 
     def _decide(
@@ -148,13 +152,6 @@ class Pair:
         """A pair that has lost a joint must show the next one for longer."""
         if self.joint.kind in KINDS:
             self._patience_ns = min(max(2 * self._patience_ns, _PATIENCE_NS), _MAX_PATIENCE_NS)
-
-    def _see(self, fit: Fit) -> None:
-        """Place the position 0 of the joint, and widen its range."""
-        self.zero = 0.0 if self._first is None else joint_position(fit.model, self._first)
-        if fit.model.kind != "fixed":
-            low, high = quantiles(fit.q - self.zero, (0.01, 0.99))
-            self.range = (min(self.range[0], low), max(self.range[1], high))
 
     def _broken(self, fit: Fit, age_ns: Stamps) -> bool:
         """Whether the last states of the window, of an age int64 [n] each, fit far worse than all others."""

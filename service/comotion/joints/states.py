@@ -1,12 +1,12 @@
 """States of one body against another, with their information, and the few that outlive the window."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Bools, Floats, Stamps, inverses
+from ..arrays import Floats, Stamps, Table, inverses
 from ..partition import BodyMotion
 from ..rigid.kernels.rotation import rotation_vectors
 
@@ -25,7 +25,7 @@ _MAX_STATES = 40
 
 
 @dataclass(frozen=True)
-class States:
+class States(Table):
     """n states of a child against its parent, in the parent's axes."""
 
     stamps: Stamps
@@ -36,27 +36,15 @@ class States:
     information: Floats
     """float64 [n, 6, 6], inverse covariance of (turn, place), the turn in the parent's axes."""
 
-    def __len__(self) -> int:
-        return len(self.stamps)
-
     @cached_property
     def roots(self) -> Floats:
         """W with Wᵀ W the information, upper triangles, float64 [n, 6, 6]."""
         return np.ascontiguousarray(np.linalg.cholesky(self.information).transpose(0, 2, 1))
 
-    def of(self, chosen: Bools | slice) -> "States":
-        """Some of the states."""
-        return States(*(getattr(self, f.name)[chosen] for f in fields(self)))
-
     @classmethod
     def empty(cls) -> "States":
         """No states."""
         return cls(np.zeros(0, np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 6, 6)))
-
-    @classmethod
-    def joined(cls, parts: list["States"]) -> "States":
-        """States one after the other."""
-        return cls(*(np.concatenate([getattr(s, f.name) for s in parts]) for f in fields(cls)))
 
 
 def averaged(states: States) -> States:

@@ -14,8 +14,7 @@ from comotion_schemas.time_units import LONGEST_STEP_S, seconds
 from comotion_schemas.types import Unit
 
 from ..arrays import Floats
-from ..config import FusionConfig, Method
-from ..reading import read_config
+from ..config import FusionConfig, Method, read_config
 
 DEFAULT = "default"
 # Instants that a trajectory should have in the window.

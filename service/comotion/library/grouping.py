@@ -112,8 +112,8 @@ def _batches(
         last = np.where(seen.any(axis=0), last_true(seen.T), -2)
         for k, t in enumerate((times - origin).tolist()):
             ended, positions = ids[last == k - 1], states[k, seen[k]].astype(np.float32)
-            ending = ended if ended.size else None
-            batches.append(batch_of(name, k, unit, round(t * 1e9), ids[seen[k]], positions, ended=ending))
+            others = {"stamp_ns": round(t * 1e9), "ids": ids[seen[k]], "ended": ended if ended.size else None}
+            batches.append(batch_of(name, k, unit, positions, **others))
     return sorted(batches, key=lambda batch: batch.stamp_ns)
 
 
@@ -154,8 +154,7 @@ def _labels(
         last_ns = update.stamp_ns
         if len(rows):
             current = np.full(states.shape[1], -1, np.int64)
-            own_rows = np.array([ref.name == name for ref in update.sources], bool)[update.track_source]
-            labels = update.track_hypothesis[own_rows].astype(np.int64)
-            current[update.track_id[own_rows].astype(np.intp)] = np.where(labels == UNDETERMINED, -1, labels)
+            known = update.hypotheses_of(name, "0" * 16)
+            current[list(known)] = [-1 if label == UNDETERMINED else label for label in known.values()]
             labels_at[rows] = np.where(seen[rows], current, -1)
     return labels_at

@@ -171,7 +171,12 @@ class Grouping:
         reach = _REACH * float(np.std(np.concatenate([path for group in paths.values() for path in group])))
         for joint in self.joints:
             _draw_joint(axes, joint, joint_words(joint, names), reach)
-        _label(axes, dim, self._unit, sum(map(len, paths.values())))
+        for axis in "xyz"[:dim]:
+            getattr(axes, f"set_{axis}label")(f"{axis} [{self._unit}]")
+        axes.set_aspect("equal")
+        if self._unit == "px":
+            axes.invert_yaxis()
+        axes.set_title(f"{sum(map(len, paths.values()))} features by hypothesis")
         # Outside of the axes, the legend hides nothing.
         figure.legend(loc="outside right upper", fontsize=8)
         if path is not None:
@@ -220,15 +225,6 @@ def _figure() -> Figure:
     figure = Shown(figsize=(8, 6), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def _label(axes: Any, dim: int, unit: Unit, count: int) -> None:
-    for name in "xyz"[:dim]:
-        getattr(axes, f"set_{name}label")(f"{name} [{unit}]")
-    axes.set_aspect("equal")
-    if unit == "px":
-        axes.invert_yaxis()
-    axes.set_title(f"{count} features by hypothesis")
 
 
 def _draw_group(axes: Any, paths: list[Floats], hypothesis: int, name: str, rgb: RGB) -> None:

@@ -211,5 +211,6 @@ class Scene:
             raise KnownError(f"positions have {positions.shape[1]} coordinates, those before had {dim}")
         if not is_name(str(source)):
             raise KnownError(f"source {source!r} is not 1 to 64 characters of a-z, 0-9, _ and -")
-        self.fusion.ingest(batch_of(source, seq, self._unit, stamp_ns, rows.ids, positions, **rows.columns))
+        others = rows.columns | {"stamp_ns": stamp_ns, "ids": rows.ids}
+        self.fusion.ingest(batch_of(source, seq, self._unit, positions, **others))
         self._seq[source] = seq + 1

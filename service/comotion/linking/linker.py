@@ -76,15 +76,14 @@ class Linker:
 
     def _look(self, parts: Sequence[SpaceUpdate]) -> None:
         """Decide anew for every hypothesis of every camera."""
-        bodies: dict[str, dict[int, BodyMotion]] = {}
+        frames = {camera.frame for camera in self._cameras.values()}
+        bodies = {part.spec.name: _bodies(part) for part in parts if part.spec.name in frames}
         for part in parts:
             camera = self._cameras.get(part.spec.name)
             if camera is None or part.spec.unit != "px" or part.spec.dim != 2:
                 continue
-            if camera.frame not in bodies:
-                bodies[camera.frame] = _bodies(camera.frame, parts)
-            if bodies[camera.frame]:
-                self._link(part, bodies[camera.frame], camera)
+            if moving := bodies.get(camera.frame):
+                self._link(part, moving, camera)
 
     def _link(self, part: SpaceUpdate, bodies: dict[int, BodyMotion], camera: CameraModel) -> None:
         """Decide anew for every hypothesis of one camera, by its longest observed members."""
@@ -101,19 +100,16 @@ class Linker:
                 self.links[image] = ids[best]
 
 
-def _bodies(name: str, parts: Sequence[SpaceUpdate]) -> dict[int, BodyMotion]:
+def _bodies(part: SpaceUpdate) -> dict[int, BodyMotion]:
     """Motion of the hypotheses that a metric space lists, by id; what does not move rests.
 
     What a fit to the members of a body at rest says of their motion is noise.
     """
-    for part in parts:
-        if part.spec.name == name and part.spec.dim == 3:
-            moving = {h.id for h in part.bodies if h.state == "moving"}
-            motions = part.motions([h.id for h in part.bodies])
-            return {
-                number: motion if number in moving else motion.at_rest() for number, motion in motions.items()
-            }
-    return {}
+    if part.spec.dim != 3:
+        return {}
+    moving = {h.id for h in part.bodies if h.state == "moving"}
+    motions = part.motions([h.id for h in part.bodies]).items()
+    return {number: motion if number in moving else motion.at_rest() for number, motion in motions}
 
 
 def _body_evidence(log_likelihood: Floats) -> Floats:

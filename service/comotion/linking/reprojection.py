@@ -114,19 +114,15 @@ def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraMo
     taken = np.maximum(seen.sum(1), 1)
     centred = pixels - pixels.sum(1, keepdims=True) / taken[:, None, None]
     extent = ((centred**2).sum(2) * seen).sum(1) / taken
-    noise = np.array([_noise(window.held(window.sigma, slot)) for slot in slots.tolist()])
+    sigmas = [window.held(window.sigma, slot) for slot in slots.tolist()]
+    reported = [sigma[np.isfinite(sigma)] for sigma in sigmas]
+    noise = np.array([np.median(sigma) if len(sigma) else _NOISE for sigma in reported])
     return ImageTracks(
         frame=frame,
         seen=seen,
         position=camera.normalised(pixels.reshape(-1, 2)).reshape(*seen.shape, 2),
         variance=((_NOISE_FACTOR * noise) ** 2 + _DRIFT**2 * extent) / camera.focal**2,
     )
-
-
-def _noise(sigma: Floats) -> float:
-    """Noise of a feature, px, by what its source reports, float64 [m]."""
-    reported = sigma[np.isfinite(sigma)]
-    return float(np.median(reported)) if len(reported) else _NOISE
 
 
 def log_likelihoods(tracks: ImageTracks, bodies: Sequence[BodyMotion], camera: CameraModel) -> Floats:
@@ -167,7 +163,9 @@ class _Problem(NamedTuple):
 def _on_body(tracks: ImageTracks, body: BodyMotion, camera: CameraModel) -> Floats:
     """Log-likelihood of each trajectory on a body, float64 [N]."""
     seen = tracks.seen & body.posed[tracks.frame]
-    problem = _problem(tracks, body, camera, _middle(seen))
+    # The middle one of the states that count; the first where none does.
+    rank = np.cumsum(seen, axis=1)
+    problem = _problem(tracks, body, camera, np.argmax(seen & (rank > rank[:, -1:] // 2), axis=1))
     u = problem.start
     for step in range(_GAUSS_NEWTON_STEPS + 1):
         p = problem.base + (problem.columns @ u[:, None, :, None])[..., 0]
@@ -194,12 +192,6 @@ def _on_body(tracks: ImageTracks, body: BodyMotion, camera: CameraModel) -> Floa
     widened = 2 * np.log(variance / tracks.variance[:, None])
     charge = np.where(seen, np.minimum(squared, _LARGEST_SQUARE) + widened, 2.0 * tracks.seen)
     return np.asarray(-0.5 * (charge.sum(1) + off**2))
-
-
-def _middle(seen: Bools) -> Ints:
-    """Index of the middle one of the states that count, intp [N]; 0 where none does."""
-    rank = np.cumsum(seen, axis=1)
-    return np.asarray(np.argmax(seen & (rank > rank[:, -1:] // 2), axis=1), np.intp)
 
 
 def _problem(tracks: ImageTracks, body: BodyMotion, camera: CameraModel, reference: Ints) -> _Problem:

@@ -6,7 +6,7 @@ local motions that explain both, and by the subspace that they span together. Th
 2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`).
 3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
-5. Link trajectories to superclusters, each within one body, by average linkage.
+5. Link trajectories to superclusters by average linkage, each within one body and one hypothesis so far.
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
    objects (:mod:`.merging`, :mod:`.consensus`, :mod:`.geometry`).
 """
@@ -71,7 +71,7 @@ def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grou
     members = sample_members(distance.local, parameters.local_motions, np.random.default_rng(0))  # 2
     kernel = preference(explain(frames, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
-    superclusters = link(similarity)  # 5
+    superclusters = _apart(link(similarity), previous, parameters.smallest)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = consensus(frames, pieces, np.random.default_rng(0))
     geometry = Geometry(frames, parameters.drift)
@@ -89,6 +89,17 @@ def link(similarity: Floats32) -> Ints:
     # The floors of its factors can lift a similarity above 1.
     tree = linkage(squareform(np.maximum(1 - similarity, 0), checks=False), "average")
     return np.asarray(fcluster(tree, 1 - _LEAST_SIMILARITY, "distance").astype(np.intp) - 1)
+
+
+def _apart(superclusters: Ints, previous: Labels, smallest: int) -> Ints:
+    """Superclusters without what was several hypotheses: bodies that moved apart move alike for a while."""
+    parts = superclusters.copy()
+    for k in range(superclusters.max() + 1):
+        members = np.flatnonzero((superclusters == k) & (previous >= 0))
+        ids, counts = np.unique(previous[members], return_counts=True)
+        for name in ids[counts >= smallest][1:]:
+            parts[members[previous[members] == name]] = parts.max() + 1
+    return parts
 
 
 def _confidence(mean: Floats, labels: Ints) -> Floats:

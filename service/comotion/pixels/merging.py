@@ -17,7 +17,7 @@ _CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
 _SIMILARITY_IN_ORDER = 0.05
 # nat; evidence against one body from two groups that were two hypotheses: what has moved apart may move alike
 # for a while.
-_HELD_APART = 1.0
+_HELD_APART = 1.5
 
 
 class Merging:

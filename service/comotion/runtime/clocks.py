@@ -13,6 +13,7 @@ import logging
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Literal
 
 import zenoh
@@ -59,12 +60,6 @@ class WallClock:
     def __init__(self) -> None:
         self._offset_ns = _offset_ns()
 
-    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
-        """Ignore a stamp that came in at a time on the monotonic clock, ns: the event clock uses it."""
-
-    def reach(self, stamp_ns: int) -> None:
-        """Ignore a stamp that the core has accepted, ns: the event clock uses it."""
-
     def now_ns(self) -> int:
         """Wall clock time without its steps, ns since the Unix epoch."""
         drift = self.set_by_ns()
@@ -77,7 +72,7 @@ class WallClock:
         return _offset_ns() - self._offset_ns
 
 
-class EventClock(WallClock):
+class EventClock:
     """The newest stamp seen, for recordings whose stamps lie in the past.
 
     A stamp more than 1 s ahead counts only after 1 s in which no source has sent an older one: one
@@ -86,7 +81,6 @@ class EventClock(WallClock):
     """
 
     def __init__(self, now_ns: int | None = None) -> None:
-        super().__init__()
         self._now_ns = now_ns
         self._kept_ns = 0
 
@@ -104,10 +98,6 @@ class EventClock(WallClock):
     def now_ns(self) -> int:
         """Newest credible stamp; 0 before the first."""
         return self._now_ns or 0
-
-    def set_by_ns(self) -> int:
-        """Always 0: this clock is not set."""
-        return 0
 
 
 class Ticker:
@@ -181,6 +171,13 @@ class _Source:
     queried_s: float = -_QUERY_EVERY_S
     applied_ns: int = 0
 
+    def shift_ns(self) -> int:
+        """Nanoseconds to take from its stamps; changes only by a step that is worth it."""
+        offset_s, error_s = self.bounds.estimate() or (0.0, inf)
+        if abs(offset_s - self.applied_ns / 1e9) > max(_LEAST_CORRECTION_S, error_s):
+            self.applied_ns = round(offset_s * 1e9)
+        return self.applied_ns
+
 
 class SourceClocks:
     """Follows the clocks of the sources of a scene; `correct` says whether :meth:`correct` shifts stamps.
@@ -214,7 +211,7 @@ class SourceClocks:
     def correct(self, batch: ObservationBatch) -> ObservationBatch:
         """Return a batch with its stamps by this clock, if that is wanted and the difference is known."""
         source = self._sources.get(batch.source) if self._correct else None
-        shift_ns = 0 if source is None else _shift(source)
+        shift_ns = 0 if source is None else source.shift_ns()
         if not shift_ns:
             return batch
         stamps = None if batch.stamps_ns is None else batch.stamps_ns - shift_ns
@@ -259,16 +256,6 @@ class SourceClocks:
 
         key = f"{self._keys.stream('status', name)}/@adv/**"
         self._session.get(key, Callback(answered), timeout=_ANSWER_S, accept_replies=zenoh.ReplyKeyExpr.ANY)
-
-
-def _shift(source: _Source) -> int:
-    """Nanoseconds to take from the stamps of a source; changes only by a step that is worth it."""
-    estimate = source.bounds.estimate()
-    if estimate is not None:
-        offset_s, error_s = estimate
-        if abs(offset_s - source.applied_ns / 1e9) > max(_LEAST_CORRECTION_S, error_s):
-            source.applied_ns = round(offset_s * 1e9)
-    return source.applied_ns
 
 
 def _offset_ns() -> int:

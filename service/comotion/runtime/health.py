@@ -6,7 +6,7 @@ problem is logged once when it begins and once when it ends, and is in the Statu
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
@@ -21,6 +21,7 @@ from ..event_time.troubles import ClockTrouble
 from .clocks import SourceClocks
 from .intake import Intake
 from .log_limit import limited
+from .standby.election import Election
 
 # Rates are means over this time, so that a source with one batch a second has one.
 _RATE_SPAN_NS = 2_000_000_000
@@ -75,9 +76,12 @@ class Health:
         """Note that the loop has published an update."""
         self._alive_ns = at_ns
 
-    def status(self) -> StatusFields:
+    def status(self, election: Election | None = None) -> StatusFields:
         """Return the last report, or ``stalled`` when the loop hangs."""
         fields, alive_ns = self._fields, self._alive_ns
+        if election is not None:
+            epoch = election.epoch
+            fields = replace(fields, replica="standby" if epoch is None else "active", epoch=epoch or 0)
         silence = 0 if alive_ns is None else time.monotonic_ns() - alive_ns
         if silence <= _HANGING_NS:
             return fields
@@ -137,7 +141,7 @@ class Health:
         noticed: dict[ProblemKind, Mapping[str, Any]] = {
             **timeline.troubles.lately(),
             "no-data": {name: name for name in no_data},
-            "silent": {name: ages[name] for name in silent if name in ages},
+            "silent": {name: max(ages[name], 0.0) for name in silent if name in ages},
         }
         texts = in_words(noticed)
         if self._samples[-1].counters["faults"] > self._samples[0].counters["faults"]:
@@ -183,8 +187,8 @@ class Problems:
     """Problems over time. Times are monotonic nanoseconds, but for those in the messages."""
 
     def __init__(self) -> None:
-        self._lasting: dict[Key, Problem] = {}
-        self._seen_ns: dict[Key, int] = {}
+        # With the time at which each was seen last.
+        self._lasting: dict[Key, tuple[Problem, int]] = {}
 
     def update(self, texts: TextByKey, at_ns: int) -> list[Problem]:
         """Follow the problems; returns those that last, the oldest first."""
@@ -196,13 +200,14 @@ class Problems:
                     continue
                 of_kind[kind] += 1
                 _log.warning("%s: %s", kind, text)
-            since_ns = time.time_ns() if lasting is None else lasting.since_ns
+            since_ns = time.time_ns() if lasting is None else lasting[0].since_ns
             problem = Problem(source=source, kind=kind, since_ns=since_ns, text=text[:500])
-            self._lasting[source, kind], self._seen_ns[source, kind] = problem, at_ns
-        for key in [key for key, seen_ns in self._seen_ns.items() if at_ns - seen_ns > _LASTS_NS]:
-            del self._seen_ns[key]
-            _log.info("%s is over: %s", key[1], self._lasting.pop(key).text)
-        return list(self._lasting.values())
+            self._lasting[source, kind] = problem, at_ns
+        for key, (problem, seen_ns) in list(self._lasting.items()):
+            if at_ns - seen_ns > _LASTS_NS:
+                del self._lasting[key]
+                _log.info("%s is over: %s", key[1], problem.text)
+        return [problem for problem, _ in self._lasting.values()]
 
 
 def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> TextByKey:
@@ -210,7 +215,7 @@ def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> TextByKey:
     texts: TextByKey = {}
     for kind, evidence in noticed.items():
         for name, shown in islice(evidence.items(), _MOST_ALIKE):
-            texts[name or None, kind] = f"{name or _NO_QUEUE}: {_TEXTS[kind](shown)}"
+            texts[name or None, kind] = f"{name or _NO_QUEUE}: {_in_words(kind, shown)}"
         # Of many sources, the first ones and how many more: a storm of tokens is one line.
         if len(evidence) > _MOST_ALIKE:
             texts[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
@@ -225,62 +230,40 @@ def _clock_zero(trouble: ClockTrouble) -> str:
     return "its stamps count from a start, not from 1970; add the Unix time of that start, in nanoseconds"
 
 
-def _reused(share: float) -> str:
-    if not share:
-        return "ids come back after they have ended; give every new feature an id that was never used"
-    return (
-        f"{100 * share:.0f} % of its features trade places from batch to batch; an id must stay with its "
-        "feature, and is no index of a list"
-    )
-
-
-def _scale(evidence: float | str) -> str:
-    if isinstance(evidence, str):
-        return evidence
-    return (
-        f"positions {evidence:.0f} times as far out as other sources see are refused; publish metres in the "
-        "frame of the others, or use a space of its own"
-    )
-
-
-# What a person should change, by the kind of problem, from its evidence.
-_TEXTS: dict[ProblemKind, Callable[[Any], str]] = {
-    "clock-zero": _clock_zero,
-    "clock-ahead": lambda off: (
-        f"its stamps are {off.offset_ns / 1e9:.1f} s ahead of this machine; synchronise the clocks (NTP or "
-        "PTP)"
-    ),
-    "clock-behind": lambda off: (
-        f"its stamps are {abs(off.offset_ns) / 1e9:.1f} s old when they arrive; synchronise the clocks (NTP "
-        "or PTP), or send sooner; for a recording with its own stamps, start the service with --clock event"
-    ),
-    "ids-short-lived": lambda life: (
-        f"an id lasts {life:.1f} batches in the mean, too short for motion; track features from frame to "
-        "frame, and give each the same id in every batch"
-    ),
-    "ids-reused": _reused,
-    "scale": _scale,
-    "duplicate-name": lambda _: (
-        "a second process publishes under this name and is refused; give it another name"
-    ),
-    "over-budget": lambda _: (
-        "its data takes more time than its share, so that some waits or is dropped; send fewer features, "
-        "instants or spaces"
-    ),
-    "limit": str,
-    "contradicts-space": lambda text: (
-        f"says {text}; publish in a space of its own, or set what is right in [spaces] of the parameters"
-    ),
-    "drifts": lambda _: (
-        "turns, shifts or delays away from the other sources, in all that it sees; calibrate it again, see "
-        "what it is mounted on, and synchronise its clock"
-    ),
-    "no-data": lambda name: (
-        "its process is there but no batch of it was accepted; see that it publishes on "
-        f"obs/{name} and what is rejected"
-    ),
-    "silent": lambda age_s: (
-        f"no data for {max(age_s, 0.0):.0f} s though its process is there; see whether its "
-        "sensor or its loop hangs"
-    ),
+# What a person should change, by the kind of problem: a text that its evidence is put into.
+_TEXTS: dict[ProblemKind, str] = {
+    "clock-ahead": "its stamps are {0.off_s:.1f} s ahead of this machine; synchronise the clocks (NTP or "
+    "PTP)",
+    "clock-behind": "its stamps are {0.off_s:.1f} s old when they arrive; synchronise the clocks (NTP or PTP)"
+    ", or send sooner; for a recording with its own stamps, start the service with --clock event",
+    "ids-short-lived": "an id lasts {:.1f} batches in the mean, too short for motion; track features from "
+    "frame to frame, and give each the same id in every batch",
+    "ids-reused": "{:.0f} % of its features trade places from batch to batch; an id must stay with its "
+    "feature, and is no index of a list",
+    "scale": "positions {:.0f} times as far out as other sources see are refused; publish metres in the "
+    "frame of the others, or use a space of its own",
+    "duplicate-name": "a second process publishes under this name and is refused; give it another name",
+    "over-budget": "its data takes more time than its share, so that some waits or is dropped; send fewer "
+    "features, instants or spaces",
+    "limit": "{}",
+    "contradicts-space": "says {}; publish in a space of its own, or set what is right in [spaces] of the "
+    "parameters",
+    "drifts": "turns, shifts or delays away from the other sources, in all that it sees; calibrate it again, "
+    "see what it is mounted on, and synchronise its clock",
+    "no-data": "its process is there but no batch of it was accepted; see that it publishes on obs/{} and "
+    "what is rejected",
+    "silent": "no data for {:.0f} s though its process is there; see whether its sensor or its loop hangs",
 }
+# Of ids that were used before.
+_RETURNED = "ids come back after they have ended; give every new feature an id that was never used"
+
+
+def _in_words(kind: ProblemKind, evidence: Any) -> str:
+    """What a person should change about one source; some evidence is a text already."""
+    if kind == "clock-zero":
+        return _clock_zero(evidence)
+    if kind == "ids-reused":
+        return _TEXTS[kind].format(100 * evidence) if evidence else _RETURNED
+    if kind == "scale" and isinstance(evidence, str):
+        return evidence
+    return _TEXTS[kind].format(evidence)

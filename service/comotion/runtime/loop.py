@@ -58,10 +58,8 @@ class Loop:
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
-        self._clock = WallClock()
-        if recorded:
-            self._clock = EventClock(fusion.timeline.watermark_ns)
-            fusion.timeline.steps.replays = True
+        self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
+        fusion.timeline.steps.replays = recorded
         self._defects = DefectLog()
         self._due_ns: dict[str, int] = {}
         labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
@@ -88,7 +86,11 @@ class Loop:
                 self._receive()
                 spare_ns = ticker.remaining_ns(time.monotonic_ns()) - ticker.head_start_ns
                 if spare_ns > 0:
-                    self._fuse_ahead(spare_ns)
+                    # So that little is left to do when the update is due.
+                    with self._fusion.faults.guard("fusing"):
+                        if spare_ns > _SLICE_NS:
+                            self._fusion.advance(*self._now())
+                    self._component.stop.wait(min(spare_ns, _SLICE_NS) / 1e9)
                     continue
                 self._update(ticker)
                 self._judge(ticker.advance(time.monotonic_ns()))
@@ -102,7 +104,7 @@ class Loop:
             self._spent_ns = time.thread_time_ns() - spent_ns
             ticker.note(self._took_ns)
             self._tick_time(self._took_ns / 1e9)
-            self._wait(ticker.remaining_ns(time.monotonic_ns()))
+            self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
             self._last = self._publish(update)
         with self._fusion.faults.guard("housekeeping"):
             self._tidy()
@@ -119,7 +121,8 @@ class Loop:
         with fusion.faults.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
-                self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
+                if isinstance(self._clock, EventClock):
+                    self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 self._source_clocks.on_status(status, arrived_s)
@@ -136,19 +139,13 @@ class Loop:
 
     def _now(self) -> tuple[int, int]:
         """The time that stamps are compared with, and the clock of arrivals."""
-        timeline = self._fusion.timeline
+        timeline, clock = self._fusion.timeline, self._clock
+        if isinstance(clock, WallClock):
+            timeline.steps.clock_set_ns = clock.set_by_ns()
         # The event clock reaches what the core has accepted.
-        if (newest_ns := timeline.sources.newest_ns) is not None:
-            self._clock.reach(newest_ns)
-        timeline.steps.clock_set_ns = self._clock.set_by_ns()
-        return self._clock.now_ns(), time.monotonic_ns()
-
-    def _fuse_ahead(self, spare_ns: int) -> None:
-        """Fuse what has come in, so that little is left to do when the update is due; then wait."""
-        if spare_ns > _SLICE_NS:
-            with self._fusion.faults.guard("fusing"):
-                self._fusion.advance(*self._now())
-        self._wait(min(spare_ns, _SLICE_NS))
+        elif (newest_ns := timeline.sources.newest_ns) is not None:
+            clock.reach(newest_ns)
+        return clock.now_ns(), time.monotonic_ns()
 
     def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
         """Publish an update with the time of its publication; returns what was published."""
@@ -156,9 +153,6 @@ class Loop:
         if update.stamp_ns > 0:  # not so with the event clock before the first observation
             self._lag((update.published_ns - update.stamp_ns) / 1e9)
         return update
-
-    def _wait(self, duration_ns: int) -> None:
-        self._component.stop.wait(max(0, duration_ns) / 1e9)
 
     def _tidy(self) -> None:
         """Do what is due after an update was published."""
@@ -172,7 +166,9 @@ class Loop:
             gc.collect()
         if self._is_due("free", at_ns, _FREE_NS):
             self._intake.drop_idle(at_ns, self._intake.tokens.present)
-            _return_memory()
+            # Large batches leave holes that the C library would keep; glibc alone can give them back.
+            if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+                trim(0)
         if self._keeper is not None:
             self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
 
@@ -186,13 +182,6 @@ class Loop:
         error, clocks = "" if self._keeper is None else self._keeper.error, self._source_clocks
         notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
         self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
-
-
-def _return_memory() -> None:
-    """Give freed memory back to the system: large batches leave holes that the C library would keep."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
-    if trim is not None:
-        trim(0)
 
 
 @contextmanager

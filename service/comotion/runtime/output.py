@@ -155,11 +155,9 @@ def _accounts(fusion: Fusion) -> bytes:
 
 def _schema(message: str | None) -> bytes:
     schemas = json_schemas()
-    if message is None:
-        return json.dumps(schemas).encode()
-    if message not in schemas:
+    if message is not None and message not in schemas:
         raise QueryError(f"no message {message!r}; one of {', '.join(schemas)}")
-    return json.dumps(schemas[message]).encode()
+    return json.dumps(schemas if message is None else schemas[message]).encode()
 
 
 def _forget(fusion: Fusion, which: str | None) -> bytes:

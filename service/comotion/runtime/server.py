@@ -3,13 +3,13 @@
 import logging
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from math import inf
 from pathlib import Path
 
 from comotion_schemas import DEFAULT_SCENE, Keys
-from comotion_schemas.component import Component, StatusFields, new_session_id
+from comotion_schemas.component import Component, new_session_id
 from comotion_schemas.tls import TlsFiles
 from comotion_schemas.transport import SessionSettings
 
@@ -73,7 +73,7 @@ def serve(options: ServeOptions) -> None:
             name=options.name,
             scene=options.scene,
             settings=options.settings,
-            status=lambda: _with_replica(health.status(), election),
+            status=lambda: health.status(election),
             ready_file=options.ready_file,
             session_id=session_id,
             has_token=election is not None,
@@ -117,13 +117,6 @@ def _election(options: ServeOptions, session_id: str) -> Election | None:
     connect = partial(Etcd, options.etcd, options.etcd_tls)
     connect()  # a wrong url is an error now, not in a thread later
     return Election(connect, options.scene, options.name, session_id, lease=options.lease)
-
-
-def _with_replica(fields: StatusFields, election: Election | None) -> StatusFields:
-    if election is None:
-        return fields
-    epoch = election.epoch
-    return replace(fields, replica="standby" if epoch is None else "active", epoch=epoch or 0)
 
 
 def _warm_up(component: Component, config: FusionConfig) -> bool:

@@ -7,9 +7,9 @@ Both are replaced in one step and readable by their owner alone.
 import logging
 import os
 import re
-import threading
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
@@ -203,30 +203,22 @@ class StateKeeper:
         self._due_ns = self._allowed_ns = self._writing_ns = 0
         self._saved: frozenset[int] = frozenset()
         self._reserved = 0
-        self._wake = threading.Condition()
-        self._produce: Callable[[], list[Any]] | None = None
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="state", daemon=True)
+        self._writer = ThreadPoolExecutor(1, "state")
+        self._newest: Future[None] = Future()
 
     def __enter__(self) -> Self:
-        self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *others: object) -> None:
-        with self._wake:
-            self._produce = self._fusion.capture(clean=True) if kind is None else self._produce
-            self._closing = True
-            self._wake.notify()
-        self._thread.join()
+        if kind is None:
+            self._take(clean=True)
+        self._writer.shutdown()
 
     def after(self, hypotheses: frozenset[int], monotonic_ns: int) -> None:
         """Take the state if it is due; `hypotheses` are the ids in the update just published."""
         if not self.is_due(hypotheses, monotonic_ns):
             return
-        # It replaces one that waits.
-        with self._wake:
-            self._produce = self._fusion.capture()
-            self._wake.notify()
+        self._take()
         self._saved = hypotheses
         cost_ns = time.monotonic_ns() - monotonic_ns + self._writing_ns
         self._allowed_ns = monotonic_ns + round(cost_ns / _SHARE)
@@ -238,14 +230,10 @@ class StateKeeper:
             return False
         return monotonic_ns >= self._due_ns or hypotheses != self._saved
 
-    def _run(self) -> None:
-        while True:
-            with self._wake:
-                self._wake.wait_for(lambda: self._produce is not None or self._closing)
-                produce, self._produce = self._produce, None
-            if produce is None:
-                return
-            self._write(produce)
+    def _take(self, *, clean: bool = False) -> None:
+        """Take the state, to be written in the place of one that still waits."""
+        self._newest.cancel()
+        self._newest = self._writer.submit(self._write, self._fusion.capture(clean=clean))
 
     def _write(self, produce: Callable[[], list[Any]]) -> None:
         began = time.thread_time_ns()

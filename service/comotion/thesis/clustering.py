@@ -43,8 +43,7 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
     It may remember its last answer as a first guess of the next.
     """
     if name == "divisive-kmeans":
-        divide = DivisiveKMeans(stop_affinity)
-        return lambda affinity, rows: _named(*divide(affinity, rows))
+        return DivisiveKMeans(stop_affinity)
     # They import scikit-learn, which takes half a second and the default does not need.
     from .alternatives import best_mixture, cut_spectrum  # noqa: PLC0415
 
@@ -89,21 +88,8 @@ class DivisiveKMeans:
         # By depth, int8 [rows]: the side that each took at the split of the last call, 1 or -1; 0 for none.
         self._sides: list[NDArray[np.int8]] = []
 
-    def __call__(self, affinity: Floats32, rows: Slots) -> tuple[NDArray[np.intp], Floats]:
-        """Split trajectories into clusters.
-
-        Parameters
-        ----------
-        affinity
-            float32 [m, m], symmetric.
-        rows
-            intp [n]: the row of each trajectory, by which it is known from call to call.
-
-        Returns
-        -------
-        labels, inside
-            intp [n], and float64 [n]: the sum of affinities of each inside its cluster.
-        """
+    def __call__(self, affinity: Floats32, rows: Slots) -> Clusters:
+        """Split trajectories into clusters, as a :data:`ClusterFunction`."""
         labels, inside, all_rows = np.zeros(len(affinity), np.intp), np.zeros(len(affinity)), np.sort(rows)
         # Members of a cluster, the sum of affinities of each inside it, and how often it was split off.
         sums = _times(affinity, all_rows, np.ones((len(rows), 1)))[:, 0]
@@ -128,7 +114,7 @@ class DivisiveKMeans:
             self._sides[depth][members] = np.where(second, 1, -1)
             pending.append((members[second], to_second[second], depth + 1))
             pending.append((members[~second], (sums - to_second)[~second], depth + 1))
-        return labels[rows], inside[rows]
+        return _named(labels[rows], inside[rows])
 
 
 def _times(affinity: Floats32, members: Ints, factors: NDArray[Any]) -> Floats:

@@ -135,7 +135,10 @@ class PairSums:
 
     def _begin(self, window: Window) -> None:
         """Leave out trajectories whose sums do not hold any more, and allocate those of new ones."""
-        self.forget(np.flatnonzero(window.ended | self._late(window)))
+        slots = np.flatnonzero(self._summed > 0)
+        newest = window.times[slots, window.start[slots] + self._summed[slots] - 1]
+        # Observations older than those already summed change summed segments.
+        self.forget(slots[window.ended[slots] | (newest != self._summed_ns[slots])])
         used = np.flatnonzero(window.used)
         strips = -(-int(used.max(initial=-1) + 1) // STRIP)
         extra = strips * STRIP - len(self._summed)
@@ -149,14 +152,6 @@ class PairSums:
             grown = untouched_zeros((2 * _blocks(strips), *self.sums.shape[1:]), np.float64)
             grown[: len(self.sums)] = self.sums
             self.sums = grown
-
-    def _late(self, window: Window) -> Bools:
-        """Which slots got observations older than those already summed, which changes summed segments."""
-        slots = np.flatnonzero(self._summed > 0)
-        late = np.zeros(window.capacity, np.bool_)
-        newest = window.times[slots, window.start[slots] + self._summed[slots] - 1]
-        late[slots] = newest != self._summed_ns[slots]
-        return late
 
     def _far(self, window: Window, slots: Slots, counts: Slots) -> Bools:
         """Which slots were so far away at an evicted observation that subtracting it leaves an error."""

@@ -113,26 +113,6 @@ def _place_between(columns: Columns, s: int, stamp: int) -> int:
 
 
 @compiled()
-def transfer(
-    slots: Slots,
-    column: Floats | Stamps,
-    target: Floats | Stamps,
-    start: Slots,
-    stop: Slots,
-    first: Slots,
-) -> None:
-    """Copy the observations of slots from one column [S, M, d] to another, there from index `first` [S] on.
-
-    Within one column they may move towards the beginning.
-    """
-    for n in range(len(slots)):
-        s = slots[n]
-        for k in range(stop[s] - start[s]):
-            for c in range(column.shape[2]):
-                target[s, first[s] + k, c] = column[s, start[s] + k, c]
-
-
-@compiled()
 def newest_at(times: Stamps, start: int, stop: int, stamp: int) -> int:
     """Index of the newest time at or before `stamp` among ``times[start:stop]``; ``start - 1`` for none."""
     if stop > start and times[stop - 1] <= stamp:

@@ -22,6 +22,7 @@ Pixels = NDArray[np.float32]
 
 _ITERATIONS = 3
 _EPSILON = 1e-6  # keeps the divisions and the inverse finite on a patch without texture
+_MOST_STRETCHED = 3.0  # a surface that turns away by 70 degrees is seen a third as wide
 _MIN_GAIN = 0.1  # smallest contrast relative to the template that still scales a step
 
 
@@ -135,6 +136,13 @@ def likeness(grey: Image, pixels: Pixels, templates: Templates, window: int) -> 
     window |= 1
     upright = np.tile(np.eye(2, dtype=np.float32), (len(pixels), 1, 1))
     return _correlation(*_compared(grey.astype(np.float32), pixels, upright, templates, window), templates)
+
+
+def is_upright(shape: Floats) -> NDArray[np.bool_]:
+    """Which warps [N, 2, 2] can be those of a surface that turns; others are of two bodies, at an edge."""
+    # The ratio of the singular values, by their sum of squares and their product.
+    most = _MOST_STRETCHED + 1 / _MOST_STRETCHED
+    return np.asarray((shape**2).sum(axis=(1, 2)) < most * np.linalg.det(shape))
 
 
 def _compared(

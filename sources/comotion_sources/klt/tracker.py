@@ -21,7 +21,7 @@ from ..calibration.model import Intrinsics
 from ..cameras.types import Frame, Image
 from .config import TrackerConfig
 from .depth import look_up, point_sigma
-from .template import Columns, Pixels, Templates, align, extract, likeness
+from .template import Columns, Pixels, Templates, align, extract, is_upright, likeness
 
 Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
@@ -141,7 +141,7 @@ class Tracker:
         pixels, kept = track(self._grey, grey, features.pixels, self._config)
         features.pixels, shape, correlation = align(grey, pixels, features.templates, self._config.window)
         features.templates = replace(features.templates, shape=shape)
-        kept &= correlation > self._config.likeness
+        kept &= (correlation > self._config.likeness) & is_upright(shape)
         kept[kept] = ~self._slid(grey, features[kept])
         self._features = features[kept]
 
