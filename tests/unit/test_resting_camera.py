@@ -167,12 +167,35 @@ def test_noise_makes_no_bodies(noise):
     assert sum(one == UNDETERMINED for one in labels.values()) <= 2
 
 
-def test_two_bodies_that_part_are_two():
-    scene = Scene()
-    scene.hand = np.concatenate([scene.hand, scene.hand + np.array([60.0, 0.0])])
+def parting(scene):
+    """They move as one and rest, before one goes on."""
     shift = np.repeat(path(30, 20, after=60)[:, None], 2 * HAND, axis=1)
     shift[50:, HAND:] += np.arange(60)[:, None, None] * [0.0, 3.0]
-    labels = play(Fusion(), scene, shift, ids=lambda _: np.arange(WALL + 2 * HAND))[107]
+    return shift
+
+
+def left_behind(scene):
+    """One has rested for long when the other, beside it, begins slowly."""
+    shift = np.repeat(path(30, 20, after=220)[:, None], 2 * HAND, axis=1)
+    shift[:, HAND:] = np.maximum(np.arange(270) - 150, 0)[:, None, None] * [0.0, 0.5]
+    return shift
+
+
+def turning(scene):
+    """They go to and fro as one, and one turns a little."""
+    time, about = np.arange(330)[:, None] / RATE, scene.hand[HAND:] - scene.hand[HAND:].mean(0)
+    turned = 0.25 * np.sin(2 * time)[..., None] * about[:, ::-1] * [-1.0, 1.0]
+    shift = np.repeat(80 * np.sin(1.5 * time) * [[1.0, 0.5]], 2 * HAND, axis=0).reshape(-1, 2 * HAND, 2)
+    shift[:, HAND:] += turned
+    return shift
+
+
+@pytest.mark.parametrize("motion", [parting, left_behind, turning])
+def test_two_bodies_that_part_are_two(motion):
+    scene = Scene()
+    scene.hand = np.concatenate([scene.hand, scene.hand + np.array([60.0, 0.0])])
+    labels_at = play(Fusion(), scene, motion(scene), ids=lambda _: np.arange(WALL + 2 * HAND))
+    labels = labels_at[max(labels_at)]
     first, second = hand_of(labels), {labels[k] for k in range(WALL + HAND, WALL + 2 * HAND)}
     assert len(first) == len(second) == 1
     assert not (first | second) & ({UNDETERMINED} | wall_of(labels))
