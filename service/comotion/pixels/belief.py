@@ -171,8 +171,6 @@ class Belief:
         for column, body in self._living():
             members = labels == column
             fit = group_gain(recent, members)
-            if fit is None:
-                continue
             # Any hypothesis may explain what rests: that is evidence for a body only near its members.
             relevant = members | (votes[:, column] > 0) | moves
             gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
