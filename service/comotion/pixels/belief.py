@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats, Ints, Labels, Slots
+from ..arrays import Bools, Floats, Ints, Labels, Slots
 from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
@@ -30,8 +30,8 @@ BACKGROUND = 0
 _MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 0.5, 2.0
 # Share of the reach within which these neighbours lie: features behind a body at rest do not join it.
 _PLACE = 0.25
-# nat; of the members of a new body.
-_FIRST = 1.0
+# nat; of the members of a new body, and what sets a body apart from the background.
+_FIRST, _CLEAR = 1.0, 1.0
 # ns; a body is shown once its age times its members is so much: few members take longer to be sure of.
 _LASTED_NS = 3_000_000_000
 # nat; against rest, by all members of a group: so much takes them off the background at once.
@@ -103,7 +103,8 @@ class Belief:
         """Take in the motion up to an instant."""
         self.admit(window)
         rest, labels = rest_gain(recent), self.labels(recent.slots)
-        votes = nearest_votes(recent.position, labels, len(self.bodies), _PLACE * recent.reach)
+        voters = np.where(self._clear(recent.slots), labels, NO_HYPOTHESIS)
+        votes = nearest_votes(recent.position, voters, len(self.bodies), _PLACE * recent.reach)
         self._place(recent.slots, votes)
         gain, motion = self._gains(recent, rest, labels, votes)
         self._seen[recent.slots] |= recent.seen[0]
@@ -131,8 +132,15 @@ class Belief:
         """
         shown = np.array([body is not None and body.shown for body in self.bodies])
         labels = self.labels(slots)
-        evident = (labels > BACKGROUND) | (labels == BACKGROUND) & self._seen[slots]
+        evident = np.where(self._seen[slots], self._clear(slots), labels > BACKGROUND)
         return np.where(evident & shown[labels], labels, NO_HYPOTHESIS)
+
+    def _clear(self, slots: Slots) -> Bools:
+        """Whether each slot is either of the background or of a body, bool [n]: beside a body both may be."""
+        evidence = self._evidence[slots]
+        of_body = evidence[:, 1:].max(axis=1, initial=-_MOST)
+        lead = np.maximum(of_body, -_MOST) - np.maximum(evidence[:, BACKGROUND], -_MOST)
+        return np.asarray(abs(lead) >= _CLEAR)
 
     def confidence(self, slots: Slots) -> Floats:
         """Probability of the body of each slot against the best other one, or none, float64 [n]."""
@@ -161,8 +169,10 @@ class Belief:
     def _place(self, slots: Slots, votes: Floats) -> None:
         """Evidence of newborn trajectories from their neighbours; from nowhere else they are background."""
         new = np.isneginf(self._evidence[slots, BACKGROUND])
-        first = _NEIGHBOURS * (2 * votes[new] - 1)
-        first[~votes[new].any(axis=1), BACKGROUND] = _FIRST
+        votes = votes[new]
+        # What no neighbour accounts for is background: that is everywhere.
+        votes[:, BACKGROUND] += 1 - votes.sum(axis=1)
+        first = np.maximum(_NEIGHBOURS + np.log(np.maximum(votes, 1e-9)), -_NEIGHBOURS)
         self._evidence[slots[new]] = first
 
     def _gains(
@@ -176,8 +186,6 @@ class Belief:
         for column, body in self._living():
             members = labels == column
             fit = group_gain(recent, members)
-            if fit is None:
-                continue
             # Any hypothesis may explain what rests: that is evidence for a body only near its members.
             relevant = members | (votes[:, column] > 0) | moves
             gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))

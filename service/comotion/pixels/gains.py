@@ -14,8 +14,8 @@ from .recent import Recent
 
 # px; drift of a resting feature over each time scale, beside its noise. The first ones hold for bodies too.
 _DRIFT_PX = np.array([0.3, 0.45, 0.8, 1.2])
-# Time scales over which bodies are compared: over longer ones they turn, and hands change their shape.
-_BODY_SCALES = 2
+BODY_SCALES = 2
+"""Time scales over which bodies are compared: over longer ones they turn, and hands change their shape."""
 
 # nat; median gain of its members from which on a body rests before a camera that moves.
 _RESTS = 0.5
@@ -36,8 +36,8 @@ def rest_gain(recent: Recent, scales: int = len(_DRIFT_PX)) -> Floats:
     return np.where(seen.any(axis=0), gain.min(axis=0), 0.0)
 
 
-def group_gain(recent: Recent, members: Bools) -> Explained | None:
-    """Gain of all trajectories under the motion of a group, None where too few of it were seen.
+def group_gain(recent: Recent, members: Bools) -> Explained:
+    """Gain of all trajectories under the motion of a group.
 
     Parameters
     ----------
@@ -46,13 +46,16 @@ def group_gain(recent: Recent, members: Bools) -> Explained | None:
     members
         bool [n].
     """
-    lately = recent.displacement[:_BODY_SCALES], recent.seen[:_BODY_SCALES]
-    gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:_BODY_SCALES], members)
+    lately = recent.displacement[:BODY_SCALES], recent.seen[:BODY_SCALES]
+    gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:BODY_SCALES], members)
     if motion < 0:
-        return None
+        # A group of which too little is seen may move in any way: rest is for it, and motion not against it.
+        return Explained(np.maximum(rest_gain(recent), 0.0), 0.0)
     # Before a camera that moves, rest is explained with more tolerance than a motion.
     if recent.tolerance.any():
-        rest = rest_gain(recent, _BODY_SCALES)
+        rest = rest_gain(recent, BODY_SCALES)
         if np.median(rest[members]) > _RESTS:
-            return Explained(rest, 0.0)
+            # What rests over all scales is as likely on a body at rest as on the background.
+            lasting = rest_gain(recent)
+            return Explained(np.where(lasting > 0, lasting, rest), 0.0)
     return Explained(gain, motion)

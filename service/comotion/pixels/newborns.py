@@ -45,6 +45,8 @@ def assign_newborns(window: Window, newborn: Slots, labelled: Slots, groups: Int
 def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floats:
     """Share of each of `count` labels among the nearest labelled neighbours within reach, float64 [n, count].
 
+    The shares of few neighbours come to less than 1: another one may lie just beyond the reach.
+
     Parameters
     ----------
     place
@@ -63,4 +65,4 @@ def nearest_votes(place: Floats, labels: Ints, count: int, reach: float) -> Floa
     np.add.at(
         votes, (np.arange(len(place))[:, None], labels[labelled[nearest]]), near / (distance + _SOFT_PX)
     )
-    return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True), 1e-12))
+    return np.asarray(votes / np.maximum(votes.sum(axis=1, keepdims=True) + 1 / (reach + _SOFT_PX), 1e-12))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from ..arrays import Bools, Ints
-from .gains import group_gain
+from .gains import BODY_SCALES, group_gain, rest_gain
 from .recent import Recent
 
 LEAST_MEMBERS = 5
@@ -57,8 +57,7 @@ def _around(recent: Recent, seed: int, reach: float) -> Bools:
     step = recent.displacement[0]
     distance += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
     nearest = np.isin(np.arange(len(distance)), np.argsort(distance, kind="stable")[:_PICKED])
-    fit = group_gain(recent, nearest)
-    return np.zeros(len(distance), np.bool_) if fit is None else (fit.gain > 0) & (distance < reach)
+    return np.asarray((group_gain(recent, nearest).gain > 0) & (distance < reach))
 
 
 def as_one(recent: Recent, first: Bools, second: Bools) -> float:
@@ -70,12 +69,12 @@ def as_one(recent: Recent, first: Bools, second: Bools) -> float:
         return -1.0
     if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
-    if min(recent.farthest(first, 2), recent.farthest(second, 2)) < _LEAST_MOTION_PX:
+    # What rests moves with nothing; an affine motion of both would be a shear.
+    rest = rest_gain(recent, BODY_SCALES)
+    if max(rest[first].mean(), rest[second].mean()) > 0:
         return -1.0
     both = np.flatnonzero(first | second)
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
-    if joint is None:
-        return -1.0
     worse = min(float(joint.gain[group[both]].mean()) for group in (first, second))
     return (worse - _AS_ONE) / (1 - _AS_ONE)
 
