@@ -167,3 +167,14 @@ def test_published_noise_is_used_a_covariance_before_sigma():
     np.testing.assert_allclose(covariance(), 0.02**2 * np.eye(3), rtol=1e-3, atol=1e-12)
     window.covariance[slots] = [4e-6, 1e-6, 0.0, 1e-6, 0.0, 9e-6]
     np.testing.assert_allclose(covariance(), [[4e-6, 1e-6, 0], [1e-6, 1e-6, 0], [0, 0, 9e-6]], atol=1e-8)
+
+
+def test_a_source_without_estimates_has_a_covariance_though_others_contradict_each_other():
+    window, axes = Window(3, 10 * NS, NS), np.array([[0.0, 1, -9], [-1, 0, -1], [0, 9, -1]])
+    slots = np.append(window.open(3, 0), window.open(1, 1))
+    window.insert(slots, NS, np.eye(4, 3), np.full(4, np.nan), None)
+    # The median of these, entry by entry, is no covariance.
+    estimate = np.concatenate([axes[:, :, None] * axes[:, None], np.zeros((1, 3, 3))])
+    tracks, count = read_tracks(window, slots, NS), np.array([9.0, 9.0, 9.0, 0.0])
+    covariances = noise_covariances(tracks, estimate, count, np.arange(4), on_arm=False)
+    assert np.linalg.eigvalsh(covariances).min() > 0

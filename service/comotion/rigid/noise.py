@@ -132,7 +132,8 @@ def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Float
     ray = _rays(position[:, :dim], estimate, count, axes[:, -1])
     along = np.clip(np.einsum("ni,nij,nj->n", ray, estimate, ray), _FLATTEST * total, total)
     across = np.maximum((total - along) / (dim - 1), _FLATTEST * total)
-    least, most = float(size[:-1].mean()), float(size[-1])
+    # A median of covariances, entry by entry, need not be one.
+    least, most = float(size[:-1].mean().clip(_FLATTEST * size[-1])), float(size[-1])
     along, across = shrunk(along, count, most), shrunk(across, (dim - 1) * count, least)
     covariance = np.zeros((len(ray), 3, 3))
     covariance[:] = across[:, None, None] * np.eye(3)
