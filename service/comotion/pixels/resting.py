@@ -25,7 +25,7 @@ _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # Before a camera that moves, the background is followed in windows longer than this, or once the structure of
 # the largest hypothesis has explained it, and no other, up to a share, for so many steps: before, the window
 # tells more.
-_LONG_NS, _DISAGREE, _AGREED_STEPS = 4_500_000_000, 0.1, 10
+_LONG_NS, _DISAGREE, _AGREED_STEPS = 4_500_000_000, 0.1, 5
 # Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
 # scales over which enough were seen.
 _LEAST_TRACKS, _SCALES = 5, 2
