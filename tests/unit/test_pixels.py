@@ -175,17 +175,11 @@ def test_a_car_at_the_speed_of_the_camera_is_undetermined_in_whatever_group_it_i
     assert sum(states.get(of.get(k)) == "moving" for k in range(220)) > 150
 
 
-def with_gross_errors(rng, positions, share):
-    """Positions of which some single ones are 10 to 60 px off, and which these are."""
-    wild = rng.random(positions.shape[:2]) < share
-    angle = rng.uniform(0, 2 * np.pi, wild.shape)
-    off = rng.uniform(10, 60, wild.shape)[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return positions + wild[..., None] * off, wild
-
-
 def test_gross_errors_do_not_join_or_part_bodies():
-    camera = Camera()
-    camera.positions, _ = with_gross_errors(np.random.default_rng(2), camera.positions, 0.03)
+    camera, rng = Camera(), np.random.default_rng(2)
+    wild, angle = rng.random((40, 70)) < 0.03, rng.uniform(0, 2 * np.pi, (40, 70))
+    off = wild * rng.uniform(10, 60, wild.shape) * [np.cos(angle), np.sin(angle)]
+    camera.positions += np.moveaxis(off, 0, 2)
     final = camera.play(pixel_fusion(), 0, 40)[-1]
     assert misclassification(final.track_hypothesis, camera.truth[final.track_id.astype(int)]) <= 0.03
 
@@ -216,12 +210,7 @@ def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
         seen[OTHER] += t * np.array([-0.03, 0.05, 0.0])
         positions[t] = FOCAL * seen[:, :2] / seen[:, 2:]
     positions += rng.normal(0, noise, positions.shape)
-    visible = rng.random((FRAMES, 90)) >= hidden
-    return KeyFrames(
-        np.where(visible[..., None], positions, 0).astype(np.float32),
-        visible,
-        np.full(90, noise**2, np.float32),
-    )
+    return frames_of(positions, rng.random((FRAMES, 90)) >= hidden, noise)
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
@@ -229,6 +218,8 @@ def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
     geometry = Geometry(scene(noise, hidden), drift=0.02)
     assert not geometry.two_bodies(NEAR, FAR)
     assert geometry.two_bodies(NEAR, OTHER)
+    # Too few points say nothing.
+    assert not geometry.two_bodies(NEAR, OTHER[:4])
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
@@ -249,7 +240,3 @@ def test_what_was_apart_stays_apart_on_little_evidence(previous, merged):
     agreed, unmoved = np.full((2, 2), 0.2), Geometry(frames_of(np.zeros((4, 20, 2))), drift=0.02)
     merging = Merging(alike, near, superclusters, agreed, unmoved, 5, np.array(previous)[superclusters])
     assert len(np.unique(merging.groups())) == merged
-
-
-def test_too_few_points_say_nothing():
-    assert not Geometry(scene(0.1), drift=0.02).two_bodies(NEAR, OTHER[:4])

@@ -19,7 +19,7 @@ from ..trajectories.window import Window
 from .gains import group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
-from .recent import SCALES_NS, Recent
+from .recent import Recent
 from .structure import Structure
 
 BACKGROUND = 0
@@ -40,9 +40,8 @@ _LEAVES_AS_ONE = 20.0
 _GONE_NS = 1_000_000_000
 # Members without which a body that is not shown is dropped.
 _GOING_ON = 4
-# px; a trajectory that has moved less within .25 s rests, and a body that has moved less over any time scale
-# has not been shown to be one.
-_AT_REST_PX, _LEAST_MOTION_PX = 0.5, 2.0
+# px; a trajectory that has moved less within .25 s rests.
+_AT_REST_PX = 0.5
 
 
 @dataclass
@@ -55,14 +54,11 @@ class Body:
         When it was born, and when it had a member last.
     shown
         Whether it may be published.
-    farthest
-        px; the farthest it has moved over one of the time scales.
     """
 
     born_ns: int
     seen_ns: int
     shown: bool = False
-    farthest: float = 0.0
 
 
 class Belief:
@@ -183,14 +179,13 @@ class Belief:
         gain[:, BACKGROUND] = rest
         step = np.where(recent.seen[1, :, None], recent.displacement[1], recent.displacement[0])
         moves = np.linalg.norm(step, axis=1) >= _AT_REST_PX
-        for column, body in self._living():
+        for column, _ in self._living():
             members = labels == column
             fit = group_gain(recent, members)
             # Any hypothesis may explain what rests: that is evidence for a body only near its members.
             relevant = members | (votes[:, column] > 0) | moves
             gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
             motion[column] = fit.motion
-            body.farthest = max(body.farthest, fit.motion)
         return gain, motion
 
     def _propose(self, recent: Recent, rest: Floats, stamp_ns: int) -> None:
@@ -206,7 +201,7 @@ class Belief:
             fits = {column: as_one(recent, labels == column, is_member) for column, _ in self._living()}
             column = max(fits, key=lambda candidate: fits[candidate], default=BACKGROUND)
             if fits.get(column, 0.0) <= 0:
-                column = self._new_column(stamp_ns, recent.farthest(members, len(SCALES_NS)))
+                column = self._new_column(stamp_ns)
             slots = recent.slots[members]
             self._evidence[slots, column] = _FIRST
             # What has left the background as one need not be shown to have left it one by one.
@@ -222,7 +217,8 @@ class Belief:
             if shown.issuperset(pair) and not self._structure.are_one(window, recent, rows, stamp_ns):
                 self._together.part(*pair)
                 continue
-            older, younger = sorted(pair, key=lambda column: (self._born(column), column))
+            born = {column: body.born_ns for column, body in self._living()}
+            older, younger = sorted(pair, key=lambda column: (born[column], column))
             self._evidence[:, older] = self._evidence[:, [older, younger]].max(axis=1)
             self._drop(younger)
 
@@ -234,8 +230,7 @@ class Belief:
         if parted is None:
             return
         column, rows = parted
-        slots, moved = recent.slots[rows], recent.farthest(rows, len(SCALES_NS))
-        new = self._new_column(stamp_ns, moved, shown=True)
+        slots, new = recent.slots[rows], self._new_column(stamp_ns, shown=True)
         self._evidence[slots, new] = self._evidence[slots, column]
         self._evidence[slots, column] = -_MOST_AGAINST
         self._together.part(column, new)
@@ -250,8 +245,7 @@ class Belief:
             age_ns, size = stamp_ns - body.born_ns, int(sizes[column])
             if size:
                 body.seen_ns = stamp_ns
-            lasts = age_ns * size >= _LASTED_NS and size >= _GOING_ON
-            body.shown |= lasts and body.farthest > _LEAST_MOTION_PX
+            body.shown |= age_ns * size >= _LASTED_NS and size >= _GOING_ON
             fades = not body.shown and (age_ns > _GONE_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
                 self._drop(column)
@@ -260,16 +254,12 @@ class Belief:
         """Bodies beside the background, with their columns."""
         return [(column, body) for column, body in enumerate(self.bodies) if column and body is not None]
 
-    def _born(self, column: int) -> int:
-        body = self.bodies[column]
-        return 0 if body is None else body.born_ns
-
-    def _new_column(self, stamp_ns: int, farthest: float, *, shown: bool = False) -> int:
+    def _new_column(self, stamp_ns: int, *, shown: bool = False) -> int:
         if None not in self.bodies:
             self.bodies.append(None)
             self._evidence = np.pad(self._evidence, ((0, 0), (0, 1)), constant_values=-_MOST)
         column = self.bodies.index(None)
-        self.bodies[column] = Body(stamp_ns, stamp_ns, shown, farthest)
+        self.bodies[column] = Body(stamp_ns, stamp_ns, shown)
         return column
 
     def _drop(self, column: int) -> None:

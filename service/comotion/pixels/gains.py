@@ -55,7 +55,5 @@ def group_gain(recent: Recent, members: Bools) -> Explained:
     if recent.tolerance.any():
         rest = rest_gain(recent, BODY_SCALES)
         if np.median(rest[members]) > _RESTS:
-            # What rests over all scales is as likely on a body at rest as on the background.
-            lasting = rest_gain(recent)
-            return Explained(np.where(lasting > 0, lasting, rest), 0.0)
+            return Explained(rest, 0.0)
     return Explained(gain, motion)

@@ -6,7 +6,7 @@ Over seconds they turn against each other, as the grouping of a window shows (:m
 
 import numpy as np
 
-from ..arrays import Ints, Slots, thinned
+from ..arrays import Ints, thinned
 from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
@@ -17,7 +17,7 @@ from .recent import Recent
 
 # ns; over which the members of a body are compared; time between two looks at one body.
 _SPAN_NS, _LOOK_NS = 3_000_000_000, 500_000_000
-# Looks in succession that tell a part from its body: as long as two spans that share no motion.
+# Looks with a part, less those without, that tell it from its body: two spans that share no motion.
 _LOOKS = 6
 # Fewest members of a part, most that are compared, and key frames in which one of these is seen.
 _LEAST_PART, _MOST_COMPARED, _LEAST_SEEN = 8, 100, 8
@@ -30,8 +30,8 @@ class Structure:
 
     def __init__(self, config: PixelsConfig) -> None:
         self._config = config
-        # By body: when it was looked at last, the part seen then, and how often in succession.
-        self._seen: dict[int, tuple[int, Slots, int]] = {}
+        # By body: when it was looked at last, and how much more often a part was seen than not.
+        self._seen: dict[int, tuple[int, int]] = {}
 
     def parted(
         self, window: Window, recent: Recent, bodies: dict[int, Ints], stamp_ns: int
@@ -49,25 +49,24 @@ class Structure:
         stamp_ns
             The instant.
         """
-        nothing = 0, np.zeros(0, np.intp), 0
-        body = min(bodies, key=lambda name: self._seen.get(name, nothing)[0], default=None)
-        if body is None or stamp_ns - self._seen.get(body, nothing)[0] < _LOOK_NS:
+        body = min(bodies, key=lambda name: self._seen.get(name, (0, 0))[0], default=None)
+        if body is None:
             return None
-        _, last, count = self._seen.get(body, nothing)
+        last_ns, count = self._seen.get(body, (0, 0))
+        if stamp_ns - last_ns < _LOOK_NS:
+            return None
         rows = bodies[body]
         if len(rows) < 2 * _LEAST_PART or recent.farthest(rows, _SCALES) < _LEAST_MOTION_PX:
-            self._seen[body] = stamp_ns, last, count
+            self._seen[body] = stamp_ns, count
             return None
         labels = self._pieces(window, recent, rows, stamp_ns)
         sizes = np.bincount(labels)
         part = rows[labels == np.argsort(-sizes, kind="stable")[1]] if len(sizes) > 1 else rows[:0]
         if len(part) < _LEAST_PART:
-            self._seen[body] = stamp_ns, last, max(count - 1, 0)
+            self._seen[body] = stamp_ns, max(count - 1, 0)
             return None
-        slots = recent.slots[part]
-        same = 2 * len(np.intersect1d(last, slots)) > min(len(last), len(part))
-        self._seen[body] = stamp_ns, slots, count + 1 if same else 1
-        if self._seen[body][2] < _LOOKS:
+        self._seen[body] = stamp_ns, count + 1
+        if count + 1 < _LOOKS:
             return None
         self.forget(body)
         return body, part
