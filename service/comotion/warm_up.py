@@ -32,6 +32,8 @@ _FRAMES = 66
 _WINDOW_S = 2.0
 _FRAMES_PER_UPDATE = 6
 _PIXELS_PER_METRE = 400.0
+# Frames after which the camera moves, and by how much in one, m.
+_STILL_FRAMES, _PAN = 36, 0.015
 # m; error of a second source's extrinsics, so that it is registered.
 _DISPLACED = 0.03
 _FIRST_STAMP_NS = 1_000_000_000_000
@@ -124,6 +126,9 @@ def _batches(unit: Unit, dim: int) -> Iterator[list[ObservationBatch]]:
             sine, cosine = np.sin(direction * 0.05 * frame), np.cos(direction * 0.05 * frame)
             turned = positions[body, :, :2] @ np.array([[cosine, sine], [-sine, cosine]])
             positions[body, :, :2] = turned + np.array([direction * (0.6 - 0.02 * frame), 0.4])
+        if unit == "px":
+            # In the end the camera moves too: all is grouped by the structure of the window.
+            positions += _PAN * max(frame - _STILL_FRAMES, 0)
         positions += rng.normal(0, 0.002, bodies.shape)
         batches = []
         for source in range(sources):

@@ -32,13 +32,8 @@ def updates_of(stream, config=None, duration=None, scale=1.0):
     """Updates and scores of a scene, whose unit may be stretched."""
     updates = []
     scaled = (_scaled(m, scale) for m in stream)
-    run_offline(
-        scaled,
-        config or FusionConfig(),
-        period=PERIOD,
-        duration=duration,
-        on_update=lambda update, score: updates.append((update, score)),
-    )
+    options = {"period": PERIOD, "duration": duration, "on_update": lambda *both: updates.append(both)}
+    run_offline(scaled, config or FusionConfig(), **options)
     return updates
 
 

@@ -41,7 +41,7 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
             continue
         picked = [members[k][evenly_spaced(len(members[k]), _MEMBERS)] for k in shown]
         starts = np.concatenate([[0], np.cumsum([len(part) for part in picked])])
-        start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64)
+        start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64, "C")
         rated = _preference(epipolar_misfits(start, end, starts, _draw(starts, rng)))
         rows = np.ix_(shown, shown)
         total[rows] += rated.T @ rated

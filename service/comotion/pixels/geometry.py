@@ -65,7 +65,8 @@ class Geometry:
         key = *pair, group.tobytes()
         if key not in self._views:
             members = group[self._visible[list(pair)][:, group].all(axis=0)]
-            x, y = self._positions[list(pair)][:, members[evenly_spaced(len(members), _POINTS)]]
+            chosen = members[evenly_spaced(len(members), _POINTS)]
+            x, y = np.ascontiguousarray(self._positions[list(pair)][:, chosen])
             self._views[key] = _View(x, y, self._expected(x, y)) if len(x) >= _LEAST_MEMBERS else None
         return self._views[key]
 

@@ -150,7 +150,7 @@ class Runner(Watched):
             command = (*PYTHON, "comotion_tools.soak.hostile", self.endpoint, SCENE, *words)
             attacker = Managed(HOSTILE, command, self._folder)
             attacker.start()
-            self.is_so(attacker.has_ended, 10 * fault.lasts_s)
+            self.is_so(attacker.has_ended, 60 + 10 * fault.lasts_s)
             attacker.end()
             lasted_s = round(self.now_s - at_s, 1)
             self.result.faults[-1] = (round(at_s, 1), replace(fault, lasts_s=lasted_s))
