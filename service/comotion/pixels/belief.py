@@ -16,7 +16,7 @@ from ..arrays import Bools, Floats, Ints, Labels, Slots
 from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
-from .gains import group_gain, rest_gain
+from .gains import BODY_SCALES, group_gain, rest_gain
 from .newborns import nearest_votes
 from .proposals import LEAST_MEMBERS, Together, as_one, find_groups
 from .recent import Recent
@@ -109,8 +109,9 @@ class Belief:
         least = np.where(labels[:, None] > BACKGROUND, -_MOST, -_MOST_AGAINST)
         least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
         self._evidence[recent.slots] = np.maximum(evidence, least)
-        self._propose(recent, rest, stamp_ns)
-        self._merge(window, recent, motion, stamp_ns)
+        lately = rest_gain(recent, BODY_SCALES)
+        self._propose(recent, rest, lately, stamp_ns)
+        self._merge(window, recent, lately, motion, stamp_ns)
         self._split(window, recent, stamp_ns)
         self._review(recent, stamp_ns)
         self._recent = recent
@@ -188,7 +189,7 @@ class Belief:
             motion[column] = fit.motion
         return gain, motion
 
-    def _propose(self, recent: Recent, rest: Floats, stamp_ns: int) -> None:
+    def _propose(self, recent: Recent, rest: Floats, lately: Floats, stamp_ns: int) -> None:
         """Make bodies of trajectories that nothing explains, or members of bodies that move alike."""
         labels = self.labels(recent.slots)
         free = (labels <= BACKGROUND) & (rest < 0) & recent.seen[0]
@@ -198,7 +199,9 @@ class Belief:
             if len(members) < LEAST_MEMBERS:
                 continue
             is_member = np.isin(np.arange(len(labels)), members)
-            fits = {column: as_one(recent, labels == column, is_member) for column, _ in self._living()}
+            fits = {
+                column: as_one(recent, lately, labels == column, is_member) for column, _ in self._living()
+            }
             column = max(fits, key=lambda candidate: fits[candidate], default=BACKGROUND)
             if fits.get(column, 0.0) <= 0:
                 column = self._new_column(stamp_ns)
@@ -207,10 +210,12 @@ class Belief:
             # What has left the background as one need not be shown to have left it one by one.
             self._evidence[slots, BACKGROUND] = np.minimum(self._evidence[slots, BACKGROUND], 0.0)
 
-    def _merge(self, window: Window, recent: Recent, motion: dict[int, float], stamp_ns: int) -> None:
+    def _merge(
+        self, window: Window, recent: Recent, lately: Floats, motion: dict[int, float], stamp_ns: int
+    ) -> None:
         labels = self.labels(recent.slots)
         members = {column: labels == column for column in motion}
-        self._together.compare(recent, members, motion)
+        self._together.compare(recent, lately, members, motion)
         shown = {column for column, body in self._living() if body.shown}
         while (pair := self._together.merged(shown)) is not None:
             rows = [np.flatnonzero(labels == column) for column in pair]

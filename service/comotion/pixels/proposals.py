@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from ..arrays import Bools, Ints
-from .gains import BODY_SCALES, group_gain, rest_gain
+from ..arrays import Bools, Floats, Ints
+from .gains import group_gain
 from .recent import Recent
 
 LEAST_MEMBERS = 5
@@ -60,18 +60,18 @@ def _around(recent: Recent, seed: int, reach: float) -> Bools:
     return np.asarray((group_gain(recent, nearest).gain > 0) & (distance < reach))
 
 
-def as_one(recent: Recent, first: Bools, second: Bools) -> float:
+def as_one(recent: Recent, rest: Floats, first: Bools, second: Bools) -> float:
     """How well one motion explains two groups of neighbours, above 0 if it does, at most 1.
 
-    It is the mean gain of the group that is explained worse. `first` and `second` are bool [n].
+    It is the mean gain of the group that is explained worse. `rest` float64 [n] are gains under rest lately,
+    `first` and `second` bool [n].
     """
     if not first.any() or not second.any():
         return -1.0
-    if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
-        return -1.0
     # What rests moves with nothing; an affine motion of both would be a shear.
-    rest = rest_gain(recent, BODY_SCALES)
     if max(rest[first].mean(), rest[second].mean()) > 0:
+        return -1.0
+    if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
     both = np.flatnonzero(first | second)
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
@@ -85,13 +85,15 @@ class Together:
     def __init__(self) -> None:
         self._sums: dict[tuple[int, int], float] = {}
 
-    def compare(self, recent: Recent, members: dict[int, Bools], motion: dict[int, float]) -> None:
+    def compare(
+        self, recent: Recent, rest: Floats, members: dict[int, Bools], motion: dict[int, float]
+    ) -> None:
         """Compare all pairs of bodies of which one has moved.
 
         Parameters
         ----------
-        recent
-            Of n trajectories.
+        recent, rest
+            Of n trajectories; float64 [n], gains under rest lately.
         members
             bool [n] of each body.
         motion
@@ -99,7 +101,7 @@ class Together:
         """
         for a, b in combinations(sorted(members), 2):
             if max(motion[a], motion[b]) >= _LEAST_MOTION_PX:
-                self._add((a, b), as_one(recent, members[a], members[b]))
+                self._add((a, b), as_one(recent, rest, members[a], members[b]))
 
     def merged(self, shown: set[int]) -> tuple[int, int] | None:
         """A pair that has moved as one for long enough: soon, if not both of them are shown."""

@@ -15,10 +15,9 @@ from .key_frames import frames_since
 from .newborns import nearest_votes
 from .recent import Recent
 
-# ns; over which the members of a body are compared; time between two looks at one body.
-_SPAN_NS, _LOOK_NS = 3_000_000_000, 500_000_000
-# Looks with a part, less those without, that tell it from its body: two spans that share no motion.
-_LOOKS = 6
+# ns; over which members of a body are compared, and for how long a part must differ; between two looks, and
+# most that one counts for.
+_SPAN_NS, _EVERY_NS, _MOST_NS = 3_000_000_000, 500_000_000, 1_000_000_000
 # Fewest members of a part, most that are compared, and key frames in which one of these is seen.
 _LEAST_PART, _MOST_COMPARED, _LEAST_SEEN = 8, 100, 8
 # px; a body that has moved less within a second shows nothing. Time scales up to that second.
@@ -30,7 +29,8 @@ class Structure:
 
     def __init__(self, config: PixelsConfig) -> None:
         self._config = config
-        # By body: when it was looked at last, and how much more often a part was seen than not.
+        self._looked_ns = 0
+        # By body: when it was looked at last, and for how long a part has differed, ns.
         self._seen: dict[int, tuple[int, int]] = {}
 
     def parted(
@@ -38,7 +38,7 @@ class Structure:
     ) -> tuple[int, Ints] | None:
         """A body, and the rows of its members that are a body of their own; None for most instants.
 
-        One body is looked at each time, the one whose turn it is.
+        One body is looked at now and then, the one whose turn it is.
 
         Parameters
         ----------
@@ -49,27 +49,28 @@ class Structure:
         stamp_ns
             The instant.
         """
-        body = min(bodies, key=lambda name: self._seen.get(name, (0, 0))[0], default=None)
-        if body is None:
+        if stamp_ns - self._looked_ns < _EVERY_NS:
             return None
-        last_ns, count = self._seen.get(body, (0, 0))
-        if stamp_ns - last_ns < _LOOK_NS:
+        self._looked_ns = stamp_ns
+        shown = {body: rows for body, rows in bodies.items() if self._tells(recent, rows)}
+        if not shown:
             return None
-        rows = bodies[body]
-        if len(rows) < 2 * _LEAST_PART or recent.farthest(rows, _SCALES) < _LEAST_MOTION_PX:
-            self._seen[body] = stamp_ns, count
-            return None
-        labels = self._pieces(window, recent, rows, stamp_ns)
-        sizes = np.bincount(labels)
-        part = rows[labels == np.argsort(-sizes, kind="stable")[1]] if len(sizes) > 1 else rows[:0]
-        if len(part) < _LEAST_PART:
-            self._seen[body] = stamp_ns, max(count - 1, 0)
-            return None
-        self._seen[body] = stamp_ns, count + 1
-        if count + 1 < _LOOKS:
+        body = min(shown, key=lambda name: self._seen.get(name, (0, 0))[0])
+        last_ns, differs_ns = self._seen.get(body, (0, 0))
+        labels = self._pieces(window, recent, shown[body], stamp_ns)
+        order = np.argsort(-np.bincount(labels), kind="stable")
+        part = shown[body][labels == order[1]] if len(order) > 1 else shown[body][:0]
+        counts_ns = min(stamp_ns - last_ns, _MOST_NS)
+        differs_ns = max(differs_ns + (counts_ns if len(part) >= _LEAST_PART else -counts_ns), 0)
+        self._seen[body] = stamp_ns, differs_ns
+        if differs_ns < _SPAN_NS:
             return None
         self.forget(body)
         return body, part
+
+    def _tells(self, recent: Recent, rows: Ints) -> bool:
+        """Whether a body has members and motion enough."""
+        return len(rows) >= 2 * _LEAST_PART and recent.farthest(rows, _SCALES) >= _LEAST_MOTION_PX
 
     def are_one(self, window: Window, recent: Recent, bodies: list[Ints], stamp_ns: int) -> bool:
         """Whether most of the members of bodies, by rows intp [m], are in one piece."""
