@@ -228,6 +228,8 @@ class Belief:
             self._drop(younger)
 
     def _split(self, window: Window, recent: Recent, stamp_ns: int) -> None:
+        if not self._structure.is_due(stamp_ns):
+            return
         labels = self.labels(recent.slots)
         shown = [column for column, body in self._living() if body.shown]
         members = {column: np.flatnonzero(labels == column) for column in shown}

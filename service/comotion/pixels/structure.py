@@ -33,12 +33,16 @@ class Structure:
         # By body: when it was looked at last, and for how long a part has differed, ns.
         self._seen: dict[int, tuple[int, int]] = {}
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Whether a body is to be looked at."""
+        return stamp_ns - self._looked_ns >= _EVERY_NS
+
     def parted(
         self, window: Window, recent: Recent, bodies: dict[int, Ints], stamp_ns: int
     ) -> tuple[int, Ints] | None:
-        """A body, and the rows of its members that are a body of their own; None for most instants.
+        """A body, and the rows of its members that are a body of their own; None for most looks.
 
-        One body is looked at now and then, the one whose turn it is.
+        One body is looked at, the one whose turn it is.
 
         Parameters
         ----------
@@ -49,8 +53,6 @@ class Structure:
         stamp_ns
             The instant.
         """
-        if stamp_ns - self._looked_ns < _EVERY_NS:
-            return None
         self._looked_ns = stamp_ns
         shown = {body: rows for body, rows in bodies.items() if self._tells(recent, rows)}
         if not shown:
