@@ -13,8 +13,6 @@ from .subset import Scene
 # Cuts of the dendrogram, in tolerances of a pair, from as rigid as the noise allows to loose; chosen on the
 # scenes of docs/research/accuracy.md.
 CUTS = (1.0, 2.0, 4.5, 10.0, 20.0)
-# Distance of a pair that shares no frames: neither near nor far, in the middle of the cuts.
-_UNKNOWN = 3.0
 
 
 def cluster_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
@@ -72,4 +70,5 @@ def _normalised_deviation(frames: Frames, rows: Ints) -> Floats:
     deviation = deviation / np.sqrt(tolerance[:, None] + tolerance[None])
     owner = frames.owner[rows]
     deviation[owner[:, None] == owner[None]] = 0.0
-    return np.asarray(np.nan_to_num(deviation, nan=_UNKNOWN))
+    # A pair that shares no frames is neither near nor far: in the middle of the cuts.
+    return np.asarray(np.nan_to_num(deviation, nan=CUTS[len(CUTS) // 2]))
