@@ -1,6 +1,5 @@
 """Plays a log of messages in real time. The clock and the keyboard are injected."""
 
-import itertools
 import math
 import threading
 import time
@@ -87,10 +86,16 @@ class Player:
     def run(self) -> None:
         """Play until the log or the duration of the schedule ends, or `stop` is set."""
         start, first = self._first_pass()
-        for number in itertools.count(first):
+        number = first
+        while True:
             self._play_pass(number, number == first, start + number * self._period + self._paused_s)
             if self._stop.is_set() or not self._schedule.loop:
                 return
+            number += 1
+            if self._schedule.stamps == "now":
+                # Passes that a process has slept through, or had no time for, are over.
+                elapsed = self._clock.monotonic() - self._ahead - start - self._paused_s
+                number = max(number, math.floor(elapsed / self._period))
 
     def _first_pass(self) -> tuple[float, int]:
         """Wall clock time of pass 0, and number of the current pass."""
