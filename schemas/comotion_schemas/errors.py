@@ -30,7 +30,8 @@ class RecordingError(InputError):
 def describe(error: ValidationError) -> str:
     """Format the first validation error as one line: field, then message."""
     first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"])
+    # A caller does not know how a field that takes a number or a column is told apart.
+    place = ".".join(str(part) for part in first["loc"] if part not in {"number", "column"})
     message = " ".join(first["msg"].removeprefix("Value error, ").split())
     return f"{place}: {message}" if place else message
 

@@ -34,7 +34,7 @@ _DAY_S = 86_400.0
 _SLOW_S = 300.0
 _LONGEST_GAP_S = 1 * _DAY_S
 # So many times that go up by one are more likely numbers of frames.
-_MANY = 20
+_MANY = 4
 
 
 def seconds(times: ArrayLike, *, longest_step_s: float = LONGEST_STEP_S) -> NDArray[np.float64]:

@@ -123,7 +123,9 @@ class Tracks:
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]
             declared = np.zeros((len(slots), 6))
             declared[:, entries] = batch.covariance[rows]
-            window.covariance[slots] = np.clip(declared, -(MAX_COORDINATE**2), MAX_COORDINATE**2)
+            # As a whole, so that it stays one; a variance is the largest of its entries.
+            largest = np.maximum(declared.max(axis=1, keepdims=True), MAX_COORDINATE**2)
+            window.covariance[slots] = declared * (MAX_COORDINATE**2 / largest)
         observed = int(np.count_nonzero(stored))
         self._stats.observations += observed
         self._stats.duplicate_rows += len(stored) - observed

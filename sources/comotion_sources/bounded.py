@@ -65,6 +65,8 @@ def _is_deeper(value: object, depth: int) -> bool:
 def read_cells(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield number and cells of each line of a CSV table that is not empty; the first names the columns.
 
+    They are separated as there: by commas, semicolons or tabs.
+
     Raises
     ------
     InputError
@@ -75,8 +77,10 @@ def read_cells(path: Path) -> Iterator[tuple[int, list[str]]]:
     width = 0
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
+            separator = max(",;\t", key=file.readline(_MAX_LINE).count)
+            file.seek(0)
             # A file without line ends may be larger than the memory.
-            rows = csv.reader(iter(partial(file.readline, _MAX_LINE), ""))
+            rows = csv.reader(iter(partial(file.readline, _MAX_LINE), ""), delimiter=separator)
             for row in rows:
                 width = width or len(row)
                 if row and len(row) != width:

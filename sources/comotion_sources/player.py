@@ -1,6 +1,5 @@
 """Plays a log of messages in real time. The clock and the keyboard are injected."""
 
-import itertools
 import math
 import threading
 import time
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
 LATE_S = 0.2
 """A live entry that is later than this, s, is left out: it would arrive after the allowed lateness."""
+_SLIP_S = 1.0  # what is later than this is put off with all that follows, unless its time is given
 KINDS: frozenset[Kind] = frozenset({"obs", "truth", "joints", "preview"})
 _CLOCKS_AGREE_NS = 10_000_000_000  # a larger offset between stamp and receipt means different clocks
 _TICK_S = 0.1  # longest wait between two looks at the keyboard
@@ -87,10 +87,16 @@ class Player:
     def run(self) -> None:
         """Play until the log or the duration of the schedule ends, or `stop` is set."""
         start, first = self._first_pass()
-        for number in itertools.count(first):
+        number = first
+        while True:
             self._play_pass(number, number == first, start + number * self._period + self._paused_s)
             if self._stop.is_set() or not self._schedule.loop:
                 return
+            number += 1
+            if self._schedule.stamps == "now":
+                # Passes that a process has slept through, or had no time for, are over.
+                elapsed = self._clock.monotonic() - self._ahead - start - self._paused_s
+                number = max(number, math.floor(elapsed / self._period))
 
     def _first_pass(self) -> tuple[float, int]:
         """Wall clock time of pass 0, and number of the current pass."""
@@ -121,7 +127,11 @@ class Player:
                 continue
             if self._wait(due):
                 return
-            if live and self._clock.monotonic() > due + self._paused_s + LATE_S:
+            late = self._clock.monotonic() - due - self._paused_s
+            if live and late > _SLIP_S and self._schedule.start_at == "now":
+                self._put_off(late)
+                self._outputs[entry.name].count("slips")
+            elif live and late > LATE_S:
                 self._skip(entry, counted=True)
                 continue
             self._put(entry)
@@ -200,7 +210,10 @@ class Player:
         began = self._clock.monotonic()
         while not self._stop.wait(_TICK_S) and self._read_key() != " ":
             pass
-        seconds = self._clock.monotonic() - began
+        self._put_off(self._clock.monotonic() - began)
+
+    def _put_off(self, seconds: float) -> None:
+        """Let all that follows be due later."""
         self._paused_s += seconds
         if self._restamp is not None and self._schedule.stamps == "now":
             self._restamp.target_ns += round(seconds * 1e9)

@@ -1,5 +1,7 @@
 """Publishes the observations of one source, as programs have them."""
 
+from __future__ import annotations  # help() shows short types
+
 import logging
 import time
 from collections.abc import Mapping, Sequence

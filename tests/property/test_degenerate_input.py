@@ -111,7 +111,9 @@ INTRUDERS = {
     "outliers": lambda k, seen: FAR + (0.9e9 if k > 20 else 0.0),
     "millimetres": lambda k, seen: 1000 * seen,
     "far away": lambda k, seen: FAR + 1e6,
+    "without an inverse": lambda k, seen: seen,
 }
+COVARIANCES = {"without an inverse": np.tile([[1e30], [1e-6]], (20, 6))}  # rank one
 
 
 @pytest.mark.parametrize("kind", INTRUDERS)
@@ -128,7 +130,7 @@ def test_bodies_of_a_source_stay_apart_whatever_another_source_says(kind):
         Fusion(),
         range(48),
         lambda k, now: batch("good", k, now, good(k)),
-        lambda k, now: batch("odd", k, now, INTRUDERS[kind](k, good(k))),
+        lambda k, now: batch("odd", k, now, INTRUDERS[kind](k, good(k)), covariance=COVARIANCES.get(kind)),
         rate=16,
         every=6,
     )[-1]

@@ -146,6 +146,13 @@ def test_ended_features_are_told_once_and_ids_are_never_used_again():
         ended, alive = ended | (alive - now), now
     assert set(tracker.reset().tolist()) == alive
     assert not set(tracker.step(frame(31, image[:120, :160], rng)).ids.tolist()) & (alive | ended)
+    with pytest.raises(ValueError, match="an image of 320 x 240 px follows one of 160 x 120"):
+        tracker.step(frame(32, warped(image, motion(0, (0.0, 0.0))), rng))
+
+
+def test_an_image_may_have_more_corners_than_opencv_samples_at_once():
+    noise = np.random.default_rng(0).integers(0, 256, (720, 960)).astype(np.uint8)
+    assert len(Tracker(TrackerConfig(distance=1, quality=1e-4)).step(Frame(0, noise)).ids) == 400
 
 
 def plane(tilt):

@@ -1,5 +1,6 @@
 """``comotion evaluate`` and ``comotion joints``: scores of hypotheses, and their joints, live or offline."""
 
+from math import isnan
 from pathlib import Path
 
 from ..errors import UserError, require_suffix
@@ -92,8 +93,11 @@ Examples:
         plots = (
             [] if self.plot is None else [plot_path(self.plot, scored, several=several) for scored in inputs]
         )
+        notes = [f"plot: {path}" for path in plots]
+        if unscored := sorted({result.name for result in results if isnan(result.values()["mean_nmi"])}):
+            notes.append(f"without truth, so that nothing is scored: {', '.join(unscored)}")
         shown = table(results, everything=self.all_)
-        self.show(as_json(results, config, self.period), shown, *(f"plot: {path}" for path in plots))
+        self.show(as_json(results, config, self.period), shown, *notes)
 
     def _score_scene(self) -> None:
         from comotion_clients.evaluate import as_json, evaluate, summary_lines

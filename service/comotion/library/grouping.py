@@ -133,8 +133,8 @@ def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Itera
     warn_of(fusion.faults.take(), stacklevel=4)
     if fusion.stats.refused_rows:
         warnings.warn(
-            f"{counted(fusion.stats.refused_rows, 'observation')} refused, with the label -1: more than "
-            f"max_tracks={config.max_tracks} trajectories at once",
+            f"{counted(fusion.stats.refused_rows, 'observation')} refused, with the label -1: far "
+            f"beyond all others, or of more than max_tracks={config.max_tracks} trajectories at once",
             stacklevel=4,
         )
 

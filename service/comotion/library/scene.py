@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
 from comotion_schemas import HypothesisUpdate
-from comotion_schemas.doubts import coarse
+from comotion_schemas.doubts import coarse, other_unit
 from comotion_schemas.errors import KnownError, describe
 from comotion_schemas.rows import Rows, check_space, usable_rows
 from comotion_schemas.text import counted
@@ -149,8 +149,9 @@ class Scene:
             raise KnownError("the scene is closed; make a new one")
         stamp_ns = self._stamp(source, t)
         rows = usable_rows(ids, positions, {"sigma": sigma}, drop=self._drop_invalid)
-        if source not in self._newest and (text := coarse(rows.positions)):
-            warnings.warn(f"source {source!r}: {text}", stacklevel=2)
+        if source not in self._newest:
+            for text in filter(None, (other_unit(rows.positions, self._unit), coarse(rows.positions))):
+                warnings.warn(f"source {source!r}: {text}", stacklevel=2)
         try:
             self._ingest(source, stamp_ns, rows)
         except ValidationError as error:
@@ -189,8 +190,9 @@ class Scene:
         """Nanoseconds of a time, which is judged with the first ones of its source."""
         first = self._first_times.get(source, [])
         stamp_ns = round(instant(t) * 1e9)
-        if stamp_ns <= self._newest.get(source, stamp_ns - 1):
-            raise KnownError(f"source {source!r}: the time {stamp_ns / 1e9:.9g} s does not increase")
+        if stamp_ns <= (newest := self._newest.get(source, stamp_ns - 1)):
+            times = f"the time {stamp_ns / 1e9:.9g} s does not increase: one of {newest / 1e9:.9g} s has come"
+            raise KnownError(f"source {source!r}: {times}")
         if len(first) < _JUDGED:
             judged = [*first, stamp_ns / 1e9]
             if len(judged) == _JUDGED:

@@ -23,6 +23,8 @@ _FIRST_GUESS = 1e-3
 # standard deviations, which costs nothing. And the least variance, as a share of the
 # largest, that an estimate may have in any direction.
 _ROUND, _FLATTEST = 2.25, 0.01
+# Least variance of a published covariance, as a share of all: the error with which a message may have it.
+_ROUNDED = 1e-5
 # Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
 _CURVATURES = (0.0, *(side * curvature for curvature in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
 # Degrees of freedom that the prior of a source's variances has at least and at most.
@@ -104,9 +106,16 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
     covariance[has_sigma] = published[has_sigma, None, None] * np.eye(3)
     if not on_arm:
         full = np.isfinite(tracks.covariance[own, 0])
-        covariance[full] = symmetric(tracks.covariance[own[full]])
+        covariance[full] = _resolved(symmetric(tracks.covariance[own[full]]), tracks.extent)
         covariance[full, 2, 2] += 0.0 if tracks.dim == 3 else np.trace(covariance[full], axis1=1, axis2=2) / 2
     return np.asarray(covariance + (_LEAST_NOISE * tracks.extent) ** 2 * np.eye(3))
+
+
+def _resolved(covariance: Floats, extent: float) -> Floats:
+    """Published covariances [n, 3, 3], no wider than the scene, with variance in every direction."""
+    total = np.trace(covariance, axis1=1, axis2=2)[:, None, None]
+    scaled = covariance * (extent**2 / np.maximum(total, extent**2))
+    return np.asarray(scaled + _ROUNDED * np.minimum(total, extent**2) * np.eye(3))
 
 
 def _covariances(estimate: Floats, count: Floats, scene: Floats, position: Floats) -> Floats:

@@ -27,6 +27,8 @@ Ids = NDArray[np.uint64]
 Floats = NDArray[np.float64]
 
 _GREY_NOISE = 2.0  # grey levels, one sigma, as in TrackerConfig.birth_sigma
+# Corners that are examined at once: OpenCV samples 32 766 at most, and an image of 4K may have more.
+_EXAMINED = 8192
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +117,8 @@ class Tracker:
         if self._stamp_ns is not None and frame.stamp_ns <= self._stamp_ns:
             raise KnownError("frames must come in order of their stamps")
         if self._grey is not None and frame.image.shape[:2] != self._grey.shape:
-            raise KnownError("the image size must not change; reset the tracker first")
+            sizes = [f"{width} x {height}" for height, width in (frame.image.shape[:2], self._grey.shape)]
+            raise KnownError(f"an image of {sizes[0]} px follows one of {sizes[1]}; all need one size")
         grey = _grey(frame.image)
         earlier_ids = self._features.ids
         self._follow(grey)
@@ -174,15 +177,20 @@ class Tracker:
     def _spawn(self, grey: Image, frame: Frame) -> None:
         if self._intrinsics is not None and frame.depth is None:
             return
-        pixels = new_corners(grey, self._features.pixels, self._config)
-        templates = extract(grey, pixels, self._config.window)
-        noise = _GREY_NOISE * np.sqrt(templates.variance_scale)
-        points = self._points(frame, pixels)
-        lifted = np.isfinite(points[:, 2]) | (self._intrinsics is None)
+        corners = new_corners(grey, self._features.pixels, self._config)
         free = self._config.max_features - len(self._features.ids)
         free = min(free, self._config.spawn_limit or free)
-        chosen = np.flatnonzero((noise < self._config.corner_sigma) & lifted)[:free]
-        self._features += self._born(pixels[chosen], points[chosen], templates[chosen])
+        for start in range(0, len(corners), _EXAMINED):
+            pixels = corners[start : start + _EXAMINED]
+            templates = extract(grey, pixels, self._config.window)
+            noise = _GREY_NOISE * np.sqrt(templates.variance_scale)
+            points = self._points(frame, pixels)
+            lifted = np.isfinite(points[:, 2]) | (self._intrinsics is None)
+            chosen = np.flatnonzero((noise < self._config.corner_sigma) & lifted)[:free]
+            self._features += self._born(pixels[chosen], points[chosen], templates[chosen])
+            free -= len(chosen)
+            if free <= 0:
+                break
 
     def _born(self, pixels: Pixels, points: Floats, templates: Templates) -> _Features:
         first, count = self._next_id, len(pixels)

@@ -248,12 +248,12 @@ def _read(path: Path) -> dict[str, NDArray[np.float64]]:
     table = np.array([[_number(cell, line) for cell in cells] for line, cells in lines]).reshape(
         -1, len(header)
     )
-    columns = dict(zip(header, table.T, strict=True))
+    columns = dict(zip(map(str.lower, header), table.T, strict=True))
     if "hypothesis" in columns:
         # Of comotion segment: its confidence is that of the hypothesis.
         columns = {name: column for name, column in columns.items() if name not in CONFIDENCE}
     if not {"x", "y"} <= columns.keys():
-        raise RecordingError("it has no columns x and y")
+        raise RecordingError("it has no columns x and y; its first line names the columns")
     return columns
 
 
@@ -261,8 +261,8 @@ def _check(ids: NDArray[np.float64], stamps: NDArray[np.float64]) -> None:
     """Refuse ids that are none, and more than fits into memory."""
     if np.isnan(ids).any() or np.isnan(stamps).any():
         raise RecordingError("a row has neither frame nor track")
-    if (ids < 0).any() or (ids != np.floor(ids)).any():
-        raise RecordingError("its tracks are not whole numbers from 0 on")
+    if (ids < 0).any() or (ids != np.floor(ids)).any() or (ids > 2**53).any():
+        raise RecordingError("its tracks are not whole numbers from 0 to 2**53")
     if len(ids) * len(stamps) > _MOST_CELLS:
         raise RecordingError(f"{len(stamps)} frames with {len(ids)} tracks are too many for one recording")
 
