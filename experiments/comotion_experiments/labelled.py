@@ -25,6 +25,8 @@ from comotion_sources.streams import OFFLINE_SESSION
 
 _SOURCE = "video"
 _LARGEST_PX = 4096
+# ns; a hypothesis is shown if it lasts for so long: others are taken back, or become one that was known.
+_LASTS_NS = 300_000_000
 _log = logging.getLogger(__name__)
 
 
@@ -138,11 +140,12 @@ class LabelledFrames:
         self._observer = Observer(self.space, builder)
         self._fusion = Fusion(options.fusion, scene="segment")
         self._period_ns = round(options.fusion.period * 1e9)
-        self._held: deque[tuple[int, Frame, Tracks]] = deque()
+        self._lasting: set[int] = set()
+        self._held: deque[tuple[int, Frame, Tracks, dict[int, tuple[int, float]]]] = deque()
         self._labels: dict[int, tuple[int, float]] = {}
 
     def labelled(self) -> Iterator[Labelled]:
-        """Yield every frame once the update after it is there."""
+        """Yield every frame once the hypotheses in it have lasted, or have not."""
         due_ns, last_ns = 0, None
         for number, frame in enumerate(self._camera):
             if self._given is not None and number >= len(self._given):
@@ -158,14 +161,18 @@ class LabelledFrames:
             for message in self._observer.messages(tracks, seen):
                 if isinstance(message, ObservationBatch):
                     self._fusion.ingest(message)
-            self._held.append((number, frame, tracks))
+            self._held.append((number, frame, tracks, {}))
             if frame.stamp_ns >= due_ns:
                 due_ns = frame.stamp_ns + self._period_ns
-                yield from self._release(self._fusion.update(frame.stamp_ns))
+                yield from self._release(self._fusion.update(frame.stamp_ns), frame.stamp_ns - _LASTS_NS)
         if self._held and last_ns is not None:
-            yield from self._release(self._fusion.update(last_ns))
+            yield from self._release(self._fusion.update(last_ns), last_ns)
 
-    def _release(self, update: HypothesisUpdate) -> Iterator[Labelled]:
+    def _release(self, update: HypothesisUpdate, until_ns: int) -> Iterator[Labelled]:
+        """Yield the frames up to a time.
+
+        A frame that waits takes up later labels of features that were of no lasting hypothesis.
+        """
         self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         rows = zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True)
@@ -173,10 +180,15 @@ class LabelledFrames:
         # A feature that was lost since the last update keeps what was known of it.
         latest = self._labels | labels
         self._labels = labels
-        while self._held:
-            number, frame, tracks = self._held.popleft()
-            labelled = [latest.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
+        self._lasting |= {h.id for h in update.hypotheses if update.stamp_ns - h.born_ns >= _LASTS_NS}
+        for _, _, tracks, known in self._held:
+            for feature in tracks.ids.tolist():
+                if feature in latest and known.get(feature, (UNDETERMINED, 0.0))[0] not in self._lasting:
+                    known[feature] = latest[feature]
+        while self._held and self._held[0][1].stamp_ns <= until_ns:
+            number, frame, tracks, known = self._held.popleft()
+            labelled = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
             table = np.array(labelled, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
-            hypotheses[hypotheses == UNDETERMINED] = -1
+            hypotheses[~np.isin(hypotheses, list(self._lasting))] = -1
             yield Labelled(number, frame, tracks, hypotheses, table[:, 1], update.hypotheses)

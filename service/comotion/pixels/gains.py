@@ -36,6 +36,16 @@ def rest_gain(recent: Recent, scales: int = len(_DRIFT_PX)) -> Floats:
     return np.where(seen.any(axis=0), gain.min(axis=0), 0.0)
 
 
+def steadiness(recent: Recent) -> Floats:
+    """How much each trajectory rests, float64 [n] from 0 to 1, the least over all time scales.
+
+    What noise adds to a squared displacement is subtracted: in the mean over many, noise hides no motion.
+    """
+    surplus = (recent.displacement**2).sum(axis=2) - 4 * recent.variance
+    width = 2 * GATE * (_DRIFT_PX[:, None] ** 2 + recent.tolerance)
+    return np.asarray(np.where(recent.seen, np.clip(1 - surplus / width, 0, 1), 1.0).min(axis=0))
+
+
 def group_gain(recent: Recent, members: Bools) -> Explained:
     """Gain of all trajectories under the motion of a group.
 

@@ -8,29 +8,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Bools, Labels
+from ..arrays import Labels
 from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
-from .gains import rest_gain
+from .gains import rest_gain, steadiness
 from .recent import Recent, recent_motion
 from .steadying import Steadying
 
 # ns between two instants at which motion is taken in, however often updates are made.
 _STEP_NS = 100_000_000
 # Share of the picture at rest above which the camera rests: something large may move before it.
-_LEAST_SHARE = 0.25
+_LEAST_SHARE = 0.2
 # Change of the evidence per share beyond, and its limits: per step, and in all.
 _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # Before a camera that moves, the background is followed in windows longer than this, or once the structure of
 # the largest hypothesis has explained it, and no other, up to a share, for so many steps: before, the window
 # tells more.
 _LONG_NS, _DISAGREE, _AGREED_STEPS = 4_500_000_000, 0.1, 5
-# Fewer trajectories do not show whether the camera rests. They are judged over the longest of the first time
-# scales over which enough were seen.
-_LEAST_TRACKS, _SCALES = 5, 2
-# Variances of a displacement, and px of drift, within which a feature rests: a slow camera moves all by more.
-_GATE, _DRIFT_PX = 9.0, 0.15
+# Fewer trajectories do not show whether the camera rests.
+_LEAST_TRACKS = 5
 
 
 class RestingCamera:
@@ -81,7 +78,7 @@ class RestingCamera:
                     self._belief = None
                     continue
             self._belief = self._belief or Belief(
-                window, labels, recent.slots[_still(recent, 0)], self._config
+                window, labels, recent.slots[rest_gain(recent) > 0], self._config
             )
             self._belief.step(window, recent, instant)
         self._stamp_ns = max(last, first)
@@ -110,41 +107,15 @@ def _judged(recent: Recent, evidence: float) -> float:
 
     Not by that of the trajectories: a person before bare walls has most of them.
     """
-    enough = np.flatnonzero(recent.seen[:_SCALES].sum(axis=1) >= _LEAST_TRACKS)
-    if not len(enough):
+    seen = recent.seen.any(axis=0)
+    if seen.sum() < _LEAST_TRACKS:
         return evidence
-    scale = int(enough[-1])
-    seen = recent.seen[scale]
     cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell = cell.ravel()
-    share = float((np.bincount(cell, _at_rest(recent, scale)[seen]) / np.bincount(cell)).mean())
+    share = float((np.bincount(cell, steadiness(recent)[seen]) / np.bincount(cell)).mean())
     change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
     return min(max(evidence + change, -_MOST), _MOST)
-
-
-def _still(recent: Recent, scale: int) -> Bools:
-    """Whether each trajectory has not moved over one of the time scales, bool [n]."""
-    square = (recent.displacement[scale] ** 2).sum(axis=1)
-    variance = recent.variance + _DRIFT_PX**2 + recent.tolerance[scale]
-    return np.asarray(recent.seen[scale] & (square < _GATE * 2 * variance))
-
-
-def _at_rest(recent: Recent, scale: int) -> Bools:
-    """Whether each trajectory has rested over a time scale, bool [n].
-
-    Before a slow camera all look still, and have moved in common. So, if those that look still have, only
-    those rest that are nearer to their place than to that motion: what is behind a large slow body.
-    """
-    still = _still(recent, scale)
-    rows = np.flatnonzero(still)
-    if len(rows):
-        common = np.median(recent.displacement[scale, rows], axis=0)
-        # The variance of a median is that of a mean times pi / 2.
-        variance = np.pi * float(np.median(recent.variance[rows] + recent.tolerance[scale, rows])) / len(rows)
-        if common @ common > _DRIFT_PX**2 + _GATE * 2 * variance:
-            still &= recent.displacement[scale] @ common < common @ common / 2
-    return still
 
 
 def _instants(first: int, last: int, count: int) -> list[int]:
