@@ -27,6 +27,9 @@ _SOURCE = "video"
 _LARGEST_PX = 4096
 # ns; a hypothesis is shown if it lasts for so long: others are taken back, or become one that was known.
 _LASTS_NS = 300_000_000
+_NONE = UNDETERMINED, 0.0
+# Hypotheses of features, and how probable each is, by feature.
+_Labels = dict[int, tuple[int, float]]
 _log = logging.getLogger(__name__)
 
 
@@ -141,8 +144,9 @@ class LabelledFrames:
         self._fusion = Fusion(options.fusion, scene="segment")
         self._period_ns = round(options.fusion.period * 1e9)
         self._lasting: set[int] = set()
-        self._held: deque[tuple[int, Frame, Tracks, dict[int, tuple[int, float]]]] = deque()
-        self._labels: dict[int, tuple[int, float]] = {}
+        self._written: dict[int, int] = {}
+        self._held: deque[tuple[int, Frame, Tracks, _Labels]] = deque()
+        self._labels: _Labels = {}
 
     def labelled(self) -> Iterator[Labelled]:
         """Yield every frame once the hypotheses in it have lasted, or have not."""
@@ -169,10 +173,7 @@ class LabelledFrames:
             yield from self._release(self._fusion.update(last_ns), last_ns)
 
     def _release(self, update: HypothesisUpdate, until_ns: int) -> Iterator[Labelled]:
-        """Yield the frames up to a time.
-
-        A frame that waits takes up later labels of features that were of no lasting hypothesis.
-        """
+        """Yield the frames up to a time."""
         self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         rows = zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True)
@@ -180,15 +181,27 @@ class LabelledFrames:
         # A feature that was lost since the last update keeps what was known of it.
         latest = self._labels | labels
         self._labels = labels
+        self._written = {feature: self._written[feature] for feature in self._written.keys() & latest}
         self._lasting |= {h.id for h in update.hypotheses if update.stamp_ns - h.born_ns >= _LASTS_NS}
-        for _, _, tracks, known in self._held:
-            for feature in tracks.ids.tolist():
-                if feature in latest and known.get(feature, (UNDETERMINED, 0.0))[0] not in self._lasting:
-                    known[feature] = latest[feature]
+        self._held = deque((n, frame, tracks, known or latest) for n, frame, tracks, known in self._held)
         while self._held and self._held[0][1].stamp_ns <= until_ns:
-            number, frame, tracks, known = self._held.popleft()
-            labelled = [known.get(feature, (UNDETERMINED, 0.0)) for feature in tracks.ids.tolist()]
+            number, frame, tracks, _ = self._held[0]
+            labelled = [self._shown(feature) for feature in tracks.ids.tolist()]
+            self._held.popleft()
             table = np.array(labelled, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
-            hypotheses[~np.isin(hypotheses, list(self._lasting))] = -1
+            hypotheses[hypotheses == UNDETERMINED] = -1
             yield Labelled(number, frame, tracks, hypotheses, table[:, 1], update.hypotheses)
+
+    def _shown(self, feature: int) -> tuple[int, float]:
+        """Label of a feature in the first frame that waits.
+
+        If it is of no lasting hypothesis there, it takes that which it has soon, unless it was of another.
+        """
+        known = [labels.get(feature, _NONE) for *_, labels in self._held]
+        label = next((label for label in known if label[0] in self._lasting), _NONE)
+        if label is not known[0] and self._written.get(feature, label[0]) != label[0]:
+            label = _NONE
+        if label is not _NONE:
+            self._written[feature] = label[0]
+        return label
