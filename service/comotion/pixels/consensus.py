@@ -10,7 +10,7 @@ from scipy.stats import rankdata
 
 from ..arrays import Floats, Ints
 from .kernels.epipolar import epipolar_misfits
-from .key_frames import STEPS, KeyFrames, evenly_spaced
+from .key_frames import STEPS, KeyFrames, evenly_spaced, frame_pairs
 
 # Frame pairs of each length; geometries that are drawn in each, from so many points.
 _PAIRS, _DRAWN, _PICKED = 5, 100, 12
@@ -33,7 +33,7 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         Source of the draws.
     """
     total, count = np.zeros((2, len(groups), len(groups)))
-    for first, second in _frame_pairs(len(frames.positions)):
+    for first, second in frame_pairs(len(frames.positions), STEPS, _PAIRS).tolist():
         seen = frames.visible[first] & frames.visible[second]
         members = [group[seen[group]] for group in groups]
         shown = np.array([k for k in range(len(groups)) if len(members[k]) >= _LEAST_MEMBERS], np.intp)
@@ -47,15 +47,6 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         total[rows] += rated.T @ rated
         count[rows] += 1
     return np.asarray(total / np.maximum(count, 1))
-
-
-def _frame_pairs(count: int) -> list[tuple[int, int]]:
-    """Pairs of `count` key frames, near and far apart."""
-    pairs = []
-    for step in STEPS:
-        first = evenly_spaced(max(count - step, 0), _PAIRS).tolist()
-        pairs += [(start, start + step) for start in first]
-    return pairs
 
 
 def _draw(starts: Ints, rng: np.random.Generator) -> Ints:
