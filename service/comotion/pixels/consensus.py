@@ -42,7 +42,11 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         picked = [members[k][evenly_spaced(len(members[k]), _MEMBERS)] for k in shown]
         starts = np.concatenate([[0], np.cumsum([len(part) for part in picked])])
         start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64, "C")
-        rated = _preference(epipolar_misfits(start, end, starts, _draw(starts, rng)))
+        ranks = rankdata(epipolar_misfits(start, end, starts, _draw(starts, rng)), axis=0)
+        rated = np.exp(-ranks / (_SHARE * _DRAWN))
+        rated -= rated.mean(axis=0)
+        # 0 where all rank alike.
+        rated /= np.maximum(np.linalg.norm(rated, axis=0), 1e-12)
         rows = np.ix_(shown, shown)
         total[rows] += rated.T @ rated
         count[rows] += 1
@@ -60,10 +64,3 @@ def _draw(starts: Ints, rng: np.random.Generator) -> Ints:
     index = (place * total[:, None]).astype(np.intp)
     beyond = index - size[first, None]
     return np.asarray(np.where(beyond < 0, starts[first, None] + index, starts[second, None] + beyond))
-
-
-def _preference(misfits: Floats) -> Floats:
-    """Of ranks [H, G] among the geometries, each column of mean 0 and norm 1; 0 where all rank alike."""
-    preferred = np.exp(-rankdata(misfits, axis=0) / (_SHARE * len(misfits)))
-    preferred -= preferred.mean(axis=0)
-    return np.asarray(preferred / np.maximum(np.linalg.norm(preferred, axis=0), 1e-12))

@@ -40,9 +40,10 @@ def two_bodies(frames: KeyFrames, first: Ints, second: Ints, drift: float) -> bo
         return False
     for pair in frame_pairs(count, (count // 2, count - 1), _WIDE_PAIRS).tolist():
         views = [_view(frames, group, pair) for group in (first, second)]
-        if min(len(start) for start, _ in views) >= _LEAST_MEMBERS:
+        large = [(view, _expected(view, drift)) for view in views if view.shape[1] >= _LEAST_MEMBERS]
+        if len(large) == len(views):
             joint = fundamental(*np.concatenate(views, axis=1))
-            ratios = [np.median(sampson(joint, *view)) / _expected(view, drift) for view in views]
+            ratios = [np.median(sampson(joint, *view)) / expected for view, expected in large]
             excess.append(max(*ratios, 1e-12))
     return bool(excess) and bool(0.5 * np.log(excess).mean() > _CONTRADICTION)
 

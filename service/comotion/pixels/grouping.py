@@ -75,7 +75,7 @@ def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grou
     members = sample_members(local, parameters.local_motions, np.random.default_rng(0))  # 2
     kernel = preference(explain(frames, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
-    superclusters = _parted(link(similarity), previous, parameters.smallest)  # 5
+    superclusters = _superclusters(similarity, previous, parameters.smallest)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
     are_two = partial(two_bodies, frames, drift=parameters.drift)
@@ -86,18 +86,16 @@ def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grou
     return Grouping(labels, _confidence(mean, labels), similarity)
 
 
-def link(similarity: Floats32) -> Ints:
-    """Superclusters of trajectories, intp [N], by average linkage."""
+def _superclusters(similarity: Floats32, previous: Labels, smallest: int) -> Ints:
+    """Superclusters of trajectories, intp [N], by average linkage, each of one hypothesis so far.
+
+    Bodies that moved apart move alike for a while.
+    """
     # The floors of its factors can lift a similarity above 1.
     tree = linkage(squareform(np.maximum(1 - similarity, 0), checks=False), "average")
-    return np.asarray(fcluster(tree, 1 - _LEAST_SIMILARITY, "distance").astype(np.intp) - 1)
-
-
-def _parted(superclusters: Ints, previous: Labels, smallest: int) -> Ints:
-    """Superclusters without what was several hypotheses: bodies that moved apart move alike for a while."""
-    parts = superclusters.copy()
-    for k in range(superclusters.max() + 1):
-        members = np.flatnonzero((superclusters == k) & (previous >= 0))
+    parts: Ints = fcluster(tree, 1 - _LEAST_SIMILARITY, "distance").astype(np.intp) - 1
+    for k in range(parts.max() + 1):
+        members = np.flatnonzero((parts == k) & (previous >= 0))
         ids, counts = np.unique(previous[members], return_counts=True)
         for name in ids[counts >= smallest][1:]:
             parts[members[previous[members] == name]] = parts.max() + 1

@@ -66,7 +66,9 @@ def preference(square: Floats32, variance: Floats32) -> Floats32:
     noise = np.float32(_NOISE_OF_DISPLACEMENT) * variance
     square -= noise
     np.maximum(square, np.float32(0), out=square)
-    best = _best_residuals(square)
+    # The least of all motions would fall with their number, and with it the width.
+    draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
+    best = np.mean([square[k::draws].min(axis=0) for k in range(draws)], axis=0)
     finite = np.isfinite(best)
     typical = float(np.median(best[finite])) if finite.any() else 0.0
     width = _MISFIT_FACTOR * typical + _NOISE_FACTOR * float(np.median(noise)) + _FLOOR
@@ -97,15 +99,6 @@ def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
     kernel += np.float32(_PREFERENCE_FLOOR)
     interaction *= kernel
     return np.asarray(np.sqrt(interaction, out=interaction))
-
-
-def _best_residuals(square: Floats32) -> Floats32:
-    """Expected least residual in a draw of motions, [N]: the mean of several draws' minima.
-
-    The least of all motions would fall with their number, and with it the width of the kernel.
-    """
-    draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
-    return np.asarray(np.mean([square[k::draws].min(axis=0) for k in range(draws)], axis=0))
 
 
 def subspace(frames: KeyFrames) -> Floats32:

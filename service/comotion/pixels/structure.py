@@ -55,8 +55,7 @@ class Structure:
         """
         self._looked_ns = stamp_ns
         large = {body: rows for body, rows in bodies.items() if len(rows) >= 2 * _LEAST_PART}
-        moved = {body: recent.farthest(rows, _SCALES) for body, rows in large.items()}
-        shown = {body: rows for body, rows in large.items() if moved[body] >= _LEAST_MOTION_PX}
+        shown = {k: rows for k, rows in large.items() if recent.farthest(rows, _SCALES) >= _LEAST_MOTION_PX}
         if not shown:
             return None
         body = min(shown, key=lambda name: self._seen.get(name, (0, 0))[0])
