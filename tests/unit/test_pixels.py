@@ -6,8 +6,8 @@ import pytest
 from comotion import Fusion, FusionConfig
 from comotion.config import PixelsConfig
 from comotion.pixels.consensus import consensus
-from comotion.pixels.geometry import Geometry
-from comotion.pixels.grouping import group
+from comotion.pixels.geometry import two_bodies
+from comotion.pixels.grouping import group, held_apart
 from comotion.pixels.key_frames import KeyFrames
 from comotion.pixels.merging import Merging
 from comotion_clients.metrics import misclassification
@@ -215,11 +215,11 @@ def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
 def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
-    geometry = Geometry(scene(noise, hidden), drift=0.02)
-    assert not geometry.two_bodies(NEAR, FAR)
-    assert geometry.two_bodies(NEAR, OTHER)
+    frames = scene(noise, hidden)
+    assert not two_bodies(frames, NEAR, FAR, drift=0.02)
+    assert two_bodies(frames, NEAR, OTHER, drift=0.02)
     # Too few points say nothing.
-    assert not geometry.two_bodies(NEAR, OTHER[:4])
+    assert not two_bodies(frames, NEAR, OTHER[:4], drift=0.02)
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
@@ -235,8 +235,7 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
 
 @pytest.mark.parametrize(("previous", "merged"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
 def test_what_was_apart_stays_apart_on_little_evidence(previous, merged):
-    superclusters = np.repeat([0, 1], 10)
     alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
-    agreed, unmoved = np.full((2, 2), 0.2), Geometry(frames_of(np.zeros((4, 20, 2))), drift=0.02)
-    merging = Merging(alike, near, superclusters, agreed, unmoved, 5, np.array(previous)[superclusters])
+    agreed = held_apart(np.full((2, 2), 0.2), np.split(np.arange(20), 2), np.repeat(previous, 10))
+    merging = Merging(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False, 5)
     assert len(np.unique(merging.groups())) == merged

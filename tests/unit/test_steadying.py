@@ -76,8 +76,8 @@ def test_a_member_that_is_immensely_far_contradicts_the_motion_of_its_group(far_
     place, displacement = rng.uniform(0, 640, (5, 2)), rng.normal(5, 0.3, (4, 5, 2))
     displacement[:, 0], seen = far_px, np.ones((4, 5), np.bool_)
     recent = Recent(np.arange(5), place, displacement, seen, np.full(5, 0.1), np.zeros((4, 5)))
-    explained = group_gain(recent, np.ones(5, np.bool_))
-    assert explained.gain[0] < 0 < explained.gain[1:].min()
+    gain = group_gain(recent, np.ones(5, np.bool_))
+    assert gain[0] < 0 < gain[1:].min()
 
 
 def test_a_second_body_is_found_soon_where_one_moved_from_the_first_image_on():

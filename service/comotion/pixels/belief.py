@@ -102,7 +102,7 @@ class Belief:
         voters = np.where(self._clear(recent.slots), labels, NO_HYPOTHESIS)
         votes = nearest_votes(recent.position, voters, len(self.bodies), _PLACE * recent.reach)
         self._place(recent.slots, votes)
-        gain, motion = self._gains(recent, rest, labels, votes)
+        gain = self._gains(recent, rest, labels, votes)
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
@@ -111,7 +111,7 @@ class Belief:
         self._evidence[recent.slots] = np.maximum(evidence, least)
         lately = rest_gain(recent, BODY_SCALES)
         self._propose(recent, rest, lately, stamp_ns)
-        self._merge(window, recent, lately, motion, stamp_ns)
+        self._merge(window, recent, lately, stamp_ns)
         self._split(window, recent, stamp_ns)
         self._review(recent, stamp_ns)
         self._recent = recent
@@ -172,36 +172,30 @@ class Belief:
         first = np.maximum(_NEIGHBOURS + np.log(np.maximum(votes, 1e-9)), -_NEIGHBOURS)
         self._evidence[slots[new]] = first
 
-    def _gains(
-        self, recent: Recent, rest: Floats, labels: Ints, votes: Floats
-    ) -> tuple[Floats, dict[int, float]]:
-        """Gain under each hypothesis, float64 [n, K], and how far each body that was seen has moved, px."""
-        gain, motion = np.zeros((len(labels), len(self.bodies))), {}
+    def _gains(self, recent: Recent, rest: Floats, labels: Ints, votes: Floats) -> Floats:
+        """Gain under each hypothesis, float64 [n, K]."""
+        gain = np.zeros((len(labels), len(self.bodies)))
         gain[:, BACKGROUND] = rest
         step = np.where(recent.seen[1, :, None], recent.displacement[1], recent.displacement[0])
         moves = np.linalg.norm(step, axis=1) >= _AT_REST_PX
         for column, _ in self._living():
             members = labels == column
-            fit = group_gain(recent, members)
+            explained = group_gain(recent, members)
             # Any hypothesis may explain what rests: that is evidence for a body only near its members.
             relevant = members | (votes[:, column] > 0) | moves
-            gain[:, column] = np.where(relevant, fit.gain, np.minimum(fit.gain, 0.0))
-            motion[column] = fit.motion
-        return gain, motion
+            gain[:, column] = np.where(relevant, explained, np.minimum(explained, 0.0))
+        return gain
 
     def _propose(self, recent: Recent, rest: Floats, lately: Floats, stamp_ns: int) -> None:
         """Make bodies of trajectories that nothing explains, or members of bodies that move alike."""
-        labels = self.labels(recent.slots)
+        labels, bodies = self.labels(recent.slots), self._members(recent, stamp_ns)
         free = (labels <= BACKGROUND) & (rest < 0) & recent.seen[0]
         for group in find_groups(recent, free):
             leaves = rest[group].sum() < -_LEAVES_AS_ONE
             members = group if leaves else group[labels[group] < 0]
             if len(members) < LEAST_MEMBERS:
                 continue
-            is_member = np.isin(np.arange(len(labels)), members)
-            fits = {
-                column: as_one(recent, lately, labels == column, is_member) for column, _ in self._living()
-            }
+            fits = {column: as_one(recent, lately, rows, members) for column, rows in bodies.items()}
             column = max(fits, key=lambda candidate: fits[candidate], default=BACKGROUND)
             if fits.get(column, 0.0) <= 0:
                 column = self._new_column(stamp_ns)
@@ -210,15 +204,12 @@ class Belief:
             # What has left the background as one need not be shown to have left it one by one.
             self._evidence[slots, BACKGROUND] = np.minimum(self._evidence[slots, BACKGROUND], 0.0)
 
-    def _merge(
-        self, window: Window, recent: Recent, lately: Floats, motion: dict[int, float], stamp_ns: int
-    ) -> None:
-        labels = self.labels(recent.slots)
-        members = {column: labels == column for column in motion}
-        self._together.compare(recent, lately, members, motion)
+    def _merge(self, window: Window, recent: Recent, lately: Floats, stamp_ns: int) -> None:
+        members = self._members(recent, stamp_ns)
+        self._together.compare(recent, lately, members)
         shown = {column for column, body in self._living() if body.shown}
         while (pair := self._together.merged(shown)) is not None:
-            rows = [np.flatnonzero(labels == column) for column in pair]
+            rows = [members[column] for column in pair]
             if shown.issuperset(pair) and not self._structure.are_one(window, recent, rows, stamp_ns):
                 self._together.part(*pair)
                 continue
@@ -230,9 +221,10 @@ class Belief:
     def _split(self, window: Window, recent: Recent, stamp_ns: int) -> None:
         if not self._structure.is_due(stamp_ns):
             return
-        labels = self.labels(recent.slots)
-        shown = [column for column, body in self._living() if body.shown]
-        members = {column: np.flatnonzero(labels == column) for column in shown}
+        shown = {column for column, body in self._living() if body.shown}
+        members = {
+            column: rows for column, rows in self._members(recent, stamp_ns).items() if column in shown
+        }
         parted = self._structure.parted(window, recent, members, stamp_ns)
         if parted is None:
             return
@@ -256,6 +248,13 @@ class Belief:
             fades = not body.shown and (age_ns > _GONE_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
                 self._drop(column)
+
+    def _members(self, recent: Recent, stamp_ns: int) -> dict[int, Ints]:
+        """Rows of the members of each body beside the background that is not born at this step."""
+        labels, living = self.labels(recent.slots), self._living()
+        return {
+            column: np.flatnonzero(labels == column) for column, body in living if body.born_ns < stamp_ns
+        }
 
     def _living(self) -> list[tuple[int, Body]]:
         """Bodies beside the background, with their columns."""

@@ -10,7 +10,7 @@ from scipy.stats import rankdata
 
 from ..arrays import Floats, Ints
 from .kernels.epipolar import epipolar_misfits
-from .key_frames import STEPS, KeyFrames, evenly_spaced
+from .key_frames import STEPS, KeyFrames, evenly_spaced, frame_pairs
 
 # Frame pairs of each length; geometries that are drawn in each, from so many points.
 _PAIRS, _DRAWN, _PICKED = 5, 100, 12
@@ -33,7 +33,7 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         Source of the draws.
     """
     total, count = np.zeros((2, len(groups), len(groups)))
-    for first, second in _frame_pairs(len(frames.positions)):
+    for first, second in frame_pairs(len(frames.positions), STEPS, _PAIRS).tolist():
         seen = frames.visible[first] & frames.visible[second]
         members = [group[seen[group]] for group in groups]
         shown = np.array([k for k in range(len(groups)) if len(members[k]) >= _LEAST_MEMBERS], np.intp)
@@ -42,20 +42,15 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         picked = [members[k][evenly_spaced(len(members[k]), _MEMBERS)] for k in shown]
         starts = np.concatenate([[0], np.cumsum([len(part) for part in picked])])
         start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64, "C")
-        rated = _preference(epipolar_misfits(start, end, starts, _draw(starts, rng)))
+        ranks = rankdata(epipolar_misfits(start, end, starts, _draw(starts, rng)), axis=0)
+        rated = np.exp(-ranks / (_SHARE * _DRAWN))
+        rated -= rated.mean(axis=0)
+        # 0 where all rank alike.
+        rated /= np.maximum(np.linalg.norm(rated, axis=0), 1e-12)
         rows = np.ix_(shown, shown)
         total[rows] += rated.T @ rated
         count[rows] += 1
     return np.asarray(total / np.maximum(count, 1))
-
-
-def _frame_pairs(count: int) -> list[tuple[int, int]]:
-    """Pairs of `count` key frames, near and far apart."""
-    pairs = []
-    for step in STEPS:
-        first = evenly_spaced(max(count - step, 0), _PAIRS).tolist()
-        pairs += [(start, start + step) for start in first]
-    return pairs
 
 
 def _draw(starts: Ints, rng: np.random.Generator) -> Ints:
@@ -69,10 +64,3 @@ def _draw(starts: Ints, rng: np.random.Generator) -> Ints:
     index = (place * total[:, None]).astype(np.intp)
     beyond = index - size[first, None]
     return np.asarray(np.where(beyond < 0, starts[first, None] + index, starts[second, None] + beyond))
-
-
-def _preference(misfits: Floats) -> Floats:
-    """Of ranks [H, G] among the geometries, each column of mean 0 and norm 1; 0 where all rank alike."""
-    preferred = np.exp(-rankdata(misfits, axis=0) / (_SHARE * len(misfits)))
-    preferred -= preferred.mean(axis=0)
-    return np.asarray(preferred / np.maximum(np.linalg.norm(preferred, axis=0), 1e-12))

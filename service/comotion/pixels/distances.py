@@ -1,7 +1,5 @@
 """Measures how far apart trajectories are in the image, and in place and motion, on key frames."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..arrays import Floats32
@@ -11,24 +9,12 @@ from .key_frames import KeyFrames
 _MOTION_WEIGHT = np.float32(10)
 
 
-class Distances(NamedTuple):
-    """Of all pairs of N trajectories, float32 [N, N] px each; inf without two common frames.
+def distances(frames: KeyFrames) -> tuple[Floats32, Floats32]:
+    """How far apart all pairs of N trajectories are in the image, and in place and motion, px [N, N] each.
 
-    Attributes
-    ----------
-    image
-        Root mean square distance in the image.
-    local
-        That, plus ten times that of the displacements between key frames, over the root of the share of
-        frames that both are seen in.
+    The former is the root mean square over key frames; the latter that, plus ten times that of displacements,
+    over the root of the share of frames that both are seen in. They are inf without two common frames.
     """
-
-    image: Floats32
-    local: Floats32
-
-
-def distances(frames: KeyFrames) -> Distances:
-    """Compare all pairs of trajectories."""
     seen = frames.visible.astype(np.float32)
     image, common = _root_mean_square(frames.positions, seen)
     moved = frames.positions[1:] - frames.positions[:-1]
@@ -38,7 +24,7 @@ def distances(frames: KeyFrames) -> Distances:
     local /= np.sqrt(np.maximum(common, 1) / np.float32(len(seen)))
     for distance in (image, local):
         distance[common < 2] = np.inf
-    return Distances(image, local)
+    return image, local
 
 
 def _root_mean_square(values: Floats32, seen: Floats32) -> tuple[Floats32, Floats32]:

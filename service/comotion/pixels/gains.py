@@ -4,8 +4,6 @@ A gain is evidence in nat per update: 1 where the motion is explained, 0 at thre
 negative beyond, down to a limit.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..arrays import Bools, Floats
@@ -19,13 +17,6 @@ BODY_SCALES = 2
 
 # nat; median gain of its members from which on a body rests before a camera that moves.
 _RESTS = 0.5
-
-
-class Explained(NamedTuple):
-    """Gains float64 [n] under the motion of a group, and its speed: px over the longest time scale seen."""
-
-    gain: Floats
-    motion: float
 
 
 def rest_gain(recent: Recent, scales: int = len(_DRIFT_PX)) -> Floats:
@@ -46,8 +37,8 @@ def steadiness(recent: Recent) -> Floats:
     return np.asarray(np.where(recent.seen, np.clip(1 - surplus / width, 0, 1), 1.0).min(axis=0))
 
 
-def group_gain(recent: Recent, members: Bools) -> Explained:
-    """Gain of all trajectories under the motion of a group.
+def group_gain(recent: Recent, members: Bools) -> Floats:
+    """Gain of all trajectories under the motion of a group, float64 [n].
 
     Parameters
     ----------
@@ -57,13 +48,13 @@ def group_gain(recent: Recent, members: Bools) -> Explained:
         bool [n].
     """
     lately = recent.displacement[:BODY_SCALES], recent.seen[:BODY_SCALES]
-    gain, motion = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:BODY_SCALES], members)
-    if motion < 0:
+    gain, known = motion_gain(recent.position, *lately, recent.variance, _DRIFT_PX[:BODY_SCALES], members)
+    if not known.any():
         # A group of which too little is seen may move in any way: rest is for it, and motion not against it.
-        return Explained(np.maximum(rest_gain(recent), 0.0), 0.0)
+        return np.maximum(rest_gain(recent), 0.0)
     # Before a camera that moves, rest is explained with more tolerance than a motion.
     if recent.tolerance.any():
         rest = rest_gain(recent, BODY_SCALES)
         if np.median(rest[members]) > _RESTS:
-            return Explained(rest, 0.0)
-    return Explained(gain, motion)
+            return rest
+    return gain

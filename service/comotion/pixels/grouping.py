@@ -12,6 +12,7 @@ local motions that explain both, and by the subspace that they span together. Th
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -21,7 +22,7 @@ from ..arrays import Floats, Floats32, Ints, Labels
 from ..config import PixelsConfig
 from .consensus import consensus
 from .distances import distances
-from .geometry import Geometry
+from .geometry import two_bodies
 from .key_frames import KeyFrames
 from .merging import Merging
 from .neighbour_sampling import sample_members
@@ -30,6 +31,9 @@ from .similarity import combine, explain, preference, subspace
 # Mean similarity down to which a group lies within one body: .15 % of the members are of another one on
 # Hopkins155.
 _LEAST_SIMILARITY = 0.08
+# Consensus that counts against one body for two superclusters that were two hypotheses: what has moved apart
+# may move alike for a while.
+_HELD_APART = 0.1875
 # Mean similarity that a rival of the own group has at least, where there is none.
 _RIVAL = 0.0075
 
@@ -67,46 +71,47 @@ def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grou
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
-    distance = distances(frames)
-    members = sample_members(distance.local, parameters.local_motions, np.random.default_rng(0))  # 2
+    distance, local = distances(frames)
+    members = sample_members(local, parameters.local_motions, np.random.default_rng(0))  # 2
     kernel = preference(explain(frames, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
-    superclusters = _apart(link(similarity), previous, parameters.smallest)  # 5
+    superclusters = _superclusters(similarity, previous, parameters.smallest)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
-    agreed = consensus(frames, pieces, np.random.default_rng(0))
-    geometry = Geometry(frames, parameters.drift)
-    merging = Merging(
-        similarity, distance.image, superclusters, agreed, geometry, parameters.smallest, previous
-    )
+    agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
+    are_two = partial(two_bodies, frames, drift=parameters.drift)
+    merging = Merging(similarity, distance, superclusters, agreed, are_two, parameters.smallest)
     merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
     return Grouping(labels, _confidence(mean, labels), similarity)
 
 
-def link(similarity: Floats32) -> Ints:
-    """Superclusters of trajectories, intp [N], by average linkage."""
+def _superclusters(similarity: Floats32, previous: Labels, smallest: int) -> Ints:
+    """Superclusters of trajectories, intp [N], by average linkage, each of one hypothesis so far.
+
+    Bodies that moved apart move alike for a while.
+    """
     # The floors of its factors can lift a similarity above 1.
     tree = linkage(squareform(np.maximum(1 - similarity, 0), checks=False), "average")
-    return np.asarray(fcluster(tree, 1 - _LEAST_SIMILARITY, "distance").astype(np.intp) - 1)
-
-
-def _apart(superclusters: Ints, previous: Labels, smallest: int) -> Ints:
-    """Superclusters without what was several hypotheses: bodies that moved apart move alike for a while."""
-    parts = superclusters.copy()
-    for k in range(superclusters.max() + 1):
-        members = np.flatnonzero((superclusters == k) & (previous >= 0))
+    parts: Ints = fcluster(tree, 1 - _LEAST_SIMILARITY, "distance").astype(np.intp) - 1
+    for k in range(parts.max() + 1):
+        members = np.flatnonzero((parts == k) & (previous >= 0))
         ids, counts = np.unique(previous[members], return_counts=True)
         for name in ids[counts >= smallest][1:]:
             parts[members[previous[members] == name]] = parts.max() + 1
     return parts
 
 
+def held_apart(agreed: Floats, pieces: list[Ints], previous: Labels) -> Floats:
+    """Consensus of superclusters, [P, P], less where most of their members were of two hypotheses."""
+    counted = [np.unique(previous[members], return_counts=True) for members in pieces]
+    name = np.array([ids[counts.argmax()] for ids, counts in counted])
+    were_two = (name[:, None] != name) & (np.minimum(name[:, None], name) >= 0)
+    return np.asarray(agreed - _HELD_APART * were_two)
+
+
 def _confidence(mean: Floats, labels: Ints) -> Floats:
-    rows = np.arange(len(labels))
-    own = mean[rows, labels]
-    others = mean.copy()
-    others[rows, labels] = 0
-    rival = np.maximum(others.max(axis=1), _RIVAL)
-    share: Floats = np.clip(own / (own + rival), 0.0, 1.0)
+    own, others = mean[np.arange(len(labels)), labels], mean.copy()
+    others[np.arange(len(labels)), labels] = _RIVAL
+    share: Floats = np.clip(own / (own + others.max(axis=1)), 0.0, 1.0)
     return share

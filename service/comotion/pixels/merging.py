@@ -1,13 +1,13 @@
 """Merges superclusters to one group per object. This decides the number of objects."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from ..arrays import Floats, Floats32, Ints, Labels
-from .geometry import Geometry
+from ..arrays import Floats, Floats32, Ints
 from .key_frames import evenly_spaced
 
-# Members of the smaller group that are compared, and of the other and of the own one that each is compared
-# with.
+# Members of the smaller group that are compared, each with so many of the other group and of its own.
 _COMPARED, _NEAREST = 40, 5
 # Evidence, in nat, that a consensus of 1 is for one body, beside the drop of log similarity across the
 # boundary of two groups and log(1 + their distance in px); and what must be reached. docs/research/pixels.md
@@ -15,9 +15,6 @@ _COMPARED, _NEAREST = 40, 5
 _CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
 # What a nat of log similarity counts for beside consensus where the next pair is chosen.
 _SIMILARITY_IN_ORDER = 0.05
-# nat; evidence against one body from two groups that were two hypotheses: what has moved apart may move alike
-# for a while.
-_HELD_APART = 1.5
 
 
 class Merging:
@@ -35,13 +32,10 @@ class Merging:
         intp [N], 0 to P - 1.
     consensus
         float64 [P, P]; of the superclusters about epipolar geometries.
-    geometry
-        Compares groups over wide baselines.
+    two_bodies
+        Whether two groups, intp each, contradict one another over wide baselines.
     smallest
         Members below which a group joins another one without evidence.
-    previous
-        int64 [N]; hypotheses of the trajectories at the previous update, negative for none: groups of
-        different ones are merged less easily.
     """
 
     def __init__(
@@ -50,12 +44,11 @@ class Merging:
         distance: Floats32,
         superclusters: Ints,
         consensus: Floats,
-        geometry: Geometry,
+        two_bodies: Callable[[Ints, Ints], bool],
         smallest: int,
-        previous: Labels,
     ) -> None:
         self._similarity, self._distance = similarity, distance
-        self._geometry, self._smallest, self._previous = geometry, smallest, previous
+        self._two_bodies, self._smallest = two_bodies, smallest
         self._superclusters = superclusters
         one_hot = np.eye(len(consensus))[superclusters]
         self._size = one_hot.sum(axis=0)
@@ -98,9 +91,8 @@ class Merging:
         key = a, b, len(small), len(large)
         if key not in self._decided:
             evidence = _CONSENSUS_WEIGHT * consensus + self._contrast(small, large)
-            evidence -= _HELD_APART * self._were_apart(small, large)
             is_one = evidence >= _LEAST_EVIDENCE
-            self._decided[key] = bool(is_one) and not self._geometry.two_bodies(small, large)
+            self._decided[key] = bool(is_one) and not self._two_bodies(small, large)
         return self._decided[key]
 
     def _contrast(self, small: Ints, large: Ints) -> float:
@@ -125,16 +117,6 @@ class Merging:
         nearest = np.argpartition(distance, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
         distance = np.take_along_axis(distance, nearest, axis=1)
         seen = np.isfinite(distance)
-        count = np.maximum(seen.sum(axis=1), 1)
-        similarity = np.where(seen, self._similarity[picked[:, None], others[nearest]], 0)
-        return similarity.sum(axis=1) / count, np.where(seen, distance, 0).sum(axis=1) / count
-
-    def _were_apart(self, *groups: Ints) -> bool:
-        """Whether two groups were of two hypotheses."""
-        first, second = (self._previous_hypothesis(members) for members in groups)
-        return min(first, second) >= 0 and first != second
-
-    def _previous_hypothesis(self, members: Ints) -> int:
-        """The most frequent one of the members, negative if most had none."""
-        ids, counts = np.unique(self._previous[members], return_counts=True)
-        return int(ids[counts.argmax()])
+        weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
+        similarity = self._similarity[picked[:, None], others[nearest]]
+        return (weight * similarity).sum(axis=1), (weight * np.where(seen, distance, 0)).sum(axis=1)

@@ -20,8 +20,6 @@ _MOTION_WEIGHT = 10.0
 _AS_ONE = 0.3
 # Comparisons with motion as one until two bodies are merged, and if one is not shown; limit of the sum.
 _MERGE_AFTER, _MERGE_UNSHOWN, _MOST_SUM = 4.0, 0.5, 7.0
-# px; of two groups that both move less over the longest time scale, nothing is learnt.
-_LEAST_MOTION_PX = 1.0
 
 
 def find_groups(recent: Recent, free: Bools) -> list[Ints]:
@@ -57,25 +55,26 @@ def _around(recent: Recent, seed: int, reach: float) -> Bools:
     step = recent.displacement[0]
     distance += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
     nearest = np.isin(np.arange(len(distance)), np.argsort(distance, kind="stable")[:_PICKED])
-    return np.asarray((group_gain(recent, nearest).gain > 0) & (distance < reach))
+    return np.asarray((group_gain(recent, nearest) > 0) & (distance < reach))
 
 
-def as_one(recent: Recent, rest: Floats, first: Bools, second: Bools) -> float:
-    """How well one motion explains two groups of neighbours, above 0 if it does, at most 1.
+def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
+    """How well one motion explains two groups of neighbours, above 0 if it does, at most 1; 0 if both rest.
 
     It is the mean gain of the group that is explained worse. `rest` float64 [n] are gains under rest lately,
-    `first` and `second` bool [n].
+    `first` and `second` intp rows.
     """
-    if not first.any() or not second.any():
+    if not len(first) or not len(second):
         return -1.0
     # What rests moves with nothing; an affine motion of both would be a shear.
-    if max(rest[first].mean(), rest[second].mean()) > 0:
-        return -1.0
+    resting = [rest[rows].mean() > 0 for rows in (first, second)]
+    if any(resting):
+        return 0.0 if all(resting) else -1.0
     if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
-    both = np.flatnonzero(first | second)
-    joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
-    worse = min(float(joint.gain[group[both]].mean()) for group in (first, second))
+    both = recent.of(np.concatenate([first, second]))
+    joint = group_gain(both, np.ones(len(both.slots), np.bool_))
+    worse = min(float(part.mean()) for part in np.split(joint, [len(first)]))
     return (worse - _AS_ONE) / (1 - _AS_ONE)
 
 
@@ -85,23 +84,11 @@ class Together:
     def __init__(self) -> None:
         self._sums: dict[tuple[int, int], float] = {}
 
-    def compare(
-        self, recent: Recent, rest: Floats, members: dict[int, Bools], motion: dict[int, float]
-    ) -> None:
-        """Compare all pairs of bodies of which one has moved.
-
-        Parameters
-        ----------
-        recent, rest
-            Of n trajectories; float64 [n], gains under rest lately.
-        members
-            bool [n] of each body.
-        motion
-            px; how far each has moved lately.
-        """
-        for a, b in combinations(sorted(members), 2):
-            if max(motion[a], motion[b]) >= _LEAST_MOTION_PX:
-                self._add((a, b), as_one(recent, rest, members[a], members[b]))
+    def compare(self, recent: Recent, rest: Floats, members: dict[int, Ints]) -> None:
+        """Compare all pairs of bodies, by rows intp of the members of each; `rest` as in :func:`as_one`."""
+        for pair in combinations(sorted(members), 2):
+            total = self._sums.get(pair, 0.0) + as_one(recent, rest, *(members[body] for body in pair))
+            self._sums[pair] = min(max(total, -_MOST_SUM), _MOST_SUM)
 
     def merged(self, shown: set[int]) -> tuple[int, int] | None:
         """A pair that has moved as one for long enough: soon, if not both of them are shown."""
@@ -117,6 +104,3 @@ class Together:
     def forget(self, body: int) -> None:
         """A body is no more."""
         self._sums = {pair: total for pair, total in self._sums.items() if body not in pair}
-
-    def _add(self, pair: tuple[int, int], amount: float) -> None:
-        self._sums[pair] = min(max(self._sums.get(pair, 0.0) + amount, -_MOST_SUM), _MOST_SUM)

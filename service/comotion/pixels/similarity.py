@@ -4,7 +4,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Ints
 from .kernels.affine import fit_local_motions, total_residuals
-from .key_frames import KeyFrames, frame_pairs
+from .key_frames import STEPS, KeyFrames, frame_pairs
 
 # px² per member; regularisation of the affine motion of a group. px²; squared residual from which on it costs
 # no more.
@@ -35,11 +35,15 @@ def explain(frames: KeyFrames, groups: list[Ints]) -> Floats32:
     groups
         Members of local motions, each intp [H_r, M_r].
     """
-    observed = frame_pairs(frames)
-    parts = [fit_local_motions(*observed, members, _RIDGE) for members in groups]
+    first, second = frame_pairs(len(frames.positions), STEPS, len(frames.positions)).T
+    seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
+    start = frames.positions[first]
+    masked = np.stack([start, frames.positions[second] - start]) * seen[..., None]
+    start, displacement = np.ascontiguousarray(masked.transpose(0, 1, 3, 2))
+    parts = [fit_local_motions(start, displacement, seen, members, _RIDGE) for members in groups]
     motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    square = total_residuals(*observed, motions, used * np.float32(_CAP))
-    count = used.T @ observed[2]
+    square = total_residuals(start, displacement, seen, motions, used * np.float32(_CAP))
+    count = used.T @ seen
     square /= np.maximum(count, np.float32(1))
     square[count == 0] = np.inf
     return square
@@ -62,7 +66,9 @@ def preference(square: Floats32, variance: Floats32) -> Floats32:
     noise = np.float32(_NOISE_OF_DISPLACEMENT) * variance
     square -= noise
     np.maximum(square, np.float32(0), out=square)
-    best = _best_residuals(square)
+    # The least of all motions would fall with their number, and with it the width.
+    draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
+    best = np.mean([square[k::draws].min(axis=0) for k in range(draws)], axis=0)
     finite = np.isfinite(best)
     typical = float(np.median(best[finite])) if finite.any() else 0.0
     width = _MISFIT_FACTOR * typical + _NOISE_FACTOR * float(np.median(noise)) + _FLOOR
@@ -93,15 +99,6 @@ def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
     kernel += np.float32(_PREFERENCE_FLOOR)
     interaction *= kernel
     return np.asarray(np.sqrt(interaction, out=interaction))
-
-
-def _best_residuals(square: Floats32) -> Floats32:
-    """Expected least residual in a draw of motions, [N]: the mean of several draws' minima.
-
-    The least of all motions would fall with their number, and with it the width of the kernel.
-    """
-    draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
-    return np.asarray(np.mean([square[k::draws].min(axis=0) for k in range(draws)], axis=0))
 
 
 def subspace(frames: KeyFrames) -> Floats32:

@@ -11,7 +11,7 @@ from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .grouping import group
-from .key_frames import frames_since
+from .key_frames import key_frames
 from .newborns import nearest_votes
 from .recent import Recent
 
@@ -54,7 +54,8 @@ class Structure:
             The instant.
         """
         self._looked_ns = stamp_ns
-        shown = {body: rows for body, rows in bodies.items() if self._tells(recent, rows)}
+        large = {body: rows for body, rows in bodies.items() if len(rows) >= 2 * _LEAST_PART}
+        shown = {k: rows for k, rows in large.items() if recent.farthest(rows, _SCALES) >= _LEAST_MOTION_PX}
         if not shown:
             return None
         body = min(shown, key=lambda name: self._seen.get(name, (0, 0))[0])
@@ -70,10 +71,6 @@ class Structure:
         self.forget(body)
         return body, part
 
-    def _tells(self, recent: Recent, rows: Ints) -> bool:
-        """Whether a body has members and motion enough."""
-        return len(rows) >= 2 * _LEAST_PART and recent.farthest(rows, _SCALES) >= _LEAST_MOTION_PX
-
     def are_one(self, window: Window, recent: Recent, bodies: list[Ints], stamp_ns: int) -> bool:
         """Whether most of the members of bodies, by rows intp [m], are in one piece."""
         labels = self._pieces(window, recent, np.concatenate(bodies), stamp_ns)
@@ -87,7 +84,8 @@ class Structure:
     def _pieces(self, window: Window, recent: Recent, rows: Ints, stamp_ns: int) -> Ints:
         """Piece of each row, intp [m]; those that were seen too shortly are where their neighbours are."""
         slots = recent.slots[rows]
-        frames = frames_since(window, slots, stamp_ns - _SPAN_NS, stamp_ns, self._config.key_frames)
+        stamps = [stamp for stamp in window.instants if stamp_ns - _SPAN_NS < stamp <= stamp_ns]
+        frames = key_frames(window, slots, stamps, self._config.key_frames)
         compared = thinned(np.flatnonzero(frames.visible.sum(axis=0) >= _LEAST_SEEN), _MOST_COMPARED)
         if len(compared) < 2:
             return np.zeros(len(rows), np.intp)

@@ -46,16 +46,12 @@ def sampson(f: Floats, first: Floats, second: Floats) -> Floats:
 def fundamental(first: Floats, second: Floats) -> Floats:
     """Fundamental matrix [3, 3] of points [m, 2] in both frames, by the eight-point method (Hartley 1997)."""
     left, right = _normalising(first), _normalising(second)
-    normal = np.zeros((9, 9))
-    row = np.empty(9)
-    for i in range(len(first)):
-        x, y = left[0, 0] * first[i, 0] + left[0, 2], left[1, 1] * first[i, 1] + left[1, 2]
-        u, v = right[0, 0] * second[i, 0] + right[0, 2], right[1, 1] * second[i, 1] + right[1, 2]
-        row[0], row[1], row[2], row[3], row[4], row[5] = u * x, u * y, u, v * x, v * y, v
-        row[6], row[7], row[8] = x, y, 1.0
-        for a in range(9):
-            for b in range(9):
-                normal[a, b] += row[a] * row[b]
+    rows = np.ones((len(first), 9))
+    x, y = left[0, 0] * first[:, 0] + left[0, 2], left[1, 1] * first[:, 1] + left[1, 2]
+    u, v = right[0, 0] * second[:, 0] + right[0, 2], right[1, 1] * second[:, 1] + right[1, 2]
+    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = u * x, u * y, u, v * x
+    rows[:, 4], rows[:, 5], rows[:, 6], rows[:, 7] = v * y, v, x, y
+    normal = rows.T @ rows
     inverse = np.linalg.inv(normal + _RIDGE * np.trace(normal) * np.eye(9))
     vector = np.ones(9)
     for _ in range(_ROUNDS):
