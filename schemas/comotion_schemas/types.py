@@ -3,9 +3,10 @@
 A column is encoded as a msgpack ``bin`` of a little-endian C-order array (docs/protocol.md).
 """
 
+import math
 import re
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,6 +216,15 @@ class Record:
         dims = {dimension(value) for name in self._spatial if (value := getattr(self, name)) is not None}
         if len(dims) > 1:
             raise reject("length", f"{', '.join(self._spatial)} differ in dimension")
+
+    @classmethod
+    def trusted(cls, **numbers: list[float] | float) -> Self:
+        """Build a record whose numbers are known to be of the right count; checks that they are finite."""
+        if not all(math.isfinite(sum(n) if isinstance(n, list) else n) for n in numbers.values()):
+            raise reject("non-finite", "numbers must be finite")
+        record = object.__new__(cls)
+        vars(record).update(numbers)
+        return record
 
 
 def dimension(value: "list[float] | float | Record") -> int:

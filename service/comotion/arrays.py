@@ -35,7 +35,7 @@ class Table:
     """Base of frozen dataclasses that are tables: each field is a column, an array of as many rows."""
 
     def __len__(self) -> int:
-        return len(self._columns[0])
+        return len(next(iter(vars(self).values())))
 
     @property
     def _columns(self) -> list[NDArray[Any]]:

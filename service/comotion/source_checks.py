@@ -98,12 +98,12 @@ class SourceChecks:
         if last is None:
             return
         due = instants.stamp_ns - record.compared_ns >= _COMPARE_NS
-        # Whether any feature moves by a quarter of what all span is a cheap look at every instant.
-        most = 0.25 * float(np.ptp(positions, axis=0).max())
-        if due or (np.array_equal(ids, last[1]) and np.abs(positions - last[2]).max() > most):
-            share = _traded(record, last, record.last)
-            if share:
-                self.troubles.note("ids-reused", source, share)
+        if not due and np.array_equal(ids, last[1]):
+            # Whether any feature moves by a quarter of what all span is a cheap look at every instant.
+            most = 0.25 * (positions.max(0) - positions.min(0)).max()
+            due = np.abs(positions - last[2]).max() > most
+        if due and (share := _traded(record, last, record.last)):
+            self.troubles.note("ids-reused", source, share)
 
     def keep(self, sessions: set[int]) -> None:
         """Forget all sessions but these, by number."""

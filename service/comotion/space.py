@@ -82,11 +82,12 @@ class Space:
         """
         session, batch, stats = instants.session, instants.batch, self._stats
         near = self.extent.near(session, batch.source, batch.positions[instants.rows])
-        stats.refused_rows += int(np.count_nonzero(~near))
-        in_scene, fresh, ended = bool(near.any()) or not len(near), 0, 0
+        kept, fresh, ended = instants.of(near), 0, 0
+        stats.refused_rows += len(near) - len(kept.rows)
+        in_scene = len(kept.rows) > 0 or not len(near)
         if in_scene:
             refused = stats.refused_rows
-            fresh, ended = self.tracks.store(instants.of(near), allowance)
+            fresh, ended = self.tracks.store(kept, allowance)
             self.frame.declared[session] = batch.source, bool(batch.moving)
             if stats.refused_rows - refused > ended:
                 self._troubles.note("limit", batch.source, REFUSED)
@@ -131,7 +132,9 @@ class Space:
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
         self.drift.look(window, current, previous.labels, stamp_ns, self._method.delays_ns)
-        steady = window.used & ~np.isin(window.source, self.drift.drifting)
+        steady = window.used.copy()
+        for number in self.drift.drifting:
+            steady &= window.source != number
         grouped = representatives(window, current[steady[current]], previous.labels, effort.share)
         view = window
         if len(grouped) < len(current):

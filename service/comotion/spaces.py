@@ -32,6 +32,7 @@ from .space_update import SpaceUpdate
 # Share of a period for updating spaces, and for that with reading and publishing. The first is less than what
 # makes updates slow: a source that spends all of it must not make all others leave out work.
 _GROUPING, _WHOLE = 0.6, 0.85
+_UNDECLARED = SpaceConfig()
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
 # Rows of an instant that are looked at, for each trajectory that there may be.
@@ -59,7 +60,7 @@ class Spaces:
     def refusal(self, batch: ObservationBatch) -> RejectionReason | None:
         """Why a batch does not fit in its space; None if it does, or the space can be released for it."""
         name, space = batch.space, self._spaces.get(batch.space)
-        declared = self.config.spaces.get(name, SpaceConfig())
+        declared = self.config.spaces.get(name, _UNDECLARED)
         unit, dim = declared.unit, declared.dim
         # A space whose sources are gone may take another unit and dimension.
         if space is not None and not self._is_released(space):

@@ -49,7 +49,7 @@ class Tracks:
     ) -> None:
         self._window, self._method, self._stats, self._timeout_ns = window, method, stats, timeout_ns
         self.current: Slots = np.zeros(0, np.intp)
-        # Of each session that has sent anything: its ids, ascending, and their slots; None: to be sorted.
+        # Of each session that has sent anything: its ids, ascending, and slots and -1; None: to be sorted.
         self._sorted: dict[int, tuple[Ids, Slots] | None] = {}
         # Ids that each session has declared lost, oldest first.
         self._ended: dict[int, dict[int, None]] = {}
@@ -62,9 +62,9 @@ class Tracks:
         if entry is None:
             own_slots = np.flatnonzero(self._window.used & (self._window.source == session))
             own_slots = own_slots[np.argsort(self._window.id[own_slots])]
-            entry = self._sorted[session] = self._window.id[own_slots], own_slots
+            entry = self._sorted[session] = self._window.id[own_slots], np.append(own_slots, -1)
         sorted_ids, slots = entry
-        return np.append(slots, -1)[find(ids, sorted_ids)]
+        return slots[find(ids, sorted_ids)]
 
     def knows(self, session: int) -> bool:
         """Whether a session has sent anything."""
@@ -77,15 +77,15 @@ class Tracks:
         Returns how many rows have new ids, and how many have ended ones.
         """
         slots, fresh, ended = self._find_or_open(instants, allowance)
-        has_slot = slots >= 0
+        accepted = slots >= 0
         # An id that its source has declared lost for good must not come back.
-        accepted = has_slot.copy()
-        accepted[has_slot] = ~self._window.ended[slots[has_slot]]
-        ended += int(np.count_nonzero(has_slot & ~accepted))
-        self._stats.refused_rows += len(instants.rows) - int(np.count_nonzero(accepted))
-        if accepted.any():
+        lost = self._window.ended[slots[accepted]]
+        accepted[accepted] = ~lost
+        count = int(np.count_nonzero(accepted))
+        self._stats.refused_rows += len(slots) - count
+        if count:
             self._insert(instants.of(accepted), slots[accepted])
-        return fresh, ended
+        return fresh, ended + int(np.count_nonzero(lost))
 
     def _find_or_open(self, instants: Instants, allowance: Callable[[int], int]) -> tuple[Slots, int, int]:
         """Slots of the rows, -1 for those refused; how many are new, and how many have ended before."""

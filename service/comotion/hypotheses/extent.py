@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas import Box
 
 from ..arrays import Floats, Ints, median
+from ..compiled import compiled
 from ..rigid.kernels.rotation import quaternion
 from .records import Record
 
@@ -43,7 +44,9 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
     if not record.posed:
         low, high = record.sides
         upright = 0.0 if len(low) == 2 else [0.0, 0.0, 0.0, 1.0]
-        return Box(center=((low + high) / 2).tolist(), half=((high - low) / 2).tolist(), rotation=upright)
+        return Box.trusted(
+            center=((low + high) / 2).tolist(), half=((high - low) / 2).tolist(), rotation=upright
+        )
     points, (R, t) = _points(record), record.pose
     axes = np.eye(len(t)) if record.axes is None else record.axes
     due = seek and record.seen_ns >= record.sought_ns + _SEEK_NS
@@ -58,7 +61,7 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
     turn = R @ axes
     center = turn @ ((low + high) / 2) + t
     rotation = float(np.arctan2(turn[1, 0], turn[0, 0])) if len(t) == 2 else quaternion(turn).tolist()
-    return Box(center=center.tolist(), half=((high - low) / 2).tolist(), rotation=rotation)
+    return Box.trusted(center=center.tolist(), half=((high - low) / 2).tolist(), rotation=rotation)
 
 
 def _points(record: Record) -> Floats:
@@ -82,23 +85,32 @@ def _apart(points: Floats) -> Floats:
     return np.asarray(apart[:, 0])
 
 
+@compiled()
 def _sides(along: Floats, far: float) -> tuple[Floats, Floats]:
     """Least and largest coordinates [dim] of points [m, dim] that are not as far from all others.
 
     Of all, where more than half are: then the body has other points than those that `far` was measured on.
     """
-    near = np.ascontiguousarray(along.T)
-    while 2 * near.shape[1] >= len(along):
-        # By axis: sums over it, and its ends, take a third of the time.
-        axes, ends = np.arange(len(near)), np.array([near.argmin(1), near.argmax(1)])
-        apart = near[:, ends.ravel(), None] - near[:, None]
-        square = np.square(apart, out=apart).sum(axis=0)
-        alone = np.count_nonzero(square <= far**2, axis=1) <= min(2, near.shape[1] - 1)
+    count, dim = along.shape
+    ends, neighbours = np.zeros(2 * dim, np.intp), np.zeros(2 * dim, np.intp)
+    kept = np.ones(count, np.bool_)
+    while 2 * kept.sum() >= count:
+        rows, neighbours[:] = np.flatnonzero(kept), 0
+        for k in range(dim):
+            ends[k], ends[dim + k] = rows[along[rows, k].argmin()], rows[along[rows, k].argmax()]
+        for j in range(2 * dim):
+            for m in rows:
+                square = 0.0
+                for k in range(dim):
+                    square += (along[ends[j], k] - along[m, k]) ** 2
+                neighbours[j] += square <= far**2
+        alone = neighbours <= min(2, len(rows) - 1)
         if not alone.any():
-            low, high = near[axes, ends]
-            return low, high
-        near = np.delete(near, ends.ravel()[alone], axis=1)
-    return along.min(0), along.max(0)
+            low, high = ends[:dim], ends[dim:]
+            return np.diag(along[low]).copy(), np.diag(along[high]).copy()
+        kept[ends[alone]] = False
+    every = np.arange(dim)
+    return np.array([along[:, k].min() for k in every]), np.array([along[:, k].max() for k in every])
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}

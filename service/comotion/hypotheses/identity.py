@@ -104,7 +104,7 @@ def named(
     matching = largest_first if by_thesis else largest_total
     matched = continued(np.concatenate(votes), np.tile(voters, 2), count, matching, np.concatenate(weights))
     ids = np.full(count, NO_HYPOTHESIS)
-    for k in distinct(voters[voters >= 0])[0].tolist():
+    for k in np.flatnonzero(np.bincount(voters[voters >= 0])).tolist():
         ids[k] = matched[k] if k in matched else allocate()
     labels = np.append(ids, NO_HYPOTHESIS)[groups]
     window.label[slots] = labels
@@ -173,7 +173,7 @@ def relabel(columns: Iterable[Labels], names: Mapping[int, int]) -> None:
     Trajectories of the other ids that the method has kept apart from them have no hypothesis any more: one id
     would stand for two groups.
     """
-    for column in columns:
+    for column in columns if names else ():
         labels = column.copy()
         column[np.isin(labels, list(names.values()))] = NO_HYPOTHESIS
         for present, other in names.items():

@@ -87,7 +87,7 @@ def held(
         return None
     bodies = [followed_body(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
-    unexplained = _unexplained(longer, result, len(frames.stamps), config) & ~np.isin(longer.key, outlying)
+    unexplained = _unexplained(longer, result, len(frames.stamps), config) & (find(longer.key, outlying) < 0)
     # Only a trajectory that was too young at the fit may leave its body without a new fit.
     if (unexplained & (longer.life - (stamp_ns - last.fitted_ns) * 1e-9 >= config.min_life)).any():
         return None
@@ -117,7 +117,8 @@ def holding(last: Fit | None, frames: Frames, labels: Ints) -> float:
 
 def _lost(labels: Ints, tracks: Tracks) -> bool:
     """Whether none of the trajectories of a body, by labels intp [N], go on: it may return."""
-    return bool(len(np.setdiff1d(labels, np.append(labels[tracks.current[: len(labels)]], OUTLIER))))
+    going_on = np.append(labels[tracks.current[: len(labels)]], OUTLIER)
+    return not np.isin(labels, going_on).all()
 
 
 def _stamps(last_ns: int, stamp_ns: int, config: RigidConfig) -> Stamps:

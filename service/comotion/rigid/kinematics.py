@@ -152,15 +152,15 @@ def _from_birth(
 def as_pose(R: Floats, t: Floats, dim: int) -> Pose:
     """Pose in the protocol's terms."""
     if dim == 2:
-        return Pose(translation=t[:2].tolist(), rotation=float(np.arctan2(R[1, 0], R[0, 0])))
-    return Pose(translation=t.tolist(), rotation=quaternion(R).tolist())
+        return Pose.trusted(translation=t[:2].tolist(), rotation=float(np.arctan2(R[1, 0], R[0, 0])))
+    return Pose.trusted(translation=t.tolist(), rotation=quaternion(R).tolist())
 
 
 def as_twist(linear: Floats, angular: Floats, dim: int) -> Twist:
     """Twist in the protocol's terms."""
     if dim == 2:
-        return Twist(linear=linear[:2].tolist(), angular=float(angular[2]))
-    return Twist(linear=linear.tolist(), angular=angular.tolist())
+        return Twist.trusted(linear=linear[:2].tolist(), angular=float(angular[2]))
+    return Twist.trusted(linear=linear.tolist(), angular=angular.tolist())
 
 
 def centroid_of(body: Body, newest: Floats) -> Floats:

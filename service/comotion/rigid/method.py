@@ -153,7 +153,7 @@ class RigidMethod(Method):
 
     def _fitted(self, window: Window, tracks: Tracks, stamp_ns: int, previous: Previous) -> Fit:
         """The result of steps 2 to 9."""
-        tracks = self._registration.correct(tracks)  # 2
+        tracks = self._registration.correct(tracks.timed())  # 2
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         scene = self._scene(tracks, frames, previous.labels[tracks.slot], previous)

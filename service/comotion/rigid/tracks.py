@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities
+from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities, median
 from ..trajectories.window import Window
 from .kernels.records import Observations
 from .kernels.resampling import stop_at
@@ -50,7 +50,7 @@ class Tracks:
         intp [N] slot in the window; int64 [N] stable number, ascending; intp [N] index of the session;
         bool [N] whether the trajectory goes on at the watermark.
     period
-        float64 [N], s, median time between observations of its source.
+        float64 [N], s, median time between observations of its source; zero until :meth:`timed`.
     newest
         float64 [N, 3], newest position, corrected; zero in the third column in 2-D.
     delay_ns, turn, shift
@@ -104,6 +104,10 @@ class Tracks:
         start = np.maximum(self.start, self.slot * window.times.shape[1] + older - _EARLIER)
         return replace(self, start=np.minimum(start, self.stop))
 
+    def timed(self) -> "Tracks":
+        """The same trajectories with their periods."""
+        return replace(self, period=_periods(self.times, self.start, self.stop, self.source))
+
     def joined(self, now: "Tracks") -> "Tracks":
         """These trajectories as they are now, also those that are gone, and then the new ones.
 
@@ -120,12 +124,13 @@ class Tracks:
             columns[name][:count] = 0
         for name in ("start", "stop", "slot", "current", "newest", "covariance"):
             columns[name][continuing] = getattr(now, name)[index[continuing]]
-        source, donor = columns["source"], np.arange(count + len(new))
-        _, first, inverse = np.unique(source, return_index=True, return_inverse=True)
         # A new trajectory has the period and the correction of the oldest one of its source.
-        donor[count:] = first[inverse[count:]]
+        sources, first = np.unique(columns["source"], return_index=True)
+        donor = first[find(columns["source"][count:], sources)]
+        if (donor >= count).any():
+            columns["period"][count:] = now.timed().period[new]
         for name in ("period", "delay_ns", "turn", "shift"):
-            columns[name] = columns[name][donor]
+            columns[name][count:] = columns[name][donor]
         placed = np.append(continuing, np.arange(count, count + len(new)))
         columns["newest"][placed] = (
             np.einsum("nij,nj->ni", columns["turn"][placed], columns["newest"][placed])
@@ -152,7 +157,6 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
     start, stop = slots * rows + window.start[slots], slots * rows + stop
     times = window.times.reshape(-1)
     positions = window.positions.reshape(-1, window.dim)
-    source = window.source[slots]
     going_on = np.zeros(window.capacity, np.bool_)
     going_on[current] = True
     newest = np.zeros((len(slots), 3))
@@ -168,9 +172,9 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
         stop=stop,
         slot=slots,
         key=window.key[slots],
-        source=source,
+        source=window.source[slots],
         current=going_on[slots],
-        period=_periods(times, start, stop, source),
+        period=np.zeros(len(slots)),
         newest=newest,
         delay_ns=np.zeros(len(slots), np.int64),
         turn=identities(len(slots)),
@@ -190,10 +194,7 @@ def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     period = np.zeros(len(sources))
     for source in np.unique(sources).tolist():
         members = np.flatnonzero(sources == source)
-        drawn = members[:_PERIOD_TRACKS]
-        observed = ranges(start[drawn], stop[drawn])
-        steps = np.diff(times[observed])
-        within = np.ones(len(steps), np.bool_)
-        within[np.cumsum(stop[drawn] - start[drawn])[:-1] - 1] = False
-        period[members] = np.median(steps[within] * 1e-9) if within.any() else 0.0
+        drawn = [slice(start[k], stop[k]) for k in members[:_PERIOD_TRACKS]]
+        steps = np.concatenate([np.diff(times[observed]) for observed in drawn])
+        period[members] = median(steps * 1e-9) if len(steps) else 0.0
     return period
