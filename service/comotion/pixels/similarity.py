@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Floats32, Ints
+from ..arrays import Floats, Floats32, Ints
 from .kernels.affine import fit_local_motions, total_residuals
 from .key_frames import STEPS, KeyFrames, frame_pairs
 
@@ -102,45 +102,29 @@ def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
 
 
 def subspace(frames: KeyFrames) -> Floats32:
-    """Right singular vectors of the completed trajectory matrix, float32 [_RANK, N]; 0 beyond its rank.
+    """Right singular vectors of the completed trajectory matrix, float32 [D, N], D up to :data:`_RANK`.
 
     The matrix has 2F rows of x and y (shape interaction, Costeira and Kanade 1998).
     """
-    matrix = _complete(frames)
-    values, vectors = np.linalg.eigh(matrix @ matrix.T)
-    values, vectors = values[::-1][:_RANK], vectors[:, ::-1][:, :_RANK]
-    nonzero = values > 1e-12 * max(float(values[0]), 1e-300)
-    singular_vectors = np.zeros((_RANK, matrix.shape[1]), np.float32)
-    projected = vectors[:, nonzero].T @ matrix / np.sqrt(values[nonzero])[:, None]
-    singular_vectors[: len(projected)] = projected
-    return singular_vectors
+    _, values, vectors = np.linalg.svd(_complete(frames), full_matrices=False)
+    return np.asarray(vectors[:_RANK][values[:_RANK] > 1e-6 * values[0]].astype(np.float32))
 
 
 def _complete(frames: KeyFrames) -> Floats:
-    """Trajectory matrix [2F, N] with its unseen entries completed, scaled to 1 at most."""
+    """Trajectory matrix [2F, N] with its unseen entries completed."""
     count, total = frames.visible.shape
-    seen = np.repeat(frames.visible, 2, axis=0)
-    values = frames.positions.astype(np.float64).transpose(0, 2, 1).reshape(2 * count, total)
-    values /= max(float(np.abs(values).max(initial=0.0)), 1e-9)
-    if seen.all():
-        return values
-    matrix = np.where(seen, values, _last_seen(frames.visible, values))
-    basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -min(_COMPLETION_RANK, 2 * count) :]
+    # At first unseen entries are as in the last frame before, or else in the next one.
+    frame = np.maximum.accumulate(np.where(frames.visible, np.arange(count)[:, None], -1), axis=0)
+    frame = np.where(frame < 0, frames.visible.argmax(axis=0), frame)
+    filled = frames.positions[frame, np.arange(total)].astype(np.float64)
+    matrix = filled.transpose(0, 2, 1).reshape(2 * count, total)
+    basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -_COMPLETION_RANK:]
     gaps = ~frames.visible.all(axis=0)
-    complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~seen[:, gaps]
+    complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~np.repeat(frames.visible[:, gaps], 2, axis=0)
     moments = complete @ complete.T
-    for _ in range(_COMPLETION_ROUNDS):
+    for _ in range(_COMPLETION_ROUNDS if gaps.any() else 0):
         # One step of orthogonal iteration follows the subspace: the matrix changes little per round.
         basis = np.linalg.qr(moments @ basis + rest @ (rest.T @ basis))[0]
         np.copyto(rest, basis @ (basis.T @ rest), where=unseen)
     matrix[:, gaps] = rest
     return matrix
-
-
-def _last_seen(visible: Bools, values: Floats) -> Floats:
-    """Entries from the last frame before in which each trajectory was seen, or else from the next one."""
-    count, total = visible.shape
-    frame = np.maximum.accumulate(np.where(visible, np.arange(count)[:, None], -1), axis=0)
-    frame = np.where(frame < 0, visible.argmax(axis=0), frame)
-    by_frame = values.reshape(count, 2, total)
-    return np.take_along_axis(by_frame, frame[:, None], axis=0).reshape(2 * count, total)
