@@ -106,8 +106,11 @@ def subspace(frames: KeyFrames) -> Floats32:
 
     The matrix has 2F rows of x and y (shape interaction, Costeira and Kanade 1998).
     """
-    _, values, vectors = np.linalg.svd(_complete(frames), full_matrices=False)
-    return np.asarray(vectors[:_RANK][values[:_RANK] > 1e-6 * values[0]].astype(np.float32))
+    matrix = _complete(frames)
+    # Of its square, which is small: that takes a tenth of the time.
+    values, vectors = np.linalg.eigh(matrix @ matrix.T)
+    kept = np.flatnonzero(values > 1e-12 * values[-1])[: -_RANK - 1 : -1]
+    return np.asarray((vectors[:, kept].T @ matrix / np.sqrt(values[kept])[:, None]).astype(np.float32))
 
 
 def _complete(frames: KeyFrames) -> Floats:
