@@ -1,6 +1,7 @@
 """Assigns trajectories to bodies by costs and positions (step 9), with probabilities."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,13 @@ class SearchResult:
     bodies: list[Body]
     assignment: Assignment
     evidence: Costs
+
+    @cached_property
+    def gains(self) -> Floats:
+        """By how much members of each body are cheaper under it than under each, float64 [K, K], nat."""
+        body, labels = self.evidence.body, self.assignment.labels
+        members = [np.ascontiguousarray(body[labels == k].T) for k in range(body.shape[1])]
+        return np.stack([(costs - costs[k]).sum(1) for k, costs in enumerate(members)])
 
 
 def without_sliders(labels: Ints, costs: Costs) -> Ints:

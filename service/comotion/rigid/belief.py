@@ -70,15 +70,16 @@ class Belief:
         stamp_ns = int(frames.stamps[-1])
         step = 0.0 if self._stamp_ns is None else max((stamp_ns - self._stamp_ns) * 1e-9, 0.0)
         self._stamp_ns = stamp_ns
-        evidence, labels = result.evidence, result.assignment.labels
-        moves = [_gain(evidence, labels == k, k) > _CLEARLY * evidence.restless[k] for k in range(len(ids))]
+        evidence, labels, gains = result.evidence, result.assignment.labels, result.gains
+        moves = gains[:, 0] > _CLEARLY * evidence.restless
         for k, hypothesis in enumerate(ids.tolist()):
-            members = labels == k
-            if hypothesis == NO_HYPOTHESIS or result.bodies[k].static or not members.any():
+            if hypothesis == NO_HYPOTHESIS or result.bodies[k].static or not (labels == k).any():
                 continue
             record = self.records.setdefault(hypothesis, Record())
-            against = _contradicted(evidence, members, k, moves)
-            record.moves = moves[k]
+            # Rest explains the members better, or another body that clearly moves nearly as well.
+            lost = gains[k].min(where=moves & (np.arange(len(ids)) != k), initial=np.inf)
+            against = gains[k, 0] < -_CONTRARY or lost < evidence.restless[k]
+            record.moves = bool(moves[k])
             record.seconds += step if moves[k] else 0.0
             record.contrary = record.contrary + step if against else 0.0
             if record.contrary > 2 * SETTLED:
@@ -183,20 +184,6 @@ def _usual(labels: Labels) -> int:
     middle = len(labels) // 2
     median = int(np.partition(labels, middle)[middle])
     return median if 2 * np.count_nonzero(labels == median) > len(labels) else NO_HYPOTHESIS
-
-
-def _gain(evidence: Costs, members: Bools, k: int) -> float:
-    """By how much members bool [N] are cheaper under a body than at rest, nat."""
-    return float((evidence.body[members, 0] - evidence.body[members, k]).sum())
-
-
-def _contradicted(evidence: Costs, members: Bools, k: int, moves: list[bool]) -> bool:
-    """Whether rest explains the members better, or another body that clearly moves nearly as well."""
-    if _gain(evidence, members, k) < -_CONTRARY:
-        return True
-    other_bodies = [j for j, moving in enumerate(moves) if moving and j not in (0, k)]
-    lost = [float((evidence.body[members, j] - evidence.body[members, k]).sum()) for j in other_bodies]
-    return bool(min(lost, default=np.inf) < evidence.restless[k])
 
 
 def _clear(evidence: Costs, labels: Ints) -> Bools:

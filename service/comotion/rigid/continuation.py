@@ -137,9 +137,10 @@ def _unexplained(frames: Frames, result: SearchResult, first: int, config: Rigid
     all_labels = np.append(labels, np.full(len(frames.key) - len(labels), OUTLIER))
     body = np.where(frames.current, all_labels, OUTLIER)[frames.owner]
     squared, count = np.zeros(len(body)), np.zeros(len(body))
-    span = max(first - round(SETTLED * config.frame_rate), 0), first
-    poses, soft = stacked(result.bodies), result.evidence.soft
-    recent_residuals(frames.arrays, body, poses, soft, span, squared, count)
+    begin = max(first - round(SETTLED * config.frame_rate), 0)
+    y, w, poses = (np.ascontiguousarray(x[:, begin:]) for x in (frames.y, frames.w, stacked(result.bodies)))
+    arrays, span = frames.arrays._replace(y=y, w=w), (0, first - begin)
+    recent_residuals(arrays, body, poses, result.evidence.soft, span, squared, count)
     freedom = frames.dim * np.bincount(frames.owner, count, len(frames.key))
     rare = float(np.log(FALSE_ALARMS * max(int(frames.current.sum()), 1)))
     most = freedom + 2 * np.sqrt(freedom * rare) + 2 * rare

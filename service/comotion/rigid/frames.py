@@ -66,6 +66,8 @@ class Frames:
         bool [N], whether a trajectory goes on at the watermark.
     extent
         Scale of the scene, in its unit, when the frames were made.
+    room
+        None, or the arrays of which `y` and `w` are the beginnings, with memory for newer rows and frames.
     """
 
     dim: int
@@ -83,6 +85,7 @@ class Frames:
     life: Floats
     current: Bools
     extent: float = 1.0
+    room: tuple[Floats, Floats] | None = None
 
     @cached_property
     def names(self) -> Stamps:
@@ -125,7 +128,7 @@ class Frames:
         rows = self.rows_of(tracks)
         columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in ("y", "w", "weight", *NOISE)}
         columns |= {name: getattr(self, name)[tracks] for name in ("key", "life", "current")}
-        return replace(self, owner=np.searchsorted(tracks, self.owner[rows]), **columns)
+        return replace(self, owner=np.searchsorted(tracks, self.owner[rows]), room=None, **columns)
 
     def per_track(self, values: Floats) -> Floats:
         """Weighted sum of `values` float64 [P] over the rows of each trajectory, float64 [N]."""

@@ -70,13 +70,11 @@ def _pose_since(
 
 def _state(frames: Frames, result: SearchResult, k: int) -> HypothesisState:
     """Static or moving where the costs of its members tell, else undetermined."""
-    members = result.assignment.labels == k
     if result.bodies[k].static:
         # What has been observed for less may begin to move.
-        return "static" if frames.life[members].max(initial=0.0) >= SETTLED else "undetermined"
-    costs = result.evidence
-    gain = float((costs.body[members, 0] - costs.body[members, k]).sum())
-    return "moving" if gain > costs.restless[k] else "undetermined"
+        seen = frames.life[result.assignment.labels == k].max(initial=0.0)
+        return "static" if seen >= SETTLED else "undetermined"
+    return "moving" if result.gains[k, 0] > result.evidence.restless[k] else "undetermined"
 
 
 def _noise(squared: Floats, dim: int) -> float | None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Bools, Floats, Ints, Stamps, find
+from ..arrays import Bools, Floats, Ints, Stamps, find, untouched_zeros
 from ..config import RigidConfig
 from .frames import NOISE, Frames, row_names
 from .kernels.differences import difference_covariances
@@ -104,8 +104,8 @@ def extended(
     if usual is None:
         return None
     total, past = count + len(new), len(frames.stamps)
-    all_y, all_w = np.zeros((total, past + len(stamps), 3)), np.zeros((total, past + len(stamps)))
-    all_y[:count, :past], all_w[:count, :past] = frames.y, frames.w
+    room = _room(frames, total, past + len(stamps))
+    all_y, all_w = (values[:total, : past + len(stamps)] for values in room)
     all_y[old, past:], all_w[old, past:] = y[order[at[old]]], w[order[at[old]]]
     all_y[count:, past:], all_w[count:, past:] = y[new], w[new]
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
@@ -124,8 +124,21 @@ def extended(
         key=tracks.key,
         life=life + step * seen,
         current=tracks.current,
+        room=room,
         **alike,
     )
+
+
+def _room(frames: Frames, rows: int, count: int) -> tuple[Floats, Floats]:
+    """Memory for so many rows on `count` frames, or more: that of the frames, and zeros after them."""
+    y, w = frames.room or (frames.y, frames.w)
+    past, shape = len(frames.stamps), (rows + rows // 4, count + count // 4)
+    if rows > len(w) or count > w.shape[1]:
+        y, w = untouched_zeros((*shape, 3), np.float64), untouched_zeros(shape, np.float64)
+        y[: len(frames.y), :past], w[: len(frames.y), :past] = frames.y, frames.w
+    # Newer frames that were given up may have been there.
+    y[:, past:count], w[:, past:count] = 0.0, 0.0
+    return y, w
 
 
 def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints | None:
