@@ -108,7 +108,8 @@ def test_parameters_are_keywords_dicts_or_a_configuration():
         comotion.group(P, TIMES, config=comotion.FusionConfig(window=5), period=0.2),
     ]
     assert {len(one.updates) for one in groupings} == {10}
-    assert repr(groupings[0]) == "Grouping(60 x 30, 2 hypotheses, 1 at rest)"
+    groupings.append(comotion.group(300 * P[..., :2], TIMES))  # ten amid the rest of an image
+    assert {repr(one) for one in groupings} == {"Grouping(60 x 30, 2 hypotheses, 1 at rest)"}
 
 
 @pytest.mark.parametrize("name", SAID)
