@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import comotion
+from comotion_schemas.transport import client_settings
 from comotion_sources.runtime import SourcePublisher
 
 TIMES = np.arange(60) / 30
@@ -65,6 +66,8 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: publisher().observe(ids=IDS, positions=P[0], quaternions=np.zeros((30, 3))),
         "quaternions: expected rows of 4, got 3",
     ),
+    "a port": (lambda: client_settings(7447), "the endpoint is 7447, not a text as tcp/127.0.0.1:7447"),
+    "no name": (lambda: publisher().name_features({1: 2}), "feature_names: {1: 2} is not texts by ids"),
     "infinite": (lambda: comotion.Scene().push(IDS, np.full((30, 3), np.inf), 0.0), "id 0 has a position"),
     "infinite, live": (lambda: publisher().observe(ids=IDS, positions=P[0] + np.inf), "id 0 has a position"),
     "a negative id": (lambda: comotion.Scene().push([-1], P[0, :1], 0.0), "id -1 is negative"),
