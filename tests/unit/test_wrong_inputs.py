@@ -85,6 +85,7 @@ SAID: dict[str, tuple[Callable[[], object], str]] = {
         "at 5 of 59 steps, first after instant 9",
     ),
     "shares of the image": (lambda: comotion.group(P[..., :2] / 100, TIMES), "if they are shares of"),
+    "one a second": (lambda: comotion.group(P[..., :2] * 300, TIMES * 30.1), "give 2 or more a second"),
     "frames": (lambda: comotion.group(P, np.arange(60)), "if they are frame numbers, divide them by"),
     "one position far out": (lambda: comotion.group(STRAYED, TIMES), "1 observation refused"),
     "far from the origin": (
