@@ -100,7 +100,7 @@ def subscribe(
     ValueError
         If the scene name or an endpoint is not valid, or the folder of the certificate is not.
     """
-    settings = client_settings((connect,) if isinstance(connect, str) else connect, tls)
+    settings = client_settings(connect, tls)
     scene = Keys(scene).scene
     return Subscribing(
         partial(transport.connect, settings, timeout=timeout),

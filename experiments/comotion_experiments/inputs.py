@@ -116,7 +116,7 @@ def _recorded(name: str, split: int, rates: Sequence[float] | None, *, as_receiv
     # recording is in memory at a time.
     streams = partial(recording_streams, split=split, rates=rates)
     streams(read_recording(name))
-    return Input(name, None, lambda: batches(streams(read_recording(name))))
+    return Input(name, None, lambda: batches(streams(read_recording(name, doubted=False))))
 
 
 def _arrivals(name: str, *, as_received: bool) -> Iterator[Incoming]:

@@ -5,6 +5,7 @@ The same file gives the same result on every run: the clock is that of the frame
 
 import csv
 import hashlib
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from comotion.library.compiling import compile_ahead
 from comotion_schemas import UNDETERMINED, Hypothesis, Pose
+from comotion_schemas.doubts import too_seldom
 from comotion_schemas.errors import InputError
 from comotion_schemas.naming import joint_words
 from comotion_sources.cameras.opening import open_frames
@@ -32,6 +34,7 @@ __all__ = ["COLUMNS", "Labelled", "Progress", "SegmentOptions", "Segmented", "se
 
 COLUMNS = ("frame", "time", "feature", "x", "y", "hypothesis", "confidence")
 _DEFAULT_RATE = 30.0
+_log = logging.getLogger(__name__)
 Progress = Callable[[int, int | None], None]
 """Called with the frames done and, if known, the frames in all."""
 
@@ -108,6 +111,9 @@ def segment(what: str | None, options: SegmentOptions, progress: Progress = lamb
             progress(result.frames, camera.frames)
     if not result.frames:
         raise InputError(f"{what}: no frame")
+    step_s = result.duration / max(result.frames - 1, 1)
+    if seldom := too_seldom(step_s, options.fusion.track_timeout, run.space.unit):
+        _log.warning("%s: %s", what, seldom)
     if options.sheet is not None:
         outputs.sheet.write(options.sheet)
     result.digest, result.path = digest.hexdigest(), run.path

@@ -70,6 +70,16 @@ def other_unit(positions: NDArray[np.floating], unit: Unit) -> str | None:
     return None
 
 
+def too_seldom(step_s: float, timeout_s: float, unit: Unit) -> str | None:
+    """Say that features in pixels end between two instants, `step_s` apart: nothing is found then."""
+    if unit != "px" or step_s <= timeout_s:
+        return None
+    return (
+        f"one instant in {step_s:.3g} s is too seldom to see motion in an image: features end after "
+        f"track_timeout, {timeout_s:g} s; give {1 / timeout_s:.3g} or more a second"
+    )
+
+
 def coarse(positions: NDArray[np.floating]) -> str | None:
     """Say that positions [n, dim] are so far from the origin that messages lose their motion, as in UTM."""
     if len(positions) < _LEAST_FEATURES:

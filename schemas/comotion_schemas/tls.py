@@ -132,6 +132,8 @@ def require_encryption(endpoints: Sequence[str], *, wanted: bool) -> None:
         One line that names the endpoint.
     """
     for endpoint in endpoints:
+        if not isinstance(endpoint, str):
+            raise KnownError(f"the endpoint is {endpoint!r}, not a text as tcp/127.0.0.1:7447")
         protocol, _, address = endpoint.partition("/")
         if wanted and protocol not in ENCRYPTED:
             raise KnownError(f"{endpoint} is not encrypted: with a certificate use tls/{address}")

@@ -62,7 +62,7 @@ class SessionSettings:
 
 
 def client_settings(
-    connect: Sequence[str] | None = None, tls: TlsFiles | Path | str | None = None
+    connect: str | Sequence[str] | None = None, tls: TlsFiles | Path | str | None = None
 ) -> SessionSettings:
     """Settings of a client.
 
@@ -77,7 +77,9 @@ def client_settings(
     """
     files = find_tls(tls)
     default = DEFAULT_ENDPOINT if files is None else DEFAULT_TLS_ENDPOINT
-    return SessionSettings(connect=tuple(connect or (default,)), tls=files)
+    given: Any = connect or default
+    several = isinstance(given, Sequence) and not isinstance(given, str)
+    return SessionSettings(connect=tuple(given if several else (given,)), tls=files)
 
 
 def free_port() -> int:

@@ -93,14 +93,13 @@ class SourcePublisher(Source):
         if connect is not None and settings is not None:
             raise KnownError("give connect or settings, not both")
         check_space(unit, dim)
-        endpoints = (connect,) if isinstance(connect, str) else connect
         super().__init__(
             name,
             rate=rate,
             message=message,
             feature_names=feature_names,
             scene=scene,
-            settings=settings or client_settings(endpoints, tls),
+            settings=settings or client_settings(connect, tls),
             ready_file=ready_file,
         )
         self._drop_invalid = drop_invalid

@@ -12,6 +12,7 @@ import zenoh
 
 from comotion_schemas import DecodeError, Message, ObservationBatch, TruthBatch, decode_on, metrics
 from comotion_schemas.component import Component, Rates, StatusFields, Where
+from comotion_schemas.errors import KnownError
 from comotion_schemas.inbox import Inbox
 from comotion_schemas.keys import Kind, StreamKind
 from comotion_schemas.messages import RejectionReason
@@ -175,6 +176,8 @@ class Source(Component):
 
     def name_features(self, names: Mapping[int, str]) -> None:
         """Say the names of further features by id, 256 at most; what they move with is called by them."""
+        if not isinstance(names, Mapping) or not all(isinstance(name, str) for name in names.values()):
+            raise KnownError(f"feature_names: {shown(repr(names), _NAME_LENGTH)} is not texts by ids")
         new = {str(number): shown(name, _NAME_LENGTH) for number, name in names.items()}
         if not new.keys() <= self._feature_names.keys():
             # Another thread may read the names that were.

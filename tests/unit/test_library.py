@@ -180,11 +180,6 @@ def test_any_other_is_one_error_that_guesses(times, words):
         seconds(times)
 
 
-def test_numbers_of_frames_are_doubted():
-    with pytest.warns(UserWarning, match="divide them by the frame rate"):
-        seconds(np.arange(60))
-
-
 @pytest.mark.parametrize(
     "time", [UNIX, UNIX * 1000, np.int64(UNIX) * 10**9, START, datetime.datetime(2024, 1, 1)]
 )

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import comotion
+from comotion_schemas.transport import client_settings
 from comotion_sources.runtime import SourcePublisher
 
 TIMES = np.arange(60) / 30
@@ -65,6 +66,8 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: publisher().observe(ids=IDS, positions=P[0], quaternions=np.zeros((30, 3))),
         "quaternions: expected rows of 4, got 3",
     ),
+    "a port": (lambda: client_settings(7447), "the endpoint is 7447, not a text as tcp/127.0.0.1:7447"),
+    "no name": (lambda: publisher().name_features({1: 2}), "feature_names: {1: 2} is not texts by ids"),
     "infinite": (lambda: comotion.Scene().push(IDS, np.full((30, 3), np.inf), 0.0), "id 0 has a position"),
     "infinite, live": (lambda: publisher().observe(ids=IDS, positions=P[0] + np.inf), "id 0 has a position"),
     "a negative id": (lambda: comotion.Scene().push([-1], P[0, :1], 0.0), "id -1 is negative"),
@@ -82,6 +85,7 @@ SAID: dict[str, tuple[Callable[[], object], str]] = {
         "at 5 of 59 steps, first after instant 9",
     ),
     "shares of the image": (lambda: comotion.group(P[..., :2] / 100, TIMES), "if they are shares of"),
+    "one a second": (lambda: comotion.group(P[..., :2] * 300, TIMES * 30.1), "give 2 or more a second"),
     "frames": (lambda: comotion.group(P, np.arange(60)), "if they are frame numbers, divide them by"),
     "one position far out": (lambda: comotion.group(STRAYED, TIMES), "1 observation refused"),
     "far from the origin": (
@@ -108,7 +112,8 @@ def test_parameters_are_keywords_dicts_or_a_configuration():
         comotion.group(P, TIMES, config=comotion.FusionConfig(window=5), period=0.2),
     ]
     assert {len(one.updates) for one in groupings} == {10}
-    assert repr(groupings[0]) == "Grouping(60 x 30, 2 hypotheses, 1 at rest)"
+    groupings.append(comotion.group(300 * P[..., :2], TIMES))  # ten amid the rest of an image
+    assert {repr(one) for one in groupings} == {"Grouping(60 x 30, 2 hypotheses, 1 at rest)"}
 
 
 @pytest.mark.parametrize("name", SAID)

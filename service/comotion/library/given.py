@@ -7,7 +7,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from comotion_schemas.doubts import doubts
+from comotion_schemas.doubts import doubts, too_seldom
 from comotion_schemas.errors import KnownError
 from comotion_schemas.rows import check_space
 from comotion_schemas.time_units import LONGEST_STEP_S, seconds
@@ -139,8 +139,12 @@ def common_origin(clocks: Mapping[str, Floats]) -> float:
     return spans[0][0]
 
 
-def say_doubts(arrays: Mapping[str, Floats], unit: Unit) -> None:
-    """Warn about what is probably wrong with the data of each source."""
+def say_doubts(
+    arrays: Mapping[str, Floats], clocks: Mapping[str, Floats], unit: Unit, timeout_s: float
+) -> None:
+    """Warn about what is probably wrong with the data of each source; a track ends after `timeout_s`."""
     for name, states in arrays.items():
-        for text in doubts(states, unit):
+        steps = np.diff(clocks[name])
+        seldom = too_seldom(float(np.median(steps)), timeout_s, unit) if len(steps) else None
+        for text in [*doubts(states, unit), *([seldom] if seldom else [])]:
             warnings.warn(text if name == DEFAULT else f"source {name!r}: {text}", stacklevel=4)

@@ -81,7 +81,8 @@ def group(
     Warns
     -----
     UserWarning
-        If positions look like millimetres, ids seem to change hands, or trajectories were refused.
+        If positions look like millimetres, instants are too seldom, ids seem to change hands, or
+        trajectories were refused.
     """
     given = positions if isinstance(positions, Mapping) else {DEFAULT: positions}
     clocks = times if isinstance(times, Mapping) else dict.fromkeys(given, times)
@@ -94,7 +95,7 @@ def group(
     chosen = unit_of(unit, {array.shape[2] for array in states.values()})
     seconds = {name: clock for name, (_, clock) in arrays.items()}
     origin = common_origin(seconds)
-    say_doubts(states, chosen)
+    say_doubts(states, seconds, chosen, used.track_timeout)
     compile_ahead(used.method, chosen, max(array.shape[2] for array in states.values()))
     updates = list(_updates(_batches(arrays, chosen, origin), used))
     labels = {name: _labels(name, *arrays[name], origin, updates) for name in arrays}

@@ -27,10 +27,8 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
 
     Parameters
     ----------
-    recent
-        Of n trajectories.
-    free
-        bool [n]; among which groups are looked for.
+    recent, free
+        n trajectories, and among which of them, bool [n], groups are looked for.
 
     Returns
     -------
@@ -43,7 +41,10 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
         seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
         best = max((_around(unexplained, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
         if best.sum() < LEAST_MEMBERS:
-            break
+            # Bodies far apart rarely move as one: that must explain most of those it was not fitted to.
+            best = max((_around(unexplained, seed, np.inf) for seed in seeds), key=np.count_nonzero)
+            if 2 * best.sum() <= len(left) + _PICKED:
+                break
         groups.append(left[best])
         left = left[~best]
     return groups
@@ -72,8 +73,8 @@ def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
         return 0.0 if all(resting) else -1.0
     if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
-    both = recent.of(np.concatenate([first, second]))
-    joint = group_gain(both, np.ones(len(both.slots), np.bool_))
+    both = np.concatenate([first, second])
+    joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
     worse = min(float(part.mean()) for part in np.split(joint, [len(first)]))
     return (worse - _AS_ONE) / (1 - _AS_ONE)
 
@@ -92,10 +93,9 @@ class Together:
 
     def merged(self, shown: set[int]) -> tuple[int, int] | None:
         """A pair that has moved as one for long enough: soon, if not both of them are shown."""
-        for pair, total in self._sums.items():
-            if total > (_MERGE_AFTER if shown.issuperset(pair) else _MERGE_UNSHOWN):
-                return pair
-        return None
+        after = _MERGE_UNSHOWN, _MERGE_AFTER
+        sums = self._sums.items()
+        return next((pair for pair, total in sums if total > after[shown.issuperset(pair)]), None)
 
     def part(self, a: int, b: int) -> None:
         """Two bodies are not one."""

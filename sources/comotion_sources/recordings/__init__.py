@@ -158,7 +158,7 @@ def recording_streams(
     return streams
 
 
-def read_recording(path: str | Path, fps: float | None = None) -> Recording:
+def read_recording(path: str | Path, fps: float | None = None, *, doubted: bool = True) -> Recording:
     """Read a recording, by its suffix: ``.c3d``, ``.npz``, ``.npy`` or ``.csv``.
 
     Parameters
@@ -167,6 +167,8 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
         The file.
     fps
         Frames per second of tracks whose file has no times.
+    doubted
+        Log what is probably wrong with it.
 
     Raises
     ------
@@ -191,6 +193,6 @@ def read_recording(path: str | Path, fps: float | None = None) -> Recording:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
     except InputError as error:
         raise RecordingError(f"{path}: {error}") from None
-    for text in doubts(recording.positions, recording.unit):
+    for text in doubts(recording.positions, recording.unit) if doubted else ():
         _log.warning("%s: %s", path, text)
     return recording
