@@ -256,6 +256,10 @@ class Belief:
             column: np.flatnonzero(labels == column) for column, body in living if body.born_ns < stamp_ns
         }
 
+    def older_than(self, stamp_ns: int) -> list[int]:
+        """Labels of the bodies beside the background that were born before a time."""
+        return [column for column, body in self._living() if body.born_ns < stamp_ns]
+
     def _living(self) -> list[tuple[int, Body]]:
         """Bodies beside the background, with their columns."""
         return [(column, body) for column, body in enumerate(self.bodies) if column and body is not None]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Labels
+from ..arrays import Bools, Labels
 from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
@@ -26,6 +26,8 @@ _WEIGHT, _FALL, _RISE, _MOST = 10.0, -3.0, 1.0, 5.0
 # the largest hypothesis has explained it, and no other, up to a share, for so many steps: before, the window
 # tells more.
 _LONG_NS, _DISAGREE, _AGREED_STEPS = 4_500_000_000, 0.1, 5
+# A body that is older has not begun to move with the camera: that shows in less.
+_BEGINS_NS = 1_000_000_000
 # Fewer trajectories do not show whether the camera rests.
 _LEAST_TRACKS = 5
 
@@ -69,7 +71,7 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
-            self._evidence = _judged(recent, self._evidence)
+            self._evidence = _judged(recent, self._evidence, self._known_movers(window, recent, instant))
             began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent, labels)
@@ -101,13 +103,21 @@ class RestingCamera:
             self._steady = max(self._steady + _FALL, -_MOST)
         return recent
 
+    def _known_movers(self, window: Window, recent: Recent, instant: int) -> Bools:
+        """Whether each trajectory, bool [n], is of a body that moved before the camera may have begun to."""
+        if self._belief is None:
+            return np.zeros(len(recent.slots), np.bool_)
+        self._belief.admit(window)
+        return np.isin(self._belief.labels(recent.slots), self._belief.older_than(instant - _BEGINS_NS))
 
-def _judged(recent: Recent, evidence: float) -> float:
+
+def _judged(recent: Recent, evidence: float, movers: Bools | np.bool_ = np.False_) -> float:
     """The evidence that the camera rests, with what a step adds by the share of the picture that rests.
 
-    Not by that of the trajectories: a person before bare walls has most of them.
+    Not by that of the trajectories: a person before bare walls has most of them. `movers`, bool [n], do not
+    count.
     """
-    seen = recent.seen.any(axis=0)
+    seen = recent.seen.any(axis=0) & ~movers
     if seen.sum() < _LEAST_TRACKS:
         return evidence
     cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)

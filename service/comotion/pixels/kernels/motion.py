@@ -71,7 +71,7 @@ def _expected(start: Floats, step: Floats, rows: Ints) -> Floats:
     ridge = np.zeros(terms.shape[1])
     ridge[1:3], ridge[3:] = max(_RIDGE_PX2 / extent**2, _LEAST_RIDGE), _QUADRATIC_RIDGE
     fitted, target = terms[rows], np.ascontiguousarray(step[rows])
-    field = np.zeros((terms.shape[1], 2))
+    field = np.zeros((2, terms.shape[1])).T
     square = (target[:, 0] - np.median(target[:, 0])) ** 2 + (target[:, 1] - np.median(target[:, 1])) ** 2
     for _ in range(_ROUNDS):
         variance = max(np.median(square) / _CHI2_MEDIAN_2D, _LEAST_VARIANCE)
