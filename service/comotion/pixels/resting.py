@@ -71,7 +71,9 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in _instants(first, last, count):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
-            self._evidence = _judged(recent, self._evidence, self._known_movers(window, recent, instant))
+            if self._belief is not None:
+                self._belief.admit(window)
+            self._evidence = _judged(recent, self._evidence, self._known_movers(recent, instant))
             began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent, labels)
@@ -90,7 +92,6 @@ class RestingCamera:
         """Motion relative to that of the background; and note whether that shows it at rest."""
         own, background = labels[recent.slots], np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
-            self._belief.admit(window)
             background = self._belief.labels(recent.slots) == BACKGROUND
         recent = self._steadying.steadied(recent, window.key, background)
         ids, counts = np.unique(own[own >= 0], return_counts=True)
@@ -103,11 +104,10 @@ class RestingCamera:
             self._steady = max(self._steady + _FALL, -_MOST)
         return recent
 
-    def _known_movers(self, window: Window, recent: Recent, instant: int) -> Bools:
+    def _known_movers(self, recent: Recent, instant: int) -> Bools:
         """Whether each trajectory, bool [n], is of a body that moved before the camera may have begun to."""
         if self._belief is None:
             return np.zeros(len(recent.slots), np.bool_)
-        self._belief.admit(window)
         return np.isin(self._belief.labels(recent.slots), self._belief.older_than(instant - _BEGINS_NS))
 
 
