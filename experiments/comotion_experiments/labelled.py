@@ -198,9 +198,10 @@ class LabelledFrames:
 
         If it is of no lasting hypothesis there, it takes that which it has soon, unless it was of another.
         """
-        known = [labels.get(feature, _NONE) for *_, labels in self._held]
-        label = next((label for label in known if label[0] in self._lasting), _NONE)
-        if label is not known[0] and self._written.get(feature, label[0]) != label[0]:
+        own = self._held[0][3].get(feature, _NONE)
+        soon = (labels.get(feature, _NONE) for *_, labels in self._held)
+        label = next((label for label in soon if label[0] in self._lasting), _NONE)
+        if label is not own and self._written.get(feature, label[0]) != label[0]:
             label = _NONE
         if label is not _NONE:
             self._written[feature] = label[0]

@@ -251,10 +251,8 @@ class Belief:
 
     def _members(self, recent: Recent, stamp_ns: int) -> dict[int, Ints]:
         """Rows of the members of each body beside the background that is not born at this step."""
-        labels, living = self.labels(recent.slots), self._living()
-        return {
-            column: np.flatnonzero(labels == column) for column, body in living if body.born_ns < stamp_ns
-        }
+        labels = self.labels(recent.slots)
+        return {column: np.flatnonzero(labels == column) for column in self.older_than(stamp_ns)}
 
     def older_than(self, stamp_ns: int) -> list[int]:
         """Labels of the bodies beside the background that were born before a time."""
