@@ -20,7 +20,6 @@ from comotion_schemas import HypothesisUpdate, Keys, ObservationBatch, Rejection
 from .assembly import Assembly, at_rest, moved
 from .config import FusionConfig, to_ns
 from .event_time.budget import CostClock
-from .event_time.faults import Faults
 from .event_time.stats import Stats
 from .event_time.timeline import Timeline
 from .following import PublishedIds
@@ -90,8 +89,8 @@ class Fusion:
         self.scene = Keys(scene).scene
         self.session = session
         self.stats = Stats()
-        self.faults = Faults(self.stats)
-        self.timeline = Timeline(self.config, self.stats, self.faults)
+        self.timeline = Timeline(self.config, self.stats)
+        self.faults = self.timeline.faults
         self._ids = IdAllocator(first_id)
         self._spaces = Spaces(self.config, self._ids, self.timeline)
         self._assembly = Assembly(self.config, self.faults)

@@ -35,27 +35,11 @@ class Space:
 
     States in different spaces are not comparable, so spaces share nothing but the id allocator.
 
-    Attributes
-    ----------
-    tracks
-        Its trajectories.
-    last
-        The last update; None before any.
-    frame
-        Whether it moves, and where it is.
-    owner
-        The source that was the first to observe something here; empty where that is not known.
-    fed_ns
-        When something came in last, on the clock of arrivals.
+    `last` is the last update, None before any; `owner` the source that was the first to observe something
+    here, empty where that is not known; `fed_ns` when something came in last, on the clock of arrivals.
     """
 
-    def __init__(
-        self,
-        config: FusionConfig,
-        spec: SpaceSpec,
-        ids: IdAllocator,
-        timeline: Timeline,
-    ) -> None:
+    def __init__(self, config: FusionConfig, spec: SpaceSpec, ids: IdAllocator, timeline: Timeline) -> None:
         self.spec = spec
         self._stats, self._troubles = stats, troubles = timeline.stats, timeline.troubles
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))

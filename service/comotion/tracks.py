@@ -27,21 +27,9 @@ MAX_COORDINATE = 1e9
 class Tracks:
     """Trajectories of one space, in its window.
 
-    Parameters
-    ----------
-    window
-        The window that holds them.
-    method
-        Gets to know what is about to leave the window.
-    stats
-        Counts observations, trajectories and refused rows.
-    timeout_ns
-        Gives the time without observation after which a trajectory of a session number is outdated.
-
-    Attributes
-    ----------
-    current
-        intp [n]: slots of the trajectories of the last update, by age.
+    The method gets to know what is about to leave the window. `timeout_ns` gives the time without observation
+    after which a trajectory of a session number is outdated. `current` intp [n] are the slots of the
+    trajectories of the last update, by age.
     """
 
     def __init__(

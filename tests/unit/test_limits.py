@@ -199,7 +199,7 @@ def test_of_many_problems_64_are_listed():
 
 def test_lines_are_left_out_and_one_says_how_many(caplog):
     times = [0.0]
-    logger = limited("comotion.test", lambda: times[0])
+    logger = limited("comotion.test", clock=lambda: times[0])
     for k in range(25):
         logger.warning("again %d", k)
     logger.warning("of another kind")

@@ -236,24 +236,28 @@ class TestStateFile:
 
 
 class TestStateKeeper:
+    def taken(self, keeper, hypotheses, now):
+        """Whether the state is taken then."""
+        before = keeper._newest
+        keeper.after(frozenset(hypotheses), now)
+        return keeper._newest is not before
+
     def test_it_is_due_at_an_interval_and_when_the_hypotheses_change(self, tmp_path):
-        first, both, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        now = time.monotonic_ns()
         with StateKeeper(tmp_path / "state", 100 * SECOND, Fusion()) as keeper:
-            assert keeper.is_due(first, now)
-            keeper.after(first, now)
-            assert not keeper.is_due(first, now + 99 * SECOND)
-            assert keeper.is_due(first, now + 100 * SECOND)
-            assert keeper.is_due(both, now + 90 * SECOND)
+            assert self.taken(keeper, {1}, now)
+            assert not self.taken(keeper, {1}, now + 99 * SECOND)
+            assert self.taken(keeper, {1, 2}, now + 99 * SECOND)
+            assert self.taken(keeper, {1, 2}, now + 199 * SECOND)
 
     def test_one_that_takes_long_to_write_is_written_less_often(self, tmp_path, monkeypatch):
-        spent = iter((0, SECOND))
-        monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
-        first, both, now = frozenset({1}), frozenset({1, 2}), time.monotonic_ns()
+        spent, now = iter((0, SECOND)), time.monotonic_ns()
         keeper, fusion = StateKeeper(tmp_path / "state", SECOND, Fusion()), Fusion()
+        monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
         keeper._write(fusion.capture())
-        keeper.after(first, now)
-        assert not keeper.is_due(both, now + 10 * SECOND)
-        assert keeper.is_due(both, now + 12 * SECOND)
+        assert self.taken(keeper, {1}, now)
+        assert not self.taken(keeper, {1, 2}, now + 9 * SECOND)
+        assert self.taken(keeper, {1, 2}, now + 12 * SECOND)
 
     def test_a_captured_state_does_not_change_when_the_fusion_goes_on(self):
         fusion = Fusion(FusionConfig())

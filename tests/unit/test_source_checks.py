@@ -165,7 +165,7 @@ def feed(followed, ahead, times, delays=None):
     for k in range(times):
         delay = DELAY if delays is None else delays[k]
         followed.on_status(status("cam", "source", stamp_ns=round((NOW + k + ahead) * 1e9)), NOW + k + delay)
-        followed.on_trip("cam", 2.5 * delay)
+        followed._answers.append(("cam", 2.5 * delay))
 
 
 @pytest.mark.parametrize("step", [0.5, -0.5, 0.03, -0.03])

@@ -1,6 +1,5 @@
 """Collects errors of the service and their sources. A fault costs a batch or a space, not the service."""
 
-import traceback
 import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -11,21 +10,16 @@ from comotion_schemas import ObservationBatch
 
 from .stats import Stats
 
-# Unread faults that are kept; characters that are kept of a trace.
+# Unread faults that are kept.
 _MOST_FAULTS = 32
-_MAX_TRACE = 8000
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One error of the service itself.
-
-    What the service was `doing`, the exception in one line, and its trace.
-    """
+    """One error of the service itself: what it was `doing`, and the exception with its trace."""
 
     doing: str
-    error: str
-    trace: str
+    error: Exception
 
 
 class Faults:
@@ -42,11 +36,10 @@ class Faults:
             yield
         except Exception as error:
             self._stats.faults += 1
-            trace = "".join(traceback.format_exception(error))[-_MAX_TRACE:]
             if batch is not None:
                 rows = f"{len(batch.ids)} rows, space {batch.space!r}"
                 doing += f" (source {batch.source}, seq {batch.seq}, {rows})"
-            self._unread.append(Fault(doing, f"{type(error).__name__}: {error}"[:500], trace))
+            self._unread.append(Fault(doing, error))
 
     def take(self) -> list[Fault]:
         """The faults since the last call."""
@@ -58,5 +51,5 @@ class Faults:
 def warn_of(faults: Iterable[Fault], stacklevel: int) -> None:
     """Warn of each fault, for callers without a log; `stacklevel` is that of :func:`warnings.warn` there."""
     for fault in faults:
-        text = f"a defect of comotion, please report it: {fault.doing}: {fault.error}"
+        text = f"a defect of comotion, please report it: {fault.doing}: {fault.error!r}"
         warnings.warn(text, RuntimeWarning, stacklevel=stacklevel + 1)

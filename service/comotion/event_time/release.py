@@ -57,14 +57,8 @@ class Release:
     """The batches that wait, and the numbers of the sessions whose instants have come out.
 
     `settle` is called with the fate of a batch once all its instants have come out. The budget says which
-    sources may have instants released, and is charged with what they cost.
-
-    Attributes
-    ----------
-    sessions
-        (source, session) by number, of every session that is current or has trajectories.
-    next_number
-        Of the session that is released next.
+    sources may have instants released, and is charged with what they cost. `sessions` are (source, session)
+    by number, of every session that is current or has trajectories; the next one gets `next_number`.
     """
 
     def __init__(self, sources: Sources, settle: Settle, budget: Budget, troubles: Troubles) -> None:

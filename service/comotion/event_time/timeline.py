@@ -30,30 +30,19 @@ _ROUNDS = 3
 class Timeline:
     """Event time of one scene, as the rules say; batches, and errors of the service itself, are counted.
 
-    Attributes
-    ----------
-    watermark_ns
-        W on the time scale of the scene, nanoseconds; None until a source has set it.
-    at_ns
-        The clock of arrivals at the last :meth:`advance`.
-    stats, faults, sources, ledger, steps
-        The counters, errors of the service, the sources, the accounts, and the time scale of the scene.
-    budget
-        What instants may cost, by source.
-    sessions
-        (source, session) by number, of every session that is current or has trajectories.
-    troubles
-        What sources do wrong.
+    `watermark_ns` is W on the time scale of the scene (`steps`), nanoseconds, None until a source has set it;
+    `at_ns` the clock of arrivals at the last :meth:`advance`; `sessions` are (source, session) by number, of
+    every session that is current or has trajectories.
     """
 
-    def __init__(self, config: FusionConfig, stats: Stats, faults: Faults | None = None) -> None:
+    def __init__(self, config: FusionConfig, stats: Stats) -> None:
         self._window_ns = to_ns(config.window)
         self._lateness_ns = to_ns(config.allowed_lateness)
         self._max_lag_ns = to_ns(config.max_lag)
         self._track_timeout_ns = to_ns(config.track_timeout)
         self._limits = config.limits
         self.stats = stats
-        self.faults = faults or Faults(stats)
+        self.faults = Faults(stats)
         self.sources = Sources(to_ns(config.source_timeout))
         self._inbox: list[Entry] = []
         waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))

@@ -238,18 +238,13 @@ class SourceClocks:
             self._notes.append((now, text))
             _log.warning("%s", text)
 
-    def on_trip(self, name: str, trip_s: float) -> None:
-        """Add the time in s until the cache of a source's Status has answered."""
-        if name in self._sources:
-            self._sources[name].bounds.on_trip(trip_s)
-
     def _take_answers(self) -> None:
         while self._answers:
-            self.on_trip(*self._answers.popleft())
+            name, trip_s = self._answers.popleft()
+            if name in self._sources:
+                self._sources[name].bounds.on_trip(trip_s)
 
     def _query(self, name: str, sent_s: float) -> None:
-        """Query the cache of a source's Status."""
-
         def answered(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 self._answers.append((name, time.monotonic() - sent_s))

@@ -12,7 +12,7 @@ from itertools import islice
 from typing import Any
 
 from comotion_schemas.component import StatusFields
-from comotion_schemas.messages import Problem, ProblemKind, RejectionReason
+from comotion_schemas.messages import Problem, ProblemKind
 from comotion_schemas.text import counted, counter_words
 from comotion_schemas.time_units import unix_unit
 
@@ -34,7 +34,7 @@ _START_NS = 3_000_000_000
 # A loop without an update for this long hangs: even a slow update takes well under a second.
 _HANGING_NS = 3_000_000_000
 # Counters whose growth means that something is wrong.
-_TROUBLE = ("lost", "late", "partly_late", "overflow", "overruns", "faults")
+_TROUBLE = ("lost", "late", "partly_late", "overflow", "overruns", "faults", "rejected")
 # A problem ends when it has not been seen for so long: one that comes and goes is logged once.
 _LASTS_NS = 10_000_000_000
 # Problems that a Status lists at most, also in a hostile scene; and of one kind.
@@ -57,7 +57,6 @@ class _Sample:
     at_ns: int
     received: dict[str, int]
     counters: dict[str, int]
-    rejected: dict[RejectionReason, int]
 
 
 class Health:
@@ -104,7 +103,8 @@ class Health:
         present, stats, sources = intake.tokens.present, timeline.ledger.total, timeline.sources
         own = {"clock_steps": clocks.steps, "refused_statuses": intake.statuses.refused}
         counters, rejected = stats.counters() | own, dict(stats.rejected)
-        self._samples.append(_Sample(at_ns, intake.received(), counters, rejected))
+        sums = counters | {"rejected": sum(rejected.values())}
+        self._samples.append(_Sample(at_ns, intake.received(), sums))
         while self._samples[0].at_ns < at_ns - _RECENT_NS:
             self._samples.popleft()
         ages = {name: (now_ns - source.newest_ns) / 1e9 for name, source in sorted(sources.items())}
@@ -161,25 +161,19 @@ class Health:
         """What has gone wrong lately, in words."""
         oldest, newest = self._samples[0], self._samples[-1]
         grown = {name: newest.counters[name] - oldest.counters[name] for name in _TROUBLE}
-        refused = sum(newest.rejected.values()) - sum(oldest.rejected.values())
         words = [counter_words(name, count) for name, count in grown.items() if count > 0]
-        words += [f"{refused} rejected"] if refused else []
         if not words:
             return []
-        last = f", the last on {rejection}" if refused and rejection else ""
+        last = f", the last on {rejection}" if grown["rejected"] and rejection else ""
         return [f"in the last {_RECENT_NS // 1_000_000_000} s {', '.join(words)}{last}"]
 
 
 def _in_short(silent: list[str], ages: Mapping[str, float], lasting: list[Problem]) -> list[str]:
     """Name the sources without data, and the problems: their texts are in the Status itself."""
     shown = [f"{name} ({ages[name]:.1f} s)" if name in ages else name for name in silent[:10]]
-    return [
-        *([f"no data from {', '.join(shown)}"] if shown else []),
-        *(
-            f"{problem.kind} of {problem.source}" if problem.source else problem.kind
-            for problem in lasting
-            if problem.kind not in ("silent", "no-data")
-        ),
+    others = [problem for problem in lasting if problem.kind not in ("silent", "no-data")]
+    return ([f"no data from {', '.join(shown)}"] if shown else []) + [
+        f"{problem.kind} of {problem.source}" if problem.source else problem.kind for problem in others
     ]
 
 

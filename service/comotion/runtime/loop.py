@@ -22,7 +22,7 @@ from ..fusion import Fusion
 from .clocks import EventClock, Overload, SourceClocks, Ticker, WallClock
 from .health import Health
 from .intake import Intake
-from .log_limit import DefectLog
+from .log_limit import log_defect
 from .output import Output, handlers
 from .presence import Presence
 from .standby.election import Election, Follower
@@ -60,7 +60,6 @@ class Loop:
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
         self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
         fusion.timeline.steps.replays = recorded
-        self._defects = DefectLog()
         self._due_ns: dict[str, int] = {}
         labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
@@ -157,7 +156,7 @@ class Loop:
     def _tidy(self) -> None:
         """Do what is due after an update was published."""
         for fault in self._fusion.faults.take():
-            self._defects.write(fault)
+            log_defect(fault)
         at_ns = time.monotonic_ns()
         self._health.alive(at_ns)
         if self._is_due("report", at_ns, _REPORT_NS):

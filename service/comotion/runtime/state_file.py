@@ -93,13 +93,7 @@ def _age(path: Path) -> str:
 
 
 def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
-    """A fusion that goes on from a snapshot; a twin has tried it out.
-
-    Raises
-    ------
-    ValueError
-        If it is another scene's, of the future or damaged, or no update follows from it.
-    """
+    """A fusion that goes on from a snapshot; a twin has tried it out. ValueError where that is impossible."""
     if len(data) > MAX_BYTES:
         raise KnownError(f"a snapshot has at most {MAX_BYTES} bytes")
     twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
@@ -216,7 +210,8 @@ class StateKeeper:
 
     def after(self, hypotheses: frozenset[int], monotonic_ns: int) -> None:
         """Take the state if it is due; `hypotheses` are the ids in the update just published."""
-        if not self.is_due(hypotheses, monotonic_ns):
+        changed = hypotheses != self._saved
+        if monotonic_ns < self._allowed_ns or not (changed or monotonic_ns >= self._due_ns):
             return
         self._take()
         self._saved = hypotheses
@@ -224,14 +219,8 @@ class StateKeeper:
         self._allowed_ns = monotonic_ns + round(cost_ns / _SHARE)
         self._due_ns = monotonic_ns + self._interval_ns
 
-    def is_due(self, hypotheses: frozenset[int], monotonic_ns: int) -> bool:
-        """Whether to take the state now."""
-        if monotonic_ns < self._allowed_ns:
-            return False
-        return monotonic_ns >= self._due_ns or hypotheses != self._saved
-
     def _take(self, *, clean: bool = False) -> None:
-        """Take the state, to be written in the place of one that still waits."""
+        # In the place of one that still waits.
         self._newest.cancel()
         self._newest = self._writer.submit(self._write, self._fusion.capture(clean=clean))
 

@@ -1,10 +1,10 @@
 """An etcd cluster: keys, leases and transactions; where one member does not answer, the next one does."""
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from comotion_schemas.errors import KnownError
@@ -16,7 +16,6 @@ if TYPE_CHECKING:  # the extra `cluster` need not be installed
 # s; an answer within a site takes milliseconds. A member without a quorum does not answer in time.
 _TIMEOUT_S = 1.0
 _DEFAULT_PORT = 2379
-Answer = TypeVar("Answer")
 
 
 class EtcdUnavailableError(OSError):
@@ -63,7 +62,7 @@ class Etcd:
 
     def grant(self, ttl: int) -> int:
         """Get a lease that ends `ttl` seconds after its last renewal; its number."""
-        return int(self._request(lambda member: member.lease(ttl).id))
+        return int(self._post("/lease/grant", {"TTL": ttl, "ID": 0})["ID"])
 
     def renew(self, lease: int) -> bool:
         """Renew a lease; False if it has ended."""
@@ -84,16 +83,16 @@ class Etcd:
     def replace(self, key: str, created: int, value: bytes, lease: int = 0) -> int | None:
         """Change a key if it is still the one that `created` made; the revision, None if it is not."""
         compare = {"key": _b64(key), "result": "EQUAL", "target": "CREATE", "create_revision": created}
-        return self._transact(compare, _put(key, value, lease))
+        return self._transact([compare], key, value, lease)
 
     def put_while(self, other: str, changed: int, key: str, value: bytes, lease: int = 0) -> bool:
         """Write a key if another one has not changed since the revision `changed`; whether it was written."""
         compare = {"key": _b64(other), "result": "EQUAL", "target": "MOD", "mod_revision": changed}
-        return self._transact(compare, _put(key, value, lease)) is not None
+        return self._transact([compare], key, value, lease) is not None
 
     def put(self, key: str, value: bytes, lease: int = 0) -> None:
         """Write a key."""
-        self._post("/kv/put", _put(key, value, lease)["request_put"])
+        self._transact([], key, value, lease)
 
     def delete(self, key: str) -> bool:
         """Delete a key; whether it was there."""
@@ -120,21 +119,13 @@ class Etcd:
             for kv in pairs
         }
 
-    def _transact(self, compare: dict[str, Any], put: dict[str, Any]) -> int | None:
-        answer = self._post("/kv/txn", {"compare": [compare], "success": [put], "failure": []})
+    def _transact(self, compare: list[dict[str, Any]], key: str, value: bytes, lease: int) -> int | None:
+        put = {"key": _b64(key), "value": base64.b64encode(value).decode(), "lease": lease}
+        request = {"compare": compare, "success": [{"request_put": put}], "failure": []}
+        answer = self._post("/kv/txn", request)
         return int(answer["header"]["revision"]) if answer.get("succeeded") else None
 
     def _post(self, path: str, request: dict[str, Any], *, refusable: bool = False) -> dict[str, Any]:
-        def post(member: "Etcd3Client") -> dict[str, Any]:
-            answer: dict[str, Any] = member.post(member.get_url(path), json=request)
-            return answer
-
-        answer = self._request(post, refusable=refusable)
-        header = answer.get("result", answer).get("header", {})
-        self.revision = int(header.get("revision", self.revision))
-        return answer
-
-    def _request(self, request: "Callable[[Etcd3Client], Answer]", *, refusable: bool = False) -> Answer:
         """Ask the member that answered last, then the others; where it may refuse, that is its answer."""
         from etcd3gw import exceptions  # noqa: PLC0415
 
@@ -142,12 +133,16 @@ class Etcd:
         reason, no_answer = "", (lost, exceptions.ConnectionTimeoutError, broken)
         for _ in range(len(self._members)):
             try:
-                return request(self._members[0])
+                answer: dict[str, Any] = self._members[0].post(self._members[0].get_url(path), json=request)
             except exceptions.Etcd3Exception as error:
                 if refusable and not isinstance(error, no_answer):
                     raise
                 reason = str(error).split("\n")[0][:200]
                 self._members.append(self._members.pop(0))
+            else:
+                header = answer.get("result", answer).get("header", {})
+                self.revision = int(header.get("revision", self.revision))
+                return answer
         raise EtcdUnavailableError(f"etcd does not answer at {', '.join(self.urls)}: {reason}")
 
 
@@ -167,10 +162,6 @@ def _member(url: str, tls: TlsFiles | None) -> "Etcd3Client":
     if tls is not None and parts.scheme == "https":
         files = {"ca_cert": str(tls.root_ca), "cert_cert": str(tls.certificate), "cert_key": str(tls.key)}
     return client(host=parts.hostname, port=port, protocol=parts.scheme, timeout=_TIMEOUT_S, **files)
-
-
-def _put(key: str, value: bytes, lease: int) -> dict[str, Any]:
-    return {"request_put": {"key": _b64(key), "value": base64.b64encode(value).decode(), "lease": lease}}
 
 
 def _b64(text: str) -> str:
