@@ -1,13 +1,14 @@
 """All spaces of a scene, each updated alone. One that fails is built anew.
 
 A fault in a space costs what it has derived, at worst its trajectories; never the service, nor another space.
-Bounds are kept here: of spaces, and of trajectories, of which each source has its share (:mod:`.shares`).
+Bounds are kept here: of spaces, and of trajectories, of which each source has its share.
 
 Unit and dim of a space are those of the configuration, else of the source that was the first to observe
 something in it, as long as any source that agrees observes it. A source that contradicts is refused, and so
 is one that is not among the sources that the configuration names.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,13 +19,12 @@ from comotion_schemas import ObservationBatch, RejectionReason
 from comotion_schemas.messages import ProblemKind
 
 from .config import FusionConfig, SpaceConfig, to_ns
-from .event_time.budget import Budget
+from .event_time.budget import Budget, Turns
 from .event_time.entries import Instants
 from .event_time.timeline import Timeline
 from .event_time.troubles import CLOCKS
 from .hypotheses.identity import IdAllocator
 from .partition import SpaceSpec
-from .shares import Turns, allowance
 from .shedding import FULL, Effort
 from .space import REFUSED, Space
 from .space_update import SpaceUpdate
@@ -88,8 +88,7 @@ class Spaces:
             refused = self._space_for(instant.batch)
             if refused is not None:
                 return refused
-            space, most = self._spaces[name], self.config.max_tracks
-            may_open = partial(allowance, [other.tracks for other in self], most, instant.session)
+            space, may_open = self._spaces[name], partial(self._allowance, instant.session)
             fits = space.store(self._without_taken(self._cut(instant), space), may_open)
             self._end(instant)
             return None if fits else "range"
@@ -257,3 +256,28 @@ class Spaces:
         if taken.any():
             self._refuse(int(np.count_nonzero(taken)), instant)
         return instant.of(~taken)
+
+    def _allowance(self, session: int, wanted: int) -> int:
+        """How many new trajectories a session may open; sessions above their share lose some."""
+        most, spaces = self.config.max_tracks, [space.tracks for space in self]
+        free = max(most - sum(tracks.occupied() for tracks in spaces), 0)
+        if wanted <= free:
+            return wanted
+        held: Counter[int] = Counter()
+        for tracks in spaces:
+            held.update(tracks.held())
+        share = most // len(held.keys() | {session})
+        due = min(wanted, share - held[session])
+        while free < due:
+            greediest = max(held, key=lambda number: held[number], default=session)
+            excess = held[greediest] - share
+            if greediest == session or excess <= 0:
+                break
+            freed, most_freed = 0, min(due - free, excess)
+            for tracks in spaces:
+                freed += tracks.displace(greediest, most_freed - freed)
+            if not freed:
+                break
+            held[greediest] -= freed
+            free += freed
+        return min(wanted, free)

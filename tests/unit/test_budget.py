@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.event_time.budget import Budget
+from comotion.event_time.budget import Budget, Turns
 from comotion.rigid.method import RigidMethod
 from comotion.runtime.health import in_words
-from comotion.shares import Turns
 
 from ..builders import MS, T0, S, batch, settled
 

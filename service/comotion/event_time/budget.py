@@ -1,4 +1,4 @@
-"""Shares time among sources by what they cost: a deficit round robin.
+"""Shares time among sources by what they cost: a deficit round robin, by which spaces take turns too.
 
 In each round the time that may be spent is shared evenly among the sources that have something to do. A
 source that spends more than its share owes the rest: it waits until later shares have paid for it. Time that
@@ -9,10 +9,12 @@ Without a clock nothing is measured, and every source may always go on: a record
 be, gives the same answer everywhere.
 """
 
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import inf
+from statistics import median_low
 
 CostClock = Callable[[], int]
 """Gives the time that has been spent, in ns from any start: processor time, or counted in a test."""
@@ -24,6 +26,10 @@ _MOST_DEBT_NS = 400_000_000
 _LEAST_REST_NS = 100_000
 # Share of its time that a round has in any case, whatever else was spent.
 _LEAST = 0.25
+# Updates of a space whose costs are remembered: their median counts, as a single cost is no measure.
+_REMEMBERED = 5
+# A source that costs this share of what the costliest one costs is named beside it.
+_AS_COSTLY = 0.5
 
 
 @dataclass
@@ -70,7 +76,7 @@ class Budget:
         }
 
     def share_rest(self, spenders: Collection[str]) -> bool:
-        """Share the rest of the round among some sources; whether there was any."""
+        """Share the rest of the round among those that still have work; whether there was any."""
         if self.clock is None or self._left < _LEAST_REST_NS:
             return False
         self._share(spenders)
@@ -110,3 +116,63 @@ class Budget:
             for name, share in shares.items():
                 self._credit[name] = max(self._credit.get(name, 0) - round(share * cost), least)
                 self._left_to_new -= round(share * cost) if name in self._new else 0
+
+
+@dataclass
+class Turns:
+    """Lets spaces be updated in turn, as far as the budget of their sources goes.
+
+    `costly` are the sources for which spaces had to wait in the last round: what theirs cost is more than
+    their share, and at least half as much as of the costliest one. Beside that one, on a machine with little
+    time left, the share of sources that cost little may be too small as well.
+    """
+
+    budget: Budget
+    costly: set[str] = field(default_factory=set)
+    _round: int = 0
+    # By space: in which round it was updated last, and what its last updates cost, ns.
+    _updated: dict[str, int] = field(default_factory=dict)
+    _costs: dict[str, deque[int]] = field(default_factory=dict)
+
+    def take(
+        self, at_ns: int, shares: Mapping[str, Mapping[str, float]], update: Callable[[str], None]
+    ) -> list[str]:
+        """Update some spaces, the one that has waited for longest first: one at least.
+
+        `shares` has by name of a space the share of each source in what it costs; `update` updates one by its
+        name. Returns the names of those that wait.
+        """
+        self._round += 1
+        self._updated = {name: self._updated.get(name, 0) for name in shares}
+        self._costs = {name: self._costs.get(name, deque(maxlen=_REMEMBERED)) for name in shares}
+        waiting = sorted(shares, key=lambda name: (self._updated[name], name))
+        self.budget.begin(at_ns, set().union(*shares.values()))
+        any_updated = False
+        while waiting:
+            left_waiting = []
+            for name in waiting:
+                if any_updated and not any(self.budget.allows(source) for source in shares[name]):
+                    left_waiting.append(name)
+                    continue
+                any_updated = True
+                with self.budget.charge(shares[name]):
+                    update(name)
+                self._updated[name] = self._round
+                self._costs[name].append(self.budget.cost_ns)
+            waiting = left_waiting
+            if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
+                break
+        self.costly = self._costliest(shares) if waiting else set()
+        return waiting
+
+    def _costliest(self, shares: Mapping[str, Mapping[str, float]]) -> set[str]:
+        """Sources whose spaces cost more than their share, and about as much as those of any other."""
+        costs = {name: median_low(costs) for name, costs in self._costs.items() if costs}
+        # A space that has not been updated yet costs as others do.
+        usual_ns = median_low(costs.values())
+        spent: Counter[str] = Counter()
+        for name, parts in shares.items():
+            cost_ns = costs.get(name, usual_ns)
+            spent.update({source: round(part * cost_ns) for source, part in parts.items()})
+        least = max(self.budget.share_ns, _AS_COSTLY * max(spent.values()))
+        return {source for source, cost_ns in spent.items() if source and cost_ns >= least}
