@@ -34,8 +34,6 @@ from .tracks import MAX_COORDINATE
 # Stamps beyond are no times since 1970; their differences could leave the range of int64.
 _MAX_STAMP_NS = 2**62
 
-TrackKey = tuple[str, str, int]
-
 
 @dataclass(frozen=True)
 class AffinitySnapshot:
@@ -44,7 +42,7 @@ class AffinitySnapshot:
     `tracks` names the rows as (source, session, id); `matrix` is float32 [N, N] in 0..1.
     """
 
-    tracks: list[TrackKey]
+    tracks: list[tuple[str, str, int]]
     matrix: NDArray[np.float32]
 
 

@@ -126,7 +126,13 @@ class Spaces:
                 updates[name] = None if last is None else last.repeated()
         for source in self.turns.costly:
             self.timeline.troubles.note("over-budget", source)
-        self._note_troubles()
+        for space in self:
+            for source in space.frame.contradicting:
+                text = f"that {space.spec.name} is carried, which others do not say"
+                self.timeline.troubles.note("contradicts-space", source, text)
+            for number in space.drift.drifting:
+                if number in self.timeline.sessions:
+                    self.timeline.troubles.note("drifts", self.timeline.sessions[number][0])
         doubted = self._doubted("ids-reused", "ids-short-lived")
         listed = [part for _, part in sorted(updates.items()) if part is not None]
         return [part.doubted(doubted) for part in listed] if doubted else listed
@@ -135,16 +141,6 @@ class Spaces:
         """Numbers of the sessions of sources with a trouble of some kinds."""
         sources = self.timeline.troubles.sources(*kinds)
         return [number for number, (source, _) in self.timeline.sessions.items() if source in sources]
-
-    def _note_troubles(self) -> None:
-        """Note sources that drift away from the others of a space, or that alone say that it is carried."""
-        for space in self:
-            for source in space.frame.contradicting:
-                text = f"that {space.spec.name} is carried, which others do not say"
-                self.timeline.troubles.note("contradicts-space", source, text)
-            for number in space.drift.drifting:
-                if number in self.timeline.sessions:
-                    self.timeline.troubles.note("drifts", self.timeline.sessions[number][0])
 
     def _shares(self, space: Space) -> dict[str, float]:
         """Share of each source in what a space costs: that of its trajectories."""

@@ -75,12 +75,16 @@ class Budget:
             name: credit for name, credit in self._credit.items() if credit < 0 or name in spenders
         }
 
-    def share_rest(self, spenders: Collection[str]) -> bool:
-        """Share the rest of the round among those that still have work; whether there was any."""
-        if self.clock is None or self._left < _LEAST_REST_NS:
-            return False
-        self._share(spenders)
-        return True
+    def rounds(
+        self, at_ns: int, waiting: Callable[[], Collection[str]], new: Collection[str] = ()
+    ) -> Iterator[None]:
+        """Begin a round, and yield while sources wait and there is any of it left to share among them."""
+        self.begin(at_ns, waiting(), new)
+        while waiting():
+            yield
+            if self.clock is None or self._left < _LEAST_REST_NS:
+                break
+            self._share(waiting())
 
     def _share(self, spenders: Collection[str]) -> None:
         new = sum(name in self._new for name in spenders)
@@ -146,22 +150,16 @@ class Turns:
         self._updated = {name: self._updated.get(name, 0) for name in shares}
         self._costs = {name: self._costs.get(name, deque(maxlen=_REMEMBERED)) for name in shares}
         waiting = sorted(shares, key=lambda name: (self._updated[name], name))
-        self.budget.begin(at_ns, set().union(*shares.values()))
-        any_updated = False
-        while waiting:
-            left_waiting = []
-            for name in waiting:
-                if any_updated and not any(self.budget.allows(source) for source in shares[name]):
-                    left_waiting.append(name)
+        for _ in self.budget.rounds(at_ns, lambda: set().union(*(shares[name] for name in waiting))):
+            for name in list(waiting):
+                is_first = len(waiting) == len(shares)
+                if not is_first and not any(self.budget.allows(source) for source in shares[name]):
                     continue
-                any_updated = True
+                waiting.remove(name)
                 with self.budget.charge(shares[name]):
                     update(name)
                 self._updated[name] = self._round
                 self._costs[name].append(self.budget.cost_ns)
-            waiting = left_waiting
-            if not self.budget.share_rest({source for name in waiting for source in shares[name]}):
-                break
         self.costly = self._costliest(shares) if waiting else set()
         return waiting
 

@@ -67,7 +67,6 @@ class Release:
         self._budget = budget
         self._troubles = troubles
         self._behind_ns: dict[str, int] = {}
-        self._over: list[int] = []
         self._order = 0
         self.next_number = 0
         self.sessions: dict[int, Key] = {}
@@ -78,24 +77,14 @@ class Release:
         entry.order = self._order
         heapq.heappush(self._sources[entry.batch.source].waiting, entry)
 
-    def end(self, number: int) -> None:
-        """Let the end of a session come out with the next release."""
-        self._over.append(number)
-
     def until(self, watermark_ns: int | None, at_ns: int, store: Store, end: End) -> None:
         """Release what is stamped at or before the watermark, by rule 9, as far as the budget goes."""
-        ended, self._over = self._over, []
-        for number in ended:
-            if number >= 0:
-                end(number)
         if watermark_ns is None:
             return
         due = {name for name, source in self._sources.items() if source.is_due(watermark_ns)}
-        self._budget.begin(at_ns, due, {name for name, source in self._sources.items() if source.is_new})
-        while due:
+        new = {name for name, source in self._sources.items() if source.is_new}
+        for _ in self._budget.rounds(at_ns, lambda: due, new):
             self._turn(due, watermark_ns, store, end)
-            if not self._budget.share_rest(due):
-                break
         # Sources that have long been behind because of their costs lose what is due.
         self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in due}
         for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
@@ -142,7 +131,6 @@ class Release:
         return True
 
     def _book(self, entry: Entry, instants: Instants, refused: RejectionReason | None) -> None:
-        """Book instants that came out: they were fused, or refused for a reason."""
         if refused is not None:
             entry.refused = refused
         # Of a batch that is late as a whole, only its ended trajectories have come out.

@@ -69,10 +69,6 @@ class Steps:
         """Stamp of a batch on the time scale of the scene."""
         return batch.stamp_ns - self.shift_ns
 
-    def reference(self, now_ns: int, watermark_ns: int | None) -> int:
-        """The time that stamps are compared with; recordings must not go back behind the watermark."""
-        return max(now_ns, watermark_ns) if self.replays and watermark_ns is not None else now_ns
-
     def catch_up(self, batch: ObservationBatch, now_ns: int) -> None:
         """Let the time scale go back where a batch would be ahead of the scene alone (rule 5)."""
         # Where the service's clock was set, its sources may have been set with it.
@@ -80,16 +76,14 @@ class Steps:
         if not self.replays and follows_late and self.scene_time(batch) > now_ns + AHEAD_NS:
             self.shift_ns = min(batch.stamp_ns - now_ns, 0)
 
-    def may_wait(
-        self, entry: Entry, reference_ns: int, floor_ns: int | None, *, agreed: bool, alone: bool
-    ) -> bool:
-        """Whether a batch is far from a time, of no use there, and waits (rule 3); takes note of its offset.
+    def may_wait(self, entry: Entry, now_ns: int, floor_ns: int | None, *, agreed: bool, alone: bool) -> bool:
+        """Whether a batch is far from now, of no use there, and waits (rule 3); takes note of its offset.
 
         `agreed`: its session has agreed before; `alone`: no source agrees now. Of a recording any waits: the
         end of one that is played again fast is near the end of the last one, so all of it does.
         """
         stamp_ns = self.scene_time(entry.batch)
-        entry.offset_ns = stamp_ns - reference_ns
+        entry.offset_ns = stamp_ns - now_ns
         late = floor_ns is not None and stamp_ns < floor_ns
         far = entry.offset_ns > FUTURE_NS or (late and entry.offset_ns < -self.timeout_ns)
         if not far and not (self.replays and any(other.key == entry.key for other in self.held)):
@@ -107,12 +101,12 @@ class Steps:
             return "judge"
         return "follow" if at_ns - first >= _SILENCE_NS else "wait"
 
-    def follow(self, reference_ns: int) -> None:
+    def follow(self, now_ns: int) -> None:
         """Move the time scale to the clock of the batches that wait."""
         self.followed += 1
         if self.replays:
             # So that the earliest follows the fused ones; a gap in a recording lasts as its stamps say.
-            earliest = min(self.scene_time(entry.batch) for entry in self.held) - reference_ns
+            earliest = min(self.scene_time(entry.batch) for entry in self.held) - now_ns
             self.shift_ns += earliest - _GAP_NS if earliest < 0 else 0
             return
         by_source: dict[str, list[int]] = {}

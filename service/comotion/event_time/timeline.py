@@ -52,6 +52,7 @@ class Timeline:
         self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._settle, self.budget, self.troubles)
         self.sessions = self._release.sessions
+        self._end: End = lambda _: None
         self.at_ns = self._now_ns = 0
         self.watermark_ns: int | None = None
         self.steps = Steps(self.sources.timeout_ns, self._window_ns, self.troubles)
@@ -84,7 +85,7 @@ class Timeline:
         `now_ns` is the caller's clock, nanoseconds since the Unix epoch, and `at_ns` one that is never set
         (None: `now_ns`). `store` is called with instants, `end` with the number of a session that is over.
         """
-        self._now_ns = now_ns
+        self._now_ns, self._end = now_ns, end
         self.at_ns = self.troubles.at_ns = at_ns = now_ns if at_ns is None else at_ns
         inbox, self._inbox = self._inbox, []
         for entry in inbox:
@@ -130,7 +131,6 @@ class Timeline:
                 self._settle(entry, fate)
 
     def _settle(self, entry: Entry, fate: Fate) -> None:
-        """Book the fate of a batch."""
         self._load.add(entry.batch.source, entry.size, -1)
         self.ledger.settle(entry.key, fate)
 
@@ -138,10 +138,10 @@ class Timeline:
         """Let a batch that is far from now wait where its clock may be right; judge any other."""
         steps, source = self.steps, self.sources.sender(entry.key)
         steps.catch_up(entry.batch, self._now_ns)
-        reference_ns, last_ns = steps.reference(self._now_ns, self.watermark_ns), self.sources.agreed_ns()
+        last_ns = self.sources.agreed_ns()
         agreed = source is not None and source.agreed_ns is not None
         alone = last_ns is None or self.at_ns - last_ns > self.sources.timeout_ns
-        if not steps.may_wait(entry, reference_ns, self._floor(), agreed=agreed, alone=alone):
+        if not steps.may_wait(entry, self._now_ns, self._floor(), agreed=agreed, alone=alone):
             return self._judge(entry)
         if source is not None and agreed:
             source.hear(entry.at_ns)
@@ -158,7 +158,7 @@ class Timeline:
         if decision == "wait":
             return False
         if decision == "follow":
-            steps.follow(steps.reference(self._now_ns, self.watermark_ns))
+            steps.follow(self._now_ns)
         replayed: set[Key] = set()
         held, steps.held = steps.held, []
         for entry in held:
@@ -219,8 +219,8 @@ class Timeline:
             return True
         idle = self.sources.keys() - self.sources.sending(self.at_ns)
         silent = [(self.sources[n].idle_ns(self.at_ns), n) for n in idle if not self._load.holds(n)]
-        if silent:
-            self._release.end(self.sources.pop(max(silent)[1]).number)
+        if silent and (number := self.sources.pop(max(silent)[1]).number) >= 0:
+            self._end(number)
         return bool(silent)
 
     def _wait(self, entry: Entry) -> None:
