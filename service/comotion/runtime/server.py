@@ -4,7 +4,6 @@ import logging
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import partial
 from math import inf
 from pathlib import Path
 
@@ -111,12 +110,10 @@ def _make_fusion(options: ServeOptions, session_id: str) -> Fusion:
 
 
 def _election(options: ServeOptions, session_id: str) -> Election | None:
-    """The election in which the service takes part, if any."""
     if not options.etcd:
         return None
-    connect = partial(Etcd, options.etcd, options.etcd_tls)
-    connect()  # a wrong url is an error now, not in a thread later
-    return Election(connect, options.scene, options.name, session_id, lease=options.lease)
+    etcd = Etcd(options.etcd, options.etcd_tls)
+    return Election(etcd, options.scene, options.name, session_id, lease=options.lease)
 
 
 def _warm_up(component: Component, config: FusionConfig) -> bool:

@@ -21,7 +21,7 @@ pytestmark = NEEDS_ETCD
 
 def candidate(cluster, name):
     """A service that takes part."""
-    return Election(lambda: Etcd(cluster.urls), "a", name, name[-1] * 16)
+    return Election(Etcd(cluster.urls), "a", name, name[-1] * 16)
 
 
 def until_active(election):
@@ -80,7 +80,7 @@ def test_while_etcd_is_away_the_active_service_goes_on_and_nobody_else_is_electe
 
 def test_a_member_that_does_not_answer_is_passed_over(etcd):
     urls = [free_endpoint().replace("tcp/", "http://"), *etcd.urls]
-    with Election(lambda: Etcd(urls), "a", "s1", "1" * 16) as only:
+    with Election(Etcd(urls), "a", "s1", "1" * 16) as only:
         until_active(only)
         client = Etcd(urls)
         client.put("still", b"here")

@@ -19,7 +19,6 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
 
 from zenoh import Sample, SampleKind
@@ -53,23 +52,17 @@ _log = logging.getLogger(__name__)
 class Election:
     """Takes part in the election of a scene, in a thread, while it is open.
 
-    `connect` makes the client of etcd for the thread; name, unique in its scene, and session are those of
-    this service. A silent owner loses the key after `lease` seconds, at least 2.
+    The thread alone uses the client of etcd; name, unique in its scene, and session are those of this
+    service. A silent owner loses the key after `lease` seconds, at least 2.
     """
 
     def __init__(
-        self,
-        connect: Callable[[], Etcd],
-        scene: str,
-        name: str,
-        session: str,
-        *,
-        lease: int = DEFAULT_LEASE_S,
+        self, etcd: Etcd, scene: str, name: str, session: str, *, lease: int = DEFAULT_LEASE_S
     ) -> None:
         self.epoch: int | None = None
         self.leader: str | None = None
         self.error: str | None = None
-        self._connect = connect
+        self._etcd = etcd
         self._key = f"comotion/v1/leader/{scene}"
         self._name, self._value = name, f"{name} {session}".encode()
         self._ttl = lease
@@ -104,10 +97,9 @@ class Election:
             self._set(None)
 
     def _run(self) -> None:
-        etcd = self._connect()
         while not self._stop:
             try:
-                self._step(etcd)
+                self._step()
             except EtcdUnavailableError as error:
                 if self.error is None:
                     doing = "standby stays silent" if self.epoch is None else "service goes on"
@@ -120,12 +112,13 @@ class Election:
             # Twice within a lease, should one answer be late; a standby learns of an ended lease as soon.
             self._wake.wait(self._ttl / 4)
             self._wake.clear()
-        self._resign(etcd)
+        self._resign()
 
-    def _step(self, etcd: Etcd) -> None:
+    def _step(self) -> None:
+        etcd = self._etcd
         suspects = {self._suspects.popleft() for _ in range(len(self._suspects))} - {self._name}
         if self._fenced:
-            self._resign(etcd)
+            self._resign()
             self._fenced = False
         if self._lease is not None and not etcd.renew(self._lease):
             self._lease = None
@@ -145,13 +138,13 @@ class Election:
             self.leader = self._name
         self._set(epoch)
 
-    def _resign(self, etcd: Etcd) -> None:
+    def _resign(self) -> None:
         """Give the key back, so that a standby need not wait for the end of the lease."""
         self._set(None)
         lease, self._lease = self._lease, None
         if lease is not None:
             try:
-                etcd.revoke(lease)
+                self._etcd.revoke(lease)
             except EtcdUnavailableError as error:
                 _log.warning("could not give back the scene: %s", error)
 
@@ -229,5 +222,4 @@ class Follower:
 
 
 def _name(owner: Entry) -> str:
-    """The name of the service that has the key."""
     return owner.value.decode(errors="replace").partition(" ")[0]
