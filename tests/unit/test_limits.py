@@ -2,9 +2,11 @@
 
 import json
 import re
+import time
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from comotion.runtime.output import Output
 from comotion.tracks import MAX_ENDED, Tracks
 from comotion.trajectories.window import Window
 from comotion_schemas import Keys
+from comotion_schemas.keys import QueryName
 
 from ..builders import MS, T0, S, batch
 
@@ -181,7 +184,9 @@ def test_a_session_of_which_nobody_knows_is_null_in_the_accounts():
     fusion.update(T0)
     fusion = Fusion.restore(FusionConfig(), fusion.snapshot())
     fusion.ingest(batch("stays", 3, T0 + S))
-    payload, _ = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)["accounts"]({})
+    handlers = output.handlers(fusion, lambda: fusion.update(T0), lambda: None)
+    assert set(handlers) == set(get_args(QueryName))
+    payload, _ = handlers["accounts"]({})
     assert {account["source"]: account["lost"] for account in json.loads(payload)["accounts"]} == {
         "gone": None,
         "stays": 2,
@@ -197,9 +202,9 @@ def test_of_many_problems_64_are_listed():
     assert problems.update({}, 11 * S) == []
 
 
-def test_lines_are_left_out_and_one_says_how_many(caplog):
-    times = [0.0]
-    logger = limited("comotion.test", clock=lambda: times[0])
+def test_lines_are_left_out_and_one_says_how_many(caplog, monkeypatch):
+    times, logger = [0.0], limited("comotion.test")
+    monkeypatch.setattr(time, "monotonic", lambda: times[0])
     for k in range(25):
         logger.warning("again %d", k)
     logger.warning("of another kind")

@@ -27,8 +27,6 @@ from .standby.election import Election
 _RATE_SPAN_NS = 2_000_000_000
 # How long something that went wrong keeps the state at degraded: some five Statuses show it.
 _RECENT_NS = 5_000_000_000
-# s; a source that has left is listed this long.
-_FORGET_S = 60.0
 # A process that has just started may take so long to its first batch.
 _START_NS = 3_000_000_000
 # A loop without an update for this long hangs: even a slow update takes well under a second.
@@ -108,18 +106,19 @@ class Health:
         while self._samples[0].at_ns < at_ns - _RECENT_NS:
             self._samples.popleft()
         ages = {name: (now_ns - source.newest_ns) / 1e9 for name, source in sorted(sources.items())}
-        ages = {name: age for name, age in ages.items() if name in present or age < _FORGET_S}
-        live = sources.sending(at_ns).keys() & ages
-        silent = sorted(present.keys() - live)
+        live = sources.sending(at_ns)
+        silent = sorted(present.keys() - live.keys())
         lasting = self._problems.update(self._texts(at_ns, timeline, present, ages, silent), at_ns)
         trouble = [*notes, *self._recent(intake.rejection), *_in_short(silent, ages, lasting)]
         dead = not live and stats.fused + stats.partly_late > 0
         if dead:
             trouble.insert(0, "no source sends any more")
         stalled = dead or (silent and not live)
+        # The intake knows sources that have long left, too.
+        rates = {n: rate for n, rate in self._rates(at_ns).items() if rate or n in ages or n in present}
         self._fields = StatusFields(
             state="stalled" if stalled else "degraded" if trouble else "ok",
-            rates=self._rates(at_ns),
+            rates=rates,
             ages=ages,
             counters=counters,
             rejected=rejected,
@@ -158,7 +157,6 @@ class Health:
         }
 
     def _recent(self, rejection: str) -> list[str]:
-        """What has gone wrong lately, in words."""
         oldest, newest = self._samples[0], self._samples[-1]
         grown = {name: newest.counters[name] - oldest.counters[name] for name in _TROUBLE}
         words = [counter_words(name, count) for name, count in grown.items() if count > 0]

@@ -13,7 +13,7 @@ goes through all matches of a wildcard for each of them.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import zenoh
@@ -64,8 +64,9 @@ class Intake(Queues):
         The budget is for reading and whatever the caller does with a batch. Beyond it, a source that has had
         its share waits for the next call; any source may have one batch read.
         """
-        self.tokens.look(monotonic_ns, lambda: self.received().keys() | self.statuses.take_sources())
+        self.tokens.look(monotonic_ns)
         active = self.active()
+        self.tokens.heard.update(active.keys() - {OTHERS})
         share_ns, total_ns, spent = budget_ns // max(len(active), 1), 0, dict.fromkeys(active, 0)
         while active:
             for name, queue in list(active.items()):
@@ -82,11 +83,6 @@ class Intake(Queues):
                 spent[name] += took_ns
                 if not queue.waiting or (total_ns > budget_ns and spent[name] >= share_ns):
                     del active[name]
-
-    def close(self) -> None:
-        """Stop receiving."""
-        super().close()
-        self.statuses.close()
 
     def _batch(self, queue: str, payload: Payload) -> ObservationBatch | None:
         """The batch in a payload of a queue; None where it is refused."""
@@ -125,12 +121,7 @@ class Statuses:
         self._lock = threading.Lock()
         self._unread: dict[str, tuple[bytes, float]] = {}
         self._read_ns: dict[str, int] = {}
-        self._sources: set[str] = set()
-        self._receiver = Receiver(session, keys.streams("status"), "status", _RING, self._add)
-
-    def close(self) -> None:
-        """Stop receiving."""
-        self._receiver.close()
+        Receiver(session, keys.streams("status"), "status", _RING, self._add)
 
     def read(self) -> list[tuple[Status, float]]:
         """Statuses that are due, each with the time of its arrival by this machine's wall clock, s."""
@@ -141,14 +132,7 @@ class Statuses:
             due = [(name, *self._unread.pop(name)) for name in names]
         self._read_ns |= dict.fromkeys(names, now)
         decoded = ((self._decode(name, content), arrived_s) for name, content, arrived_s in due)
-        statuses = [(status, arrived_s) for status, arrived_s in decoded if status is not None]
-        self._sources.update(status.component for status, _ in statuses if status.role == "source")
-        return statuses
-
-    def take_sources(self) -> set[str]:
-        """Names of the sources of which a Status was read since the last call."""
-        sources, self._sources = self._sources, set()
-        return sources
+        return [(status, arrived_s) for status, arrived_s in decoded if status is not None]
 
     def _add(self, key: str, content: bytes) -> None:
         """Keep the newest of a component; called in the thread."""
@@ -176,7 +160,8 @@ class Statuses:
 class Tokens:
     """Presence of sources, of `most` names at most.
 
-    `present` are the names whose token is there, and since when in monotonic ns.
+    `present` are the names whose token is there, and since when in monotonic ns; `heard` those of which
+    something has come since the last queries.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
@@ -186,15 +171,22 @@ class Tokens:
         # Names, and whether their token is there; None: no router has answered. Zenoh's threads add to it.
         self._answers: deque[tuple[str, bool | None]] = deque()
         self.present: dict[str, int] = {}
+        self.heard: set[str] = set()
 
-    def look(self, monotonic_ns: int, heard: Callable[[], Collection[str]]) -> None:
-        """Take in answers, and query some tokens: each second those of all names that `heard` gives."""
+    def look(self, monotonic_ns: int) -> None:
+        """Take in answers, and query some tokens: each second of all names heard and present."""
         while self._answers:
             self._pending -= 1
-            self._take_in(*self._answers.popleft(), monotonic_ns)
+            name, alive = self._answers.popleft()
+            if alive and name not in self.present and len(self.present) < self._most:
+                self.present[name] = monotonic_ns
+                _log.info("source %s is here", name)
+            elif alive is False and self.present.pop(name, None) is not None:
+                _log.info("source %s has left", name)
         if not self._turn and monotonic_ns >= self._due_ns:
             self._due_ns = monotonic_ns + _QUERY_AGAIN_NS
-            self._turn = sorted(self.present.keys() | heard(), reverse=True)
+            self._turn = sorted(self.present.keys() | self.heard, reverse=True)
+            self.heard.clear()
         while self._turn and self._pending < _MOST_PENDING:
             self._pending += 1
             self._query(self._turn.pop())
@@ -207,11 +199,3 @@ class Tokens:
 
         query: Any = Callback(lambda reply: replies.append(reply.ok is not None), answered)
         self._session.liveliness().get(self._keys.live("source", name), query, timeout=_TIMEOUT_S)
-
-    def _take_in(self, name: str, alive: bool | None, monotonic_ns: int) -> None:
-        if alive and name not in self.present and len(self.present) < self._most:
-            self.present[name] = monotonic_ns
-            _log.info("source %s is here", name)
-        elif alive is False and name in self.present:
-            del self.present[name]
-            _log.info("source %s has left", name)

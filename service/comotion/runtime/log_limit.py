@@ -2,7 +2,6 @@
 
 import logging
 import time
-from collections.abc import Callable
 
 from ..event_time.faults import Fault
 
@@ -13,13 +12,13 @@ _MOST_LINES, _AGAIN_S = 20, 60.0
 class _Limit(logging.Filter):
     """Lets a bounded number of lines of each text pass in a time, and says how many it has left out."""
 
-    def __init__(self, most: int, clock: Callable[[], float]) -> None:
+    def __init__(self, most: int) -> None:
         super().__init__()
-        self._most, self._clock = most, clock
+        self._most = most
         self._lines: dict[str, tuple[float, int]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        now = self._clock()
+        now = time.monotonic()
         began, count = self._lines.get(record.msg, (now, 0))
         if now - began >= _AGAIN_S:
             if count > self._most:
@@ -30,12 +29,10 @@ class _Limit(logging.Filter):
         return count < self._most
 
 
-def limited(
-    name: str, most: int = _MOST_LINES, clock: Callable[[], float] = time.monotonic
-) -> logging.Logger:
+def limited(name: str, most: int = _MOST_LINES) -> logging.Logger:
     """Return the logger of a name; of each text, as it is before it is filled in, it writes `most` lines."""
     logger = logging.getLogger(name)
-    logger.addFilter(_Limit(most, clock))
+    logger.addFilter(_Limit(most))
     return logger
 
 

@@ -10,7 +10,7 @@ import ctypes
 import gc
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 
 from threadpoolctl import threadpool_limits
 
@@ -32,9 +32,8 @@ from .state_file import StateKeeper
 _SLICE_NS = 20_000_000
 # Twice per Status, which is published every second.
 _REPORT_NS = 500_000_000
-_COLLECT_NS = 1_000_000_000
 # Between two times at which memory is given back: some 3 ms where an attack has taken much, else half of one.
-_FREE_NS = 2_000_000_000
+_FREE_NS = 1_000_000_000
 
 
 class Loop:
@@ -77,7 +76,7 @@ class Loop:
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
-        with _uninterrupted(), closing(self._intake):
+        with _uninterrupted():
             self._last = self._publish(self._last)
             self._component.ready()
             ticker = Ticker(to_ns(self._fusion.config.period), time.monotonic_ns())
@@ -121,11 +120,14 @@ class Loop:
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 if isinstance(self._clock, EventClock):
-                    self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
+                    self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
+                if status.role != "source":
+                    continue
+                self._intake.tokens.heard.add(status.component)
                 self._source_clocks.on_status(status, arrived_s)
-                if status.role == "source" and "sent" in status.counters:
+                if "sent" in status.counters:
                     ledger.claim((status.component, status.session), status.counters["sent"], now)
             ledger.miss(now)
         if isinstance(self._leadership, Presence):
@@ -147,24 +149,22 @@ class Loop:
         return clock.now_ns(), time.monotonic_ns()
 
     def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
-        """Publish an update with the time of its publication; returns what was published."""
         update = self._output.publish(update)
         if update.stamp_ns > 0:  # not so with the event clock before the first observation
             self._lag((update.published_ns - update.stamp_ns) / 1e9)
         return update
 
     def _tidy(self) -> None:
-        """Do what is due after an update was published."""
         for fault in self._fusion.faults.take():
             log_defect(fault)
         at_ns = time.monotonic_ns()
         self._health.alive(at_ns)
         if self._is_due("report", at_ns, _REPORT_NS):
-            self._report(at_ns)
-        if self._is_due("collect", at_ns, _COLLECT_NS):
-            gc.collect()
+            error, clocks = "" if self._keeper is None else self._keeper.error, self._source_clocks
+            notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
+            self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
         if self._is_due("free", at_ns, _FREE_NS):
-            self._intake.drop_idle(at_ns, self._intake.tokens.present)
+            gc.collect()
             # Large batches leave holes that the C library would keep; glibc alone can give them back.
             if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
                 trim(0)
@@ -176,11 +176,6 @@ class Loop:
         if due:
             self._due_ns[task] = at_ns + every_ns
         return due
-
-    def _report(self, at_ns: int) -> None:
-        error, clocks = "" if self._keeper is None else self._keeper.error, self._source_clocks
-        notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
-        self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
 
 
 @contextmanager

@@ -7,7 +7,6 @@ displaces its own data. Payloads without a valid name, or of one source too many
 import threading
 import time
 from collections import deque
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -20,8 +19,8 @@ from comotion_schemas.types import is_name
 
 from ..event_time.release import Load
 
-# A source that has left is forgotten after this time without data; one too many displaces one that is silent.
-IDLE_NS, _SILENT_NS = 10_000_000_000, 1_000_000_000
+# Without data for so long a source is silent, and gives way to one too many.
+_SILENT_NS = 1_000_000_000
 # Payloads of all sources between Zenoh and the thread, which takes some 300,000 a second.
 _RING = 16_384
 # Bounds of the queue of a source, in batches and bytes; and bytes of all, of which each then has its share.
@@ -62,7 +61,7 @@ class Queues:
         self._lock = threading.Lock()
         self._load = Load(_MOST_BATCHES, _MOST_BYTES, _ALL_BYTES)
         self.of = {OTHERS: Queue()}
-        self._receiver = Receiver(session, keys.streams("obs"), "obs", _RING, self._add)
+        Receiver(session, keys.streams("obs"), "obs", _RING, self._add)  # until the session is closed
 
     def active(self) -> dict[str, Queue]:
         """Queues in which payloads wait; of those of which nothing valid was read, the first ones.
@@ -92,18 +91,6 @@ class Queues:
         with self._lock:
             return max(queue.used_ns for queue in self.of.values())
 
-    def drop_idle(self, monotonic_ns: int, present: Collection[str]) -> None:
-        """Forget sources that have sent nothing for some seconds, but those that are present."""
-        with self._lock:
-            for name, queue in list(self.of.items()):
-                idle = monotonic_ns - queue.used_ns > IDLE_NS and not queue.waiting
-                if idle and name not in {OTHERS, *present}:
-                    del self.of[name]
-
-    def close(self) -> None:
-        """Stop receiving."""
-        self._receiver.close()
-
     def _add(self, key: str, content: bytes) -> None:
         """Let a payload wait; called in the thread."""
         name, now_ns = publisher_of(key), time.monotonic_ns()
@@ -124,7 +111,6 @@ class Queues:
         return payload
 
     def _admits(self, name: str, now_ns: int) -> bool:
-        """Whether a name may have a queue."""
         if not is_name(name) or len(self.of) <= self._most:
             return is_name(name)
         oldest = next(source for source in self.of if source != OTHERS)
