@@ -19,13 +19,7 @@ def shared_counts(
 
     `previous_labels` int64 [N] is the hypothesis of each trajectory until now and `groups` intp [N] the group
     of each, of `count`, both negative for none; `weights` float64 [N] says how much each counts, None: 1.
-
-    Returns
-    -------
-    ids
-        int64 [H], the old hypotheses, ascending.
-    shared
-        int64 [H, count]; with weights float64.
+    Returns the old hypotheses int64 [H], ascending, and the counts int64 [H, count]; with weights float64.
     """
     labelled = previous_labels >= 0
     ids, row = distinct(previous_labels[labelled])

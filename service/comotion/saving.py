@@ -66,10 +66,7 @@ def plain(original: Any) -> Any:
 def restored(kind: Any, state: Any) -> Any:
     """Restore from `state` the value that :func:`plain` was given, by its type.
 
-    Raises
-    ------
-    AttributeError, KeyError, TypeError, ValueError
-        If `state` is not of this type, as far as that shows.
+    Raises AttributeError, KeyError, TypeError or ValueError if `state` is not of it, as far as that shows.
     """
     origin: Any = get_origin(kind) or kind
     members = [member for member in get_args(kind) if member is not NoneType]
@@ -123,12 +120,7 @@ def _types(kind: type) -> dict[str, Any]:
 def pieces(state: dict[str, Any]) -> list[Any]:
     """Serialise nested dicts and lists of plain values and numeric arrays, without a copy of the arrays.
 
-    Returns buffers that make up the snapshot, in order.
-
-    Raises
-    ------
-    TypeError
-        If there is anything else in `state`.
+    Returns buffers that make up the snapshot, in order; raises TypeError for anything else in `state`.
     """
     parts: list[memoryview] = []
     size = 0
@@ -151,10 +143,7 @@ def pieces(state: dict[str, Any]) -> list[Any]:
 def load(data: bytes, build: Callable[[dict[str, Any]], Built]) -> Built:
     """Return what `build` makes of the state in `data`; its arrays are writeable.
 
-    Raises
-    ------
-    ValueError
-        If `data` is no snapshot of this version, or damaged, or `build` fails.
+    Raises ValueError if `data` is no snapshot of this version, or damaged, or `build` fails.
     """
     if not data.startswith(_MAGIC):
         raise KnownError("not a snapshot")

@@ -85,20 +85,10 @@ class SpaceUpdate:
 
 
 def explained(tracks: NDArray[Any], hypotheses: Sequence[Hypothesis], observed_s: Floats) -> Floats:
-    """Factors of the confidence.
+    """Factors of the confidence of tracks :data:`TRACK` [n], float64 [n] in 0..1; 1 where no noise is known.
 
-    Parameters
-    ----------
-    tracks
-        :data:`TRACK` [n], of which the confidence does not matter.
-    hypotheses
-        Those of the space, with their noise where it is known.
-    observed_s
-        float64 [n], s for which each was observed in the window.
-
-    Returns
-    -------
-    float64 [n] in 0..1; 1 where no noise is known.
+    `hypotheses` are those of the space, with their noise where it is known; `observed_s` float64 [n] is for
+    how many s each track was observed in the window.
     """
     labels, share = tracks["label"], np.zeros(len(tracks))
     for body in hypotheses:

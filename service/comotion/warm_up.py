@@ -42,13 +42,7 @@ _LOOK_S = 0.5
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
-    """Compile kernels that are not on disk, and run through made-up scenes; yields now and then.
-
-    Parameters
-    ----------
-    config
-        Parameters of the fusion that is about to start.
-    """
+    """Compile kernels that are not on disk, and run through made-up scenes; yields now and then."""
     yield from compile_ahead(config.method, list(SCENES))
     for unit, dim in SCENES:
         yield from warm_up(config, unit, dim)

@@ -38,16 +38,12 @@ _LASTS_NS = 10_000_000_000
 # Problems that a Status lists at most, also in a hostile scene; and of one kind.
 _MOST, _MOST_OF_A_KIND = 64, 16
 _MOST_ALIKE = 8
-# In the place of a source, where batches were displaced before they were read.
-_NO_QUEUE = "invalid names, or too many"
 # Microseconds go up by a thousandth of this.
 _PACE_OF_NS = 0.1
 _log = limited(__name__)
 
 Key = tuple[str | None, ProblemKind]
 TextByKey = dict[Key, str]
-DEFECT = "the service failed on some data and goes on; please report the trace in its log"
-"""Text where the counter of faults has grown."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,8 @@ class Health:
         }
         texts = in_words(noticed)
         if self._samples[-1].counters["faults"] > self._samples[0].counters["faults"]:
-            texts[None, "defect"] = DEFECT
+            text = "the service failed on some data and goes on; please report the trace in its log"
+            texts[None, "defect"] = text
         return texts
 
     def _rates(self, monotonic_ns: int) -> dict[str, float]:
@@ -207,7 +204,8 @@ def in_words(noticed: Mapping[ProblemKind, Mapping[str, Any]]) -> TextByKey:
     texts: TextByKey = {}
     for kind, evidence in noticed.items():
         for name, shown in islice(evidence.items(), _MOST_ALIKE):
-            texts[name or None, kind] = f"{name or _NO_QUEUE}: {_in_words(kind, shown)}"
+            # Without a name where batches were displaced before they were read.
+            texts[name or None, kind] = f"{name or 'invalid names, or too many'}: {_in_words(kind, shown)}"
         # Of many sources, the first ones and how many more: a storm of tokens is one line.
         if len(evidence) > _MOST_ALIKE:
             texts[None, kind] = f"{len(evidence) - _MOST_ALIKE} more sources have this problem"
@@ -246,16 +244,14 @@ _TEXTS: dict[ProblemKind, str] = {
     "what is rejected",
     "silent": "no data for {:.0f} s though its process is there; see whether its sensor or its loop hangs",
 }
-# Of ids that were used before.
-_RETURNED = "ids come back after they have ended; give every new feature an id that was never used"
 
 
 def _in_words(kind: ProblemKind, evidence: Any) -> str:
     """What a person should change about one source; some evidence is a text already."""
     if kind == "clock-zero":
         return _clock_zero(evidence)
-    if kind == "ids-reused":
-        return _TEXTS[kind].format(100 * evidence) if evidence else _RETURNED
+    if kind == "ids-reused" and not evidence:
+        return "ids come back after they have ended; give every new feature an id that was never used"
     if kind == "scale" and isinstance(evidence, str):
         return evidence
-    return _TEXTS[kind].format(evidence)
+    return _TEXTS[kind].format(100 * evidence if kind == "ids-reused" else evidence)

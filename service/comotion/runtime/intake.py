@@ -43,12 +43,7 @@ _log = limited(__name__)
 class Intake(Queues):
     """All subscriptions of the service to `most` sources; refusals and overflow go to the ledger.
 
-    Attributes
-    ----------
-    rejection
-        Key and reason of the newest payload that was refused; empty before any.
-    tokens, statuses
-        The tokens of the sources, and their Statuses.
+    `rejection` is the key and reason of the newest payload that was refused; empty before any.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, ledger: Ledger, most: int = 1024) -> None:

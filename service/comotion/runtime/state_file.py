@@ -139,12 +139,8 @@ def _reserved(path: Path) -> int:
 def write_atomically(path: Path, parts: Iterable[Any]) -> None:
     """Replace a file in one step that survives a power cut; only its owner can read it.
 
-    `parts` are buffers, written one after the other. The folder is made where it is missing.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; the one before is still there.
+    `parts` are buffers, written one after the other. The folder is made where it is missing. Raises OSError
+    if the file cannot be written; the one before is still there.
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     partial = path.with_name(f".{path.name}.partial")
@@ -168,13 +164,7 @@ def write_atomically(path: Path, parts: Iterable[Any]) -> None:
 
 
 def write_ids(path: Path, following: int) -> int:
-    """Write in ``FILE.ids`` that hypothesis ids below some beyond `following` may be given out; returns it.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write in ``FILE.ids`` that ids below one beyond `following` may be given out; returns that one."""
     reserved = min(following + _RESERVED, UNDETERMINED - 1)
     write_atomically(_beside(path, "ids"), [b"comotion-ids %d\n" % reserved])
     return reserved

@@ -35,22 +35,10 @@ class Entry:
 class Etcd:
     """A client of a cluster, for one thread.
 
-    Parameters
-    ----------
-    urls
-        ``http://host:port`` or ``https://host:port`` of the members, at least one.
-    tls
-        Certificates for https; None: the authorities that the system trusts.
-
-    Attributes
-    ----------
-    revision
-        Of the store, as of the last answer: it grows with every change of any key, and not with renewals.
-
-    Raises
-    ------
-    ValueError
-        If a url is not valid, or the extra ``cluster`` is not installed.
+    `urls` are ``http://host:port`` or ``https://host:port`` of the members, at least one; `tls` certificates
+    for https, None: the authorities that the system trusts. `revision` is that of the store as of the last
+    answer: it grows with every change of any key, and not with renewals. Raises ValueError if a url is not
+    valid, or the extra ``cluster`` is not installed.
     """
 
     def __init__(self, urls: Sequence[str], tls: TlsFiles | None = None) -> None:
