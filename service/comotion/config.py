@@ -246,10 +246,7 @@ def to_ns(seconds: float) -> int:
 def read_config(values: Mapping[str, Any]) -> FusionConfig:
     """Build the parameters from names and values; those of a group nested, or as ``group.name``.
 
-    Raises
-    ------
-    ValueError
-        For an unknown name, with the one that is most like it, or a value out of bounds.
+    Raises ValueError for an unknown name, with the one that is most like it, or a value out of bounds.
     """
     nested = {name: value for name, value in values.items() if "." not in name}
     for name in values.keys() - nested.keys():

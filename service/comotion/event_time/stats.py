@@ -34,35 +34,24 @@ Key = tuple[str, str]
 
 @dataclass
 class Account:
-    """Counts of the fates of the batches of one session, or of all.
-
-    Attributes
-    ----------
-    batches
-        Batches that came in: the sum of the others but `lost`.
-    fused, partly_late, late
-        Batches that were stored; those of which some instants were too old; those that were all too old.
-    duplicates
-        Batches seen before.
-    overflow
-        Batches that were displaced by later ones of their source before they were read.
-    waiting
-        Batches that wait for the watermark.
-    lost
-        Batches that never came, as far as the sequence numbers tell. It goes down when one comes after all.
-    rejected
-        Batches refused, by reason.
-    """
+    """Counts of the fates of the batches of one session, or of all."""
 
     batches: int = 0
+    """Batches that came in: the sum of the others but `lost`."""
     fused: int = 0
     partly_late: int = 0
     late: int = 0
+    """Batches that were stored; those of which some instants were too old; those that were all too old."""
     duplicates: int = 0
+    """Batches seen before."""
     overflow: int = 0
+    """Batches that were displaced by later ones of their source before they were read."""
     waiting: int = 0
+    """Batches that wait for the watermark."""
     lost: int = 0
+    """Batches that never came, as far as the sequence numbers tell. It goes down when one comes after all."""
     rejected: dict[RejectionReason, int] = field(default_factory=dict)
+    """Batches refused, by reason."""
 
     def add(self, name: str, count: int = 1) -> None:
         """Count batches, by the name of a counter or the reason of a rejection."""
@@ -74,36 +63,25 @@ class Account:
 
 @dataclass
 class Stats(Account):
-    """The counters of Status: the account of all sessions, and what concerns no single batch.
-
-    Attributes
-    ----------
-    observations
-        Rows that were stored.
-    duplicate_rows, refused_rows
-        Rows stored before; rows of batches that were fused that were beyond a bound, or that came back
-        after their end.
-    reordered
-        Batches with rows stored behind the watermark.
-    tracks, updates
-        Trajectories opened, and updates computed.
-    overruns
-        Deadlines missed by the service.
-    shed
-        Updates that left out work, because updates took too long.
-    faults
-        Errors of the service itself that cost a batch or the state of a space.
-    """
+    """The counters of Status: the account of all sessions, and what concerns no single batch."""
 
     observations: int = 0
+    """Rows that were stored."""
     duplicate_rows: int = 0
     refused_rows: int = 0
+    """Rows stored before; rows of batches that were fused that were beyond a bound, or that came back after
+    their end."""
     reordered: int = 0
+    """Batches with rows stored behind the watermark."""
     tracks: int = 0
     updates: int = 0
+    """Trajectories opened, and updates computed."""
     overruns: int = 0
+    """Deadlines missed by the service."""
     shed: int = 0
+    """Updates that left out work, because updates took too long."""
     faults: int = 0
+    """Errors of the service itself that cost a batch or the state of a space."""
 
     def counters(self) -> dict[str, int]:
         """The plain counters, without the rejections."""

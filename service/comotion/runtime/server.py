@@ -59,10 +59,7 @@ class ServeOptions:
 def serve(options: ServeOptions) -> None:
     """Run the fusion service of a scene until SIGINT or SIGTERM.
 
-    Raises
-    ------
-    ValueError
-        If a name is invalid, the endpoint is, or another service has the scene.
+    Raises ValueError if a name is invalid, the endpoint is, or another service has the scene.
     """
     session_id = new_session_id()
     health, election = Health(), _election(options, session_id)
