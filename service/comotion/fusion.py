@@ -137,7 +137,7 @@ class Fusion:
             A clock that is never set, in ns, for the time between arrivals; None: `now_ns`.
         """
         self.advance(now_ns, at_ns)
-        timeline, at_ns = self.timeline, now_ns if at_ns is None else at_ns
+        timeline = self.timeline
         watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
@@ -145,7 +145,7 @@ class Fusion:
         in_use = self._spaces.sessions()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
-        live = bool(timeline.sources.sending(at_ns))
+        live = bool(timeline.sources.sending(timeline.at_ns))
         header = {
             "scene": self.scene,
             "session": self.session,

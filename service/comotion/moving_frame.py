@@ -27,9 +27,7 @@ _TIMES_LARGER = 2.0
 # The first world has so large a share of the current features and has existed for so long, or is confirmed:
 # in the first frames a camera that moves cannot be distinguished from one that rests.
 _FIRST_SHARE, _FIRST_NS = 0.5, 400_000_000
-# Updates before the first world that are remembered.
-_MAX_EARLY = 150
-# s for which frames are remembered: a hypothesis is born up to so long before it is listed.
+# For how long frames are remembered: a hypothesis is born up to so long before it is listed.
 _MEMORY_NS = 15_000_000_000
 
 
@@ -85,7 +83,8 @@ class MovingFrame:
         world = None if self._world is None else present.get(self._world)
         if self._world is None:
             poses = {number: transform(h.pose) for number, h in present.items() if h.pose is not None}
-            self._early = [*self._early[-_MAX_EARLY:], (stamp_ns, poses)]
+            self._early.append((stamp_ns, poses))
+            self._early = [early for early in self._early if early[0] >= stamp_ns - _MEMORY_NS]
         pose = None if world is None else world.pose
         if pose is not None:
             self._frame = self._anchor * transform(pose).inv()

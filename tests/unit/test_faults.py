@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
+from comotion.runtime.log_limit import log_defect
 from comotion_schemas import encode
 
 from ..builders import MS, SESSION, T0, S, batch, play, settled
@@ -64,7 +65,7 @@ def test_a_space_that_fails_is_built_anew_and_keeps_its_hypotheses(monkeypatch):
     assert fusion.stats.faults == 1
 
 
-def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch):
+def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch, caplog):
     fusion = Fusion()
     before = run(fusion, 0, 20)
     window = fusion._spaces["world"]._window
@@ -74,7 +75,12 @@ def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch):
     assert fusion.stats.rejected == {"defect": 1}
     assert len(after.track_id) == 12
     assert min(h.id for h in after.hypotheses) > max(h.id for h in before.hypotheses)
-    assert "(source cam, " in fusion.faults.take()[0].doing
+    fault = fusion.faults.take()[0]
+    for _ in range(2):
+        log_defect(fault)
+    (record,) = caplog.records
+    assert "storing a batch: ZeroDivisionError; please report this (source cam, " in record.getMessage()
+    assert record.exc_info is not None
 
 
 def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back():

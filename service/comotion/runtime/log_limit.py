@@ -41,6 +41,7 @@ _defects = limited(__name__, most=1)
 
 def log_defect(fault: Fault) -> None:
     """Log an error of the service itself with its trace, each kind once a minute."""
+    doing, *batch = fault.doing.partition(" (")
     # The kind is a part of the text, by which lines are counted.
-    kind = f"{fault.doing.partition(' (')[0]}, {type(fault.error).__name__}".replace("%", "%%")
-    _defects.error(f"a defect in {kind}: %s; please report this", fault.doing, exc_info=fault.error)
+    kind = f"{doing}: {type(fault.error).__name__}".replace("%", "%%")
+    _defects.error(f"a defect in {kind}; please report this%s", "".join(batch), exc_info=fault.error)

@@ -44,10 +44,9 @@ _STARTING_NS = 300 * _SECOND_NS
 _START_S = 10.0
 # Silence after which a service speaks no more: so many of its periods, at least so long.
 _SILENT_PERIODS, _SILENT_NS = 3, _SECOND_NS
-# Tokens, and updates of others, that are held between two readings.
-_MOST_TOKENS = 256
+# Tokens, and updates of others, that are held between two readings; and others that are remembered.
+_MOST_TOKENS = _MAX_OTHERS = 256
 _MOST_UPDATES = 4
-_MAX_OTHERS = 256
 _NEVER_NS = 1 << 64
 _log = logging.getLogger(__name__)
 
@@ -98,7 +97,6 @@ class Presence:
         self._looked_ns = self._connected_ns = time.monotonic_ns()
         self._processor_ns = time.process_time_ns()
         self._speaks_ns: int | None = None
-        self._is_router = component.listens
         liveliness = component.session.liveliness()
         self._tokens: Any = liveliness.declare_subscriber(
             component.keys.all_live("service"), RingChannel(_MOST_TOKENS), history=True
@@ -128,8 +126,6 @@ class Presence:
 
     def __exit__(self, *exception: object) -> None:
         self._withdraw()
-        self._tokens.undeclare()
-        self._updates.undeclare()  # type: ignore[no-untyped-call]
 
     def require(self) -> None:
         """Check the claim right before the first update.
@@ -245,7 +241,7 @@ class Presence:
         self._token = self._own = None
 
     def _is_connected(self) -> bool:
-        return self._is_router or bool(self._component.session.info.routers_zid())
+        return self._component.listens or bool(self._component.session.info.routers_zid())
 
     def _taken(self, other: Claim) -> SceneTakenError:
         return SceneTakenError(f"scene {self._component.scene!r} is already served by {other.name!r}")
