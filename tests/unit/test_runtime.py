@@ -125,9 +125,9 @@ class TestHealth:
         assert health.status().message == "preparing"
         report = self.report(health, 1, Stats(), {"a": 0.1})
         assert report.message == "1 live source"
-        health.alive(time.monotonic_ns())
+        health.alive_ns = time.monotonic_ns()
         assert health.status() == report
-        health.alive(time.monotonic_ns() - 4 * SECOND)
+        health.alive_ns = time.monotonic_ns() - 4 * SECOND
         assert health.status().state == "stalled"
         assert health.status().message == "no update for 4.0 s"
 

@@ -56,22 +56,18 @@ class _Sample:
 class Health:
     """Turns counters into rates, recent trouble and a state, for the thread that sends the Status.
 
-    Times are monotonic nanoseconds, if nothing else is said.
+    Times are monotonic nanoseconds, if nothing else is said; `alive_ns` is that of the last update.
     """
 
     def __init__(self) -> None:
         self._samples: deque[_Sample] = deque()
         self._problems = Problems()
         self._fields = StatusFields(message="preparing")
-        self._alive_ns: int | None = None
-
-    def alive(self, at_ns: int) -> None:
-        """Note that the loop has published an update."""
-        self._alive_ns = at_ns
+        self.alive_ns: int | None = None
 
     def status(self, election: Election | None = None) -> StatusFields:
         """Return the last report, or ``stalled`` when the loop hangs."""
-        fields, alive_ns = self._fields, self._alive_ns
+        fields, alive_ns = self._fields, self.alive_ns
         if election is not None:
             epoch = election.epoch
             fields = replace(fields, replica="standby" if epoch is None else "active", epoch=epoch or 0)

@@ -157,8 +157,7 @@ class Loop:
     def _tidy(self) -> None:
         for fault in self._fusion.faults.take():
             log_defect(fault)
-        at_ns = time.monotonic_ns()
-        self._health.alive(at_ns)
+        self._health.alive_ns = at_ns = time.monotonic_ns()
         if self._is_due("report", at_ns, _REPORT_NS):
             error, clocks = "" if self._keeper is None else self._keeper.error, self._source_clocks
             notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
