@@ -78,19 +78,10 @@ def named(
 ) -> Labels:
     """Hypothesis of each group, int64 [K]; one that continues none gets a new id, one without members none.
 
-    The hypotheses of all trajectories, columns of the window, are brought up to date.
-
-    Parameters
-    ----------
-    window, partition, current
-        The trajectories, their groups, and intp [n] those that go on.
-    allocate
-        Gives a fresh id.
-    stamp_ns
-        The watermark.
-    by_thesis
-        Whether all members alike decide which hypothesis a group continues, by label propagation; else those
-        of long standing do, and sources that agree, in the best assignment.
+    The hypotheses of all trajectories, columns of the window, are brought up to date; `current` intp [n] are
+    the slots of those that go on. With `by_thesis` all members alike decide which hypothesis a group
+    continues, by label propagation; else those of long standing do, and sources that agree, in the best
+    assignment.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
     # Whose the votes are does not matter in the method of the thesis.
@@ -196,14 +187,8 @@ def recognised(
 ) -> dict[int, int]:
     """Absent hypothesis that each new group is, {new: absent}, by place and extent.
 
-    Parameters
-    ----------
-    absent
-        Remembered hypotheses without a current member, by id.
-    newcomers
-        When and where new groups appeared, by id; None for a static one.
-    margin
-        By how much, in nat, a pair must be better than every assignment without it.
+    Both are by id; of a new group it is known when and where it appeared, None for a static one. A pair must
+    be better than every assignment without it by a margin in nat.
     """
     static = [number for number, record in absent.items() if record.static]
     # The static body is one, wherever it is seen: the last one known goes on.

@@ -58,24 +58,10 @@ class Registry(Lifecycle):
         *,
         boxes: bool = True,
     ) -> tuple[Labels, list[Hypothesis], list[Event]]:
-        """Follow the hypotheses into a new partition.
+        """Follow the hypotheses into a new partition of the current slots intp [n], by age.
 
-        Parameters
-        ----------
-        window, partition
-            The trajectories, and their groups.
-        current
-            intp [n], the current slots, by age.
-        stamp_ns
-            The watermark.
-        boxes
-            Whether the axes of boxes may be sought.
-
-        Returns
-        -------
-        tuple
-            Hypotheses of the current trajectories, int64 [n], negative for none; all hypotheses, by id;
-            the events of this update.
+        Returns the hypotheses of the current trajectories, int64 [n], negative for none; all hypotheses, by
+        id; and the events of this update. The axes of boxes are sought where `boxes` says so.
         """
         previous = window.label[current]
         allocate, by_thesis = self.allocator.next, self.by_thesis

@@ -82,11 +82,7 @@ def unit_of(unit: str | None, dims: set[int]) -> Unit:
 
 
 def checked(name: str, positions: ArrayLike, times: ArrayLike, step_s: float) -> tuple[Floats, Floats]:
-    """Trajectories and times of one source.
-
-    Returns
-    -------
-    Positions float64 [T, N, dim] with rows of NaN where unseen, and times float64 [T] in s.
+    """Positions float64 [T, N, dim] of one source, rows of NaN where unseen, and times float64 [T] in s.
 
     Raises
     ------
