@@ -55,7 +55,7 @@ def make_clustering(name: Clustering, stop_affinity: float) -> ClusterFunction:
 
     def cluster(affinity: Floats32, rows: Slots) -> Clusters:
         dense = affinity[np.ix_(rows, rows)].astype(np.float64)
-        labels = choice(dense)
+        labels = choice(dense) if len(rows) > 1 else np.zeros(len(rows), np.intp)
         return _named(labels, np.where(labels[:, None] == labels, dense, 0.0).sum(axis=1))
 
     return cluster
@@ -126,12 +126,8 @@ def _times(affinity: Floats32, rows: Ints, factors: NDArray[Any]) -> Floats:
 def _halved(affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.int8]) -> tuple[Bools, Floats]:
     """Split m members by 2-means, from a guess, else from the sides of their principal component.
 
-    That is where the continuous problem has its best split (Ding and He 2004).
-
-    Returns
-    -------
-    second, to_second
-        bool [m], and float64 [m]: the sums of affinities to that half.
+    That is where the continuous problem has its best split (Ding and He 2004). Returns the second half, bool
+    [m], and the sums of the affinities to it, float64 [m].
     """
     if (guess > 0).any() and (guess < 0).any():
         return _two_means(partial(_times, affinity, members), sums, guess > 0)
@@ -148,7 +144,7 @@ def _halved(affinity: Floats32, members: Ints, sums: Floats, guess: NDArray[np.i
 def _two_means(product: Product, sums: Floats, second: Bools) -> tuple[Bools, Floats]:
     """2-means (3.6) from a first guess at one half, bool [n], which is not empty nor all.
 
-    `product` and `sums` float64 [n] are of the affinities of n members. Returns what :func:`_halved` does.
+    `product` and `sums` float64 [n] are of the affinities of n members.
     """
     n = len(sums)
     for _ in range(_MAX_STEPS):
