@@ -54,13 +54,7 @@ class IdAllocator:
     following: int = 1
 
     def next(self) -> int:
-        """A fresh id.
-
-        Raises
-        ------
-        OverflowError
-            After 2**32 - 2 hypotheses.
-        """
+        """A fresh id."""
         if self.following >= UNDETERMINED:
             raise OverflowError("out of hypothesis ids")
         self.following += 1
