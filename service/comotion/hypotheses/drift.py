@@ -74,19 +74,10 @@ class DriftCheck:
     def look(
         self, window: Window, current: Slots, labels: Labels, stamp_ns: int, delays_ns: Mapping[int, int]
     ) -> None:
-        """Compare what sources see.
+        """Compare what sources see of the current slots intp [n]; `labels` are the hypotheses of all slots.
 
-        Parameters
-        ----------
-        current
-            intp [n], slots of the current trajectories.
-        labels
-            int64 [capacity], hypothesis of each slot.
-        stamp_ns
-            The watermark.
-        delays_ns
-            Of session numbers, what is to be added to their times: of a source whose delay is long the
-            velocities would not tell it.
+        `delays_ns` is to be added to the times of session numbers: of a source whose delay is long the
+        velocities would not tell it.
         """
         if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS:
             return

@@ -65,18 +65,9 @@ class Lifecycle:
     ) -> list[Event]:
         """Take in an update; returns its events, beginnings first, then by kind and id.
 
-        Parameters
-        ----------
-        stamp_ns
-            The watermark.
-        sizes
-            Current members, by hypothesis that has any.
-        least
-            How many confirm a hypothesis.
-        origins
-            For hypotheses that are new: the one that most members have left, None for none.
-        heirs
-            For hypotheses whose last members mostly vote for another now: which one; or for itself still.
+        `sizes` are the current members of each hypothesis that has any, of which `least` confirm it.
+        `origins` of new ones are those that most members have left, None for none; `heirs` those that most of
+        the last members of one vote for now, which may be itself still.
         """
         step = 0 if self._stamp_ns is None else max(stamp_ns - self._stamp_ns, 0)
         self._stamp_ns = stamp_ns

@@ -34,12 +34,7 @@ _STEP = np.pi / 60
 def box_of(record: Record, *, seek: bool = True) -> Box:
     """Box of a hypothesis that is seen, in the axes of the space.
 
-    Parameters
-    ----------
-    record
-        What is known of it; gets the axes, and loses points that tell nothing.
-    seek
-        Whether the axes may be sought, which takes most of the time.
+    Its record gets the axes, and loses points that tell nothing. To `seek` axes takes most of the time.
     """
     if not record.posed:
         low, high = record.sides

@@ -54,13 +54,7 @@ class IdAllocator:
     following: int = 1
 
     def next(self) -> int:
-        """A fresh id.
-
-        Raises
-        ------
-        OverflowError
-            After 2**32 - 2 hypotheses.
-        """
+        """A fresh id."""
         if self.following >= UNDETERMINED:
             raise OverflowError("out of hypothesis ids")
         self.following += 1
@@ -70,7 +64,6 @@ class IdAllocator:
 def named(
     window: Window,
     partition: Partition,
-    current: Slots,
     allocate: Callable[[], int],
     stamp_ns: int,
     *,
@@ -78,25 +71,15 @@ def named(
 ) -> Labels:
     """Hypothesis of each group, int64 [K]; one that continues none gets a new id, one without members none.
 
-    The hypotheses of all trajectories, columns of the window, are brought up to date.
-
-    Parameters
-    ----------
-    window, partition, current
-        The trajectories, their groups, and intp [n] those that go on.
-    allocate
-        Gives a fresh id.
-    stamp_ns
-        The watermark.
-    by_thesis
-        Whether all members alike decide which hypothesis a group continues, by label propagation; else those
-        of long standing do, and sources that agree, in the best assignment.
+    The hypotheses of all trajectories, columns of the window, are brought up to date. With `by_thesis` all
+    members alike decide which hypothesis a group continues, by label propagation; else those of long standing
+    do, and sources that agree, in the best assignment.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
     # Whose the votes are does not matter in the method of the thesis.
     _, sources = distinct(window.source[slots] * (not by_thesis))
     if not by_thesis:
-        vote = vote & ~_overruled(window, partition, sources, current)
+        vote = vote & ~_overruled(window, partition, sources)
     last, voters, sources = window.label[slots], groups[vote], sources[vote]
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
@@ -118,27 +101,17 @@ def named(
     return ids
 
 
-def _overruled(window: Window, partition: Partition, sources: Ints, current: Slots) -> Bools:
-    """Trajectories that have no say in which hypothesis a group continues, bool [N], by sources intp [N].
+def _overruled(window: Window, partition: Partition, sources: Ints) -> Bools:
+    """Late members that have no say in which hypothesis a group continues, bool [N], by sources intp [N].
 
-    These are late members, and trajectories out of sight, of a source without an established member, where
-    those of others are enough: in the hypothesis, or in the group. So a crowd of a new source does not take
-    the id of a body along.
+    Their source has no established member in the hypothesis, and those of others are enough. So a crowd of a
+    new source does not take the id of a body along.
     """
-    slots, groups = partition.slots, partition.groups
-    is_current = np.zeros(window.capacity, np.bool_)
-    is_current[current] = True
-    established, seen = window.established[slots] != NO_HYPOTHESIS, is_current[slots]
-    deciding = established & seen & partition.deciding & (groups >= 0)
-    late = ~established & _left_to_others(window.label[slots], sources, deciding)
-    unseen = ~(established & seen) & (groups >= 0) & _left_to_others(groups, sources, deciding)
-    return np.asarray(late | unseen)
-
-
-def _left_to_others(sets: Labels, sources: Ints, established: Bools) -> Bools:
-    """Whose set has enough established members, none of its own source; bool [N], as all arguments are."""
-    row, counts = _counts(sets, sources, established)
-    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, sources] == 0))
+    established = window.established[partition.slots] != NO_HYPOTHESIS
+    deciding = established & partition.deciding & (partition.groups >= 0)
+    row, counts = _counts(window.label[partition.slots], sources, deciding)
+    left_to_others = (counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, sources] == 0)
+    return np.asarray(~established & left_to_others)
 
 
 def balanced(labels: Labels, sources: Ints) -> Floats:
@@ -196,14 +169,8 @@ def recognised(
 ) -> dict[int, int]:
     """Absent hypothesis that each new group is, {new: absent}, by place and extent.
 
-    Parameters
-    ----------
-    absent
-        Remembered hypotheses without a current member, by id.
-    newcomers
-        When and where new groups appeared, by id; None for a static one.
-    margin
-        By how much, in nat, a pair must be better than every assignment without it.
+    Both are by id; of a new group it is known when and where it appeared, None for a static one. A pair must
+    be better than every assignment without it by a margin in nat.
     """
     static = [number for number, record in absent.items() if record.static]
     # The static body is one, wherever it is seen: the last one known goes on.

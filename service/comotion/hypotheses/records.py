@@ -183,10 +183,7 @@ class Record:
     def heir(self, keys: Stamps, labels: Labels) -> int | None:
         """Hypothesis that most of the last members belong to now; None if more of them are lost.
 
-        Parameters
-        ----------
-        keys, labels
-            int64 [n], the current trajectories, ascending, and their hypotheses.
+        `keys` int64 [n], ascending, are the current trajectories, `labels` their hypotheses.
         """
         last = self.last.keys
         at = find(last, keys)

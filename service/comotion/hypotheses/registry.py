@@ -58,28 +58,14 @@ class Registry(Lifecycle):
         *,
         boxes: bool = True,
     ) -> tuple[Labels, list[Hypothesis], list[Event]]:
-        """Follow the hypotheses into a new partition.
+        """Follow the hypotheses into a new partition of the current slots intp [n], by age.
 
-        Parameters
-        ----------
-        window, partition
-            The trajectories, and their groups.
-        current
-            intp [n], the current slots, by age.
-        stamp_ns
-            The watermark.
-        boxes
-            Whether the axes of boxes may be sought.
-
-        Returns
-        -------
-        tuple
-            Hypotheses of the current trajectories, int64 [n], negative for none; all hypotheses, by id;
-            the events of this update.
+        Returns the hypotheses of the current trajectories, int64 [n], negative for none; all hypotheses, by
+        id; and the events of this update. The axes of boxes are sought where `boxes` says so.
         """
         previous = window.label[current]
         allocate, by_thesis = self.allocator.next, self.by_thesis
-        self.ids = named(window, partition, current, allocate, stamp_ns, by_thesis=by_thesis)  # 1
+        self.ids = named(window, partition, allocate, stamp_ns, by_thesis=by_thesis)  # 1
         since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
         present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2

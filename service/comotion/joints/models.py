@@ -117,19 +117,10 @@ class Fit:
 
 
 def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> Fit:
-    """Fit a model from a start.
+    """Fit a model of the kind of a start to n > 0 states; without steps their positions are fitted alone.
 
-    Parameters
-    ----------
-    states
-        n > 0 states.
-    start
-        Of the kind that is fitted.
-    reach
-        Standard deviation of the distance between the child and the axis of a hinge: a hinge that is far
-        away is a slide.
-    steps
-        At most; without any the positions of the states are fitted alone.
+    `reach` is the standard deviation of the distance between the child and the axis of a hinge: a hinge that
+    is far away is a slide.
     """
     model, q, near, hinge = start, start.positions(states), states.p.mean(0), start.kind == "revolute"
     for k in range(steps + 1):
@@ -174,20 +165,9 @@ def joint_position(model: Model, state: States) -> float:
 def judge(
     states: States, models: Mapping[JointKind, Model], reach: float
 ) -> tuple[dict[JointKind, Fit], dict[JointKind, float]]:
-    """Fit every kind to n > 0 states and weigh them.
+    """Fit every kind to n > 0 states, from the models of the last judgement, and weigh them.
 
-    Parameters
-    ----------
-    states
-        Of the pair.
-    models
-        Those of the last judgement, from which fits start.
-    reach
-        How far from the child a hinge may be, as in :func:`fit`.
-
-    Returns
-    -------
-    The best fit of each kind, and the probability of each, and of ``free``; they add up to one.
+    Returns the best fit of each kind, and the probability of each, and of ``free``; they add up to one.
     """
     fits = {kind: fit(states, models.get(kind) or first_guess(states, kind), reach) for kind in KINDS}
     independent = max(len(states) / _TEMPERATURE, 1.0)

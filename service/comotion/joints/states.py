@@ -66,15 +66,7 @@ def averaged(states: States) -> States:
 def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> States:
     """States of a child against its parent over the frames in which both have a pose.
 
-    Parameters
-    ----------
-    parent, child
-        Motions over the same frames.
-    point
-        float64 [3], the point of the child that the place is of, in the child's axes.
-
-    Notes
-    -----
+    Their motions are over the same frames; the place is that of a `point` float64 [3] in the child's axes.
     With errors dθ and dt about its centroid of each pose, the relative turn errs by dθc - dθp, and the
     place by dtc - dtp - dθp × l, where l leads from the parent's centroid to the point.
     """

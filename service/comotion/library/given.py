@@ -43,21 +43,12 @@ class Parameters(TypedDict, total=False):
 
 
 def config_of(config: FusionConfig | Mapping[str, Any] | None, parameters: Parameters) -> FusionConfig:
-    """The parameters of a call: a configuration or a dict, and what keywords change in it.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, or a value out of bounds.
-    """
+    """The parameters of a call: a configuration or a dict, and what keywords change in it."""
+    if isinstance(config, FusionConfig):
+        return read_config({**dict(config), **parameters}) if parameters else config
     if config is None or isinstance(config, Mapping):
         return read_config({**(config or {}), **parameters})
-    if not isinstance(config, FusionConfig):
-        raise KnownError(f"config is {type(config).__name__}, not a FusionConfig or a dict of parameters")
-    if not parameters:
-        return config
-    given = {name: getattr(config, name) for name in config.model_fields_set}
-    return read_config({**given, **parameters})
+    raise KnownError(f"config is {type(config).__name__}, not a FusionConfig or a dict of parameters")
 
 
 def longest_step_s(config: FusionConfig) -> float:
@@ -66,13 +57,7 @@ def longest_step_s(config: FusionConfig) -> float:
 
 
 def unit_of(unit: str | None, dims: set[int]) -> Unit:
-    """The unit of all sources: the given one, or m for three coordinates and px for two.
-
-    Raises
-    ------
-    ValueError
-        If sources differ in their number of coordinates, or the unit does not go with it.
-    """
+    """The unit of all sources, whose `dims` must not differ: the given one, or m for 3-D and px for 2-D."""
     if len(dims) != 1:
         raise KnownError(f"sources differ in their number of coordinates: {sorted(dims)}")
     (dim,) = dims
@@ -82,17 +67,7 @@ def unit_of(unit: str | None, dims: set[int]) -> Unit:
 
 
 def checked(name: str, positions: ArrayLike, times: ArrayLike, step_s: float) -> tuple[Floats, Floats]:
-    """Trajectories and times of one source.
-
-    Returns
-    -------
-    Positions float64 [T, N, dim] with rows of NaN where unseen, and times float64 [T] in s.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, times are none, a position is infinite, or there is no observation.
-    """
+    """Positions float64 [T, N, dim] of one source, rows of NaN where unseen, and times float64 [T] in s."""
     try:
         return _checked(positions, times, step_s)
     except KnownError as error:
@@ -119,13 +94,7 @@ def _checked(positions: ArrayLike, times: ArrayLike, step_s: float) -> tuple[Flo
 
 
 def common_origin(clocks: Mapping[str, Floats]) -> float:
-    """The first time of all sources, which must overlap or follow each other within a day; s.
-
-    Raises
-    ------
-    ValueError
-        If they do not: their clocks count from different origins.
-    """
+    """The first time of all sources, s: they overlap or follow each other within a day, by one clock."""
     spans = sorted((float(clock[0]), float(clock[-1]), name) for name, clock in clocks.items())
     end, last = spans[0][1], spans[0][2]
     for first, final, name in spans:

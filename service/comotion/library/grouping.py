@@ -144,18 +144,12 @@ def _labels(
     name: str, states: Floats, times: Floats, origin: float, updates: Sequence[HypothesisUpdate]
 ) -> Labels:
     """Label of each feature at each instant, from the first update that has fused it."""
-    seen = np.isfinite(states[..., 0])
-    labels_at = np.full(seen.shape, -1, np.int64)
-    stamps = np.array([round(t * 1e9) for t in (times - origin).tolist()])
-    last_ns = -1
-    for update in updates:
-        # A faster source ends ahead of the last watermark: its last instants have the last labels.
-        until_ns = stamps[-1] if update is updates[-1] else update.stamp_ns
-        rows = np.flatnonzero((stamps <= until_ns) & (stamps > last_ns))
-        last_ns = update.stamp_ns
-        if len(rows):
-            current = np.full(states.shape[1], -1, np.int64)
-            known = update.hypotheses_of(name, "0" * 16)
-            current[list(known)] = [-1 if label == UNDETERMINED else label for label in known.values()]
-            labels_at[rows] = np.where(seen[rows], current, -1)
-    return labels_at
+    labels = np.full(states.shape[:2], -1, np.int64)
+    stamps = [round(t * 1e9) for t in (times - origin).tolist()]
+    # A faster source ends ahead of the last watermark: its last instants have the last labels.
+    first = np.searchsorted([update.stamp_ns for update in updates[:-1]], stamps)
+    for k in np.unique(first).tolist():
+        known = updates[k].hypotheses_of(name, "0" * 16)
+        found = [-1 if label == UNDETERMINED else label for label in known.values()]
+        labels[np.ix_(first == k, list(known))] = found
+    return np.where(np.isfinite(states[..., 0]), labels, -1)

@@ -62,16 +62,15 @@ class Linker:
             for image, body in self.links.items()
             if (space.get(image), space.get(body)) in linkable
         }
-        linked: dict[int, list[int]] = {}
-        for image, body in self.links.items():
-            linked.setdefault(body, []).append(image)
         # The hypotheses of several cameras may have one body.
+        same: dict[int, list[int]] = {}
         for image, body in self.links.items():
-            others = [other for other in linked[body] if space[other] != space[image]]
-            linked[image] = [body, *others]
-        hypotheses = [
-            replace(h, linked=sorted(linked[h.id])) if h.id in linked else h for h in update.hypotheses
-        ]
+            same[image] = same.setdefault(body, [body])
+            same[image].append(image)
+        linked = {
+            one: sorted(other for other in group if space[other] != space[one]) for one, group in same.items()
+        }
+        hypotheses = [replace(h, linked=linked[h.id]) if h.id in linked else h for h in update.hypotheses]
         return replace(update, hypotheses=hypotheses)
 
     def _look(self, parts: Sequence[SpaceUpdate]) -> None:

@@ -41,22 +41,14 @@ _SMALLEST_DEPTH = 1e-3
 
 
 class CameraModel:
-    """A calibrated camera that does not move.
-
-    Attributes
-    ----------
-    frame
-        The metric space that the extrinsics lead to.
-    rotation, translation
-        float64 [3, 3] and [3] (m), camera to `frame`.
-    focal
-        px; geometric mean of the focal lengths.
-    """
+    """A calibrated camera that does not move."""
 
     def __init__(self, camera: Camera) -> None:
+        # The metric space that the extrinsics lead to, and these: float64 [3, 3], [3] in m.
         self.frame = camera.frame
         self.rotation: Floats = Rotation.from_quat(camera.quaternion).as_matrix()
         self.translation: Floats = np.asarray(camera.translation)
+        # px; geometric mean of the focal lengths.
         self.focal = math.sqrt(camera.fx * camera.fy)
         self._matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         self._distortion = np.array(camera.distortion) if any(camera.distortion) else None
@@ -88,20 +80,9 @@ class ImageTracks:
 
 
 def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraModel) -> ImageTracks:
-    """States of trajectories at up to twelve of the frames each.
+    """States of trajectories, slots intp [N], at up to twelve of the frames each: ascending stamps int64 [F].
 
     Linear between observations, never across a gap longer than the window allows.
-
-    Parameters
-    ----------
-    window
-        Of the camera's space.
-    slots
-        intp [N].
-    stamps
-        int64 [F] ns, ascending; the frames.
-    camera
-        Calibration.
     """
     states = window.states_at(slots, stamps)
     # The frames of each with a state come first, of which some are taken, evenly spread.
@@ -128,16 +109,8 @@ def sample_tracks(window: Window, slots: Slots, stamps: Stamps, camera: CameraMo
 def log_likelihoods(tracks: ImageTracks, bodies: Sequence[BodyMotion], camera: CameraModel) -> Floats:
     """Log-likelihood of each trajectory on each body and, last, on none of them, float64 [N, K + 1].
 
-    Relative to a constant of the trajectory. A frame without a pose is charged the expected residual.
-
-    Parameters
-    ----------
-    tracks
-        N image trajectories.
-    bodies
-        Motion of K bodies in the axes of the space that the camera's extrinsics lead to.
-    camera
-        Calibration.
+    Relative to a constant of the trajectory. A frame without a pose is charged the expected residual. The K
+    bodies move in the axes of the space that the camera's extrinsics lead to.
     """
     states = np.maximum(2 * tracks.seen.sum(1) - 3, 0)
     none = -0.5 * _NO_BODY_CHARGE * states

@@ -25,21 +25,11 @@ _VARIANCE_FLOOR = 1e-3
 
 
 def cut_spectrum(affinity: Floats, *, normalized: bool) -> NDArray[np.intp]:
-    """Labels intp [N] by k-means on the first K eigenvectors of the graph Laplacian.
+    """Labels intp [N], N of 2 or more, by k-means on the first K eigenvectors of the graph Laplacian.
 
     K is where the gap λ_K+1 − λ_K is largest, and no fewer than the eigenvalues that are 0: so many
-    components the graph has.
-
-    Parameters
-    ----------
-    affinity
-        float64 [N, N].
-    normalized
-        L_norm = I − D⁻¹A instead of L = D − A.
+    components the graph has. The affinity is float64 [N, N].
     """
-    n = len(affinity)
-    if n < 2:
-        return np.zeros(n, np.intp)
     values, vectors = spectrum(affinity, normalized=normalized)
     clusters = count_clusters(values)
     with warnings.catch_warnings():
@@ -52,10 +42,7 @@ def cut_spectrum(affinity: Floats, *, normalized: bool) -> NDArray[np.intp]:
 def spectrum(affinity: Floats, *, normalized: bool) -> tuple[Floats, Floats]:
     """Eigenvalues float64 [N] of the graph Laplacian, increasing, and eigenvectors float64 [N, N].
 
-    Parameters
-    ----------
-    affinity, normalized
-        As in :func:`cut_spectrum`.
+    It is L = D − A, or `normalized` L_norm = I − D⁻¹A.
     """
     n = len(affinity)
     degree = affinity.sum(axis=1)
@@ -85,22 +72,17 @@ class Mixture:
 
 
 def best_mixture(affinity: Floats) -> NDArray[np.intp]:
-    """Labels intp [N] of the mixture with the smallest Bayesian information criterion.
+    """Labels intp [N], N of 2 or more, of the mixture with the smallest Bayesian information criterion.
 
     The thesis finds it to choose too many clusters; it is slow as well, since N rows have N dimensions.
     """
-    if len(affinity) < 2:
-        return np.zeros(len(affinity), np.intp)
     return min(mixtures(affinity), key=lambda mixture: mixture.bic).labels
 
 
 def mixtures(affinity: Floats) -> Iterator[Mixture]:
     """Fit 1 to 10 components with full, diagonal and spherical covariances, as in fig. 3.4.
 
-    Parameters
-    ----------
-    affinity
-        float64 [N, N], N of 2 or more.
+    The affinity is float64 [N, N], N of 2 or more.
     """
     for components in range(1, min(len(affinity), _MAX_COMPONENTS) + 1):
         for covariance in COVARIANCES:

@@ -34,21 +34,12 @@ _SQUARINGS = 8
 def update_pairs(
     sums: Floats, samples: Floats, signs: Floats, present: Bools, rate: float, affinity: Floats32
 ) -> None:
-    """Take samples into the sums of all blocks, and write the affinities that follow.
+    """Take samples into the sums of all blocks, and write the affinities that follow, where they are wanted.
 
-    Parameters
-    ----------
-    sums
-        float64 [blocks or more, STRIP, PLANES, STRIP]: block ``r * (r + 1) / 2 + c`` has strip r as rows
-        and, as columns, strip c <= r.
-    samples, signs
-        float64 [strips, T or more, SAMPLE_PLANES, STRIP] and [T], 1 where samples come, -1 where they go.
-    present
-        bool [strips, T, SAMPLE_PLANES]: whether any of a strip is not 0.
-    rate
-        -γ of (3.4).
-    affinity
-        float32 [rows, rows], symmetric; empty for none.
+    Block ``r * (r + 1) / 2 + c`` of sums float64 [blocks or more, STRIP, PLANES, STRIP] has strip r as rows
+    and, as columns, strip c <= r. Samples are float64 [strips, T or more, SAMPLE_PLANES, STRIP]; signs [T]
+    are 1 where they come, -1 where they go; `present` says whether any of a strip is not 0. The affinity
+    float32 [rows, rows] is symmetric, or empty; `rate` is -γ of (3.4).
     """
     for n in numba_range(len(samples) * (len(samples) + 1) // 2):
         number = np.int64(n)
@@ -109,15 +100,7 @@ def _compare(sums: Floats, rate: float, affinity: Floats32) -> None:
 
 @compiled(fastmath={"contract"})
 def combine_rows(matrix: Floats32, rows: Ints, factors: Floats, out: Floats) -> None:
-    """Add some rows of a matrix, each times its factor, to a row.
-
-    Parameters
-    ----------
-    matrix, rows, factors
-        float32 [n, n]; intp [m] and float64 [m].
-    out
-        float64 [n].
-    """
+    """Add some rows intp [m] of a matrix float32 [n, n], each times its factor float64 [m], to `out` [n]."""
     # Four rows a turn load and store the sums a quarter as often.
     fours = len(rows) // 4 * 4
     for k in range(0, fours, 4):

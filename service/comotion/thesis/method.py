@@ -31,15 +31,7 @@ _V_MOVE: dict[Unit, float] = {"m": 0.1, "px": 20.0}
 
 
 class ThesisMethod(Method):
-    """The method of the thesis, for one space.
-
-    Parameters
-    ----------
-    config
-        Its group `thesis` matters here.
-    spec
-        The space.
-    """
+    """The method of the thesis, for one space."""
 
     # Section 3.3 propagates the labels of the last update, those of all features alike.
     by_thesis = True

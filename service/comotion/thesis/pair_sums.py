@@ -12,7 +12,6 @@ from bisect import bisect_right
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Bools, Floats, Floats32, Slots, Stamps, untouched_zeros
 from ..trajectories.window import Window
@@ -39,25 +38,14 @@ class PairSums:
 
     A trajectory has samples from its second observation on: with a single observation it has at most one
     sample with any other trajectory, too few to compare, and no speed. Trajectories that their source has
-    ended have no samples.
-
-    Parameters
-    ----------
-    v_move
-        Speed of λ in (3.2), in the space's unit per second; None: equal weights.
-    sigma_switch
-        Standard deviation at which the affinity is 0.5, in the unit of the distances.
-
-    Attributes
-    ----------
-    sums
-        float64 [blocks or more, STRIP, PLANES, STRIP], those of :func:`.kernels.update_pairs`: their rows are
-        the slots of the window, up to the last one in use.
+    ended have no samples. `v_move` and `sigma_switch` are those of the configuration; without the first one
+    weights are equal.
     """
 
     def __init__(self, v_move: float | None, sigma_switch: float) -> None:
         self._v_move = v_move
         self._sigma_switch = sigma_switch
+        # Those of the kernels: their rows are the slots of the window, up to the last one in use.
         self.sums: Floats = untouched_zeros((0, STRIP, PLANES, STRIP), np.float64)
         # By slot: number of observations that are summed or queued, and the time of the newest of them.
         self._summed: Slots = np.zeros(0, np.intp)
@@ -96,13 +84,9 @@ class PairSums:
             self.sums[_blocks(below) + strip, :, :, inside] = 0.0
 
     def affinity(self, window: Window) -> Floats32:
-        """Affinity (3.4) of each pair of trajectories.
+        """Affinity (3.4) of each pair of trajectories, float32 [n, n] by slot; the next call overwrites it.
 
-        Returns
-        -------
-        NDArray[float32]
-            [n, n], symmetric, by slot, n beyond the last one in use; 0.5 for pairs with fewer than two common
-            samples. Overwritten by the next call.
+        It is 0.5 for pairs with fewer than two common samples.
         """
         self._take_in(window)
         if len(self._affinity) != len(self._summed):
@@ -174,35 +158,26 @@ class PairSums:
         Of each row, int64 [rows] each, the states later than `after` and no later than `until` come or go.
         """
         first, last = (bisect_right(window.instants, int(time)) for time in (after.min(), until.max()))
-        while first < last:
-            if self._waiting == _MAX_INSTANTS:
+        for begin in range(first, last, _MAX_INSTANTS):
+            stamps = np.array(window.instants[begin : min(last, begin + _MAX_INSTANTS)])
+            if self._waiting + len(stamps) > _MAX_INSTANTS:
                 self._pass()
-            stamps = np.array(window.instants[first : min(last, first + _MAX_INSTANTS - self._waiting)])
             changing = (after < stamps[:, None]) & (stamps[:, None] <= until)
             wait = slice(self._waiting, self._waiting + len(stamps))
             self._fill(window, stamps, changing, self._samples[:, wait])
-            self._signs[wait] = sign
-            self._waiting += len(stamps)
-            first += len(stamps)
+            self._signs[wait], self._waiting = sign, wait.stop
 
     def _fill(self, window: Window, stamps: Stamps, changing: Bools, samples: Floats) -> None:
         """Write the samples of all rows at instants [T] to [strips, T, SAMPLE_PLANES, STRIP]."""
         slots = self._sampled(window)
         states = window.states_at(slots, stamps)
-        rows = np.zeros(changing.shape)
-
-        def put(plane: int, values: NDArray[Any]) -> None:
-            rows[:, slots] = values
-            samples[:, :, plane] = rows.reshape(len(rows), -1, STRIP).swapaxes(0, 1)
-
-        for c in range(window.dim):
-            put(X + c, states.position[..., c])
-        changes = changing[:, slots] & states.held
-        put(WEIGHT, weight(states.speed, self._v_move))
-        put(OBSERVED, states.observed)
-        put(CHANGING, changes)
-        put(BOTH, states.observed & changes)
-        put(HELD, states.held)
+        rows = np.zeros((SAMPLE_PLANES, *changing.shape))
+        rows[X : X + window.dim, :, slots] = states.position.transpose(2, 0, 1)
+        rows[WEIGHT][:, slots] = weight(states.speed, self._v_move)
+        rows[OBSERVED][:, slots], rows[HELD][:, slots] = states.observed, states.held
+        rows[CHANGING] = changing * rows[HELD]
+        rows[BOTH] = rows[OBSERVED] * rows[CHANGING]
+        samples[:] = rows.reshape(SAMPLE_PLANES, len(stamps), -1, STRIP).transpose(2, 1, 0, 3)
 
     def _pass(self, affinity: Floats32 = _NONE) -> None:
         """Add the queued samples to the sums; write affinities where they are wanted."""
@@ -215,15 +190,8 @@ class PairSums:
 def weight(speed: Floats, v_move: float | None) -> Floats:
     """(3.2): w = 1 − exp(−λ(v² + ε)) with λ = −ln(1 − 0.9)/v_move².
 
-    As w grows with v, the weight of a pair is the larger of the weights of its two trajectories.
-
-    Parameters
-    ----------
-    speed
-        float64 [...]; the larger speed of the two trajectories at each sample. (After (3.5) the thesis prints
-        the observed trajectory's alone; the maximum of (3.2) is kept.)
-    v_move
-        Speed at which the weight is 0.9, in the unit of `speed`; None: all weights are 1.
+    As w grows with v, the weight of a pair is the larger of the weights of its two trajectories. (After (3.5)
+    the thesis prints the observed trajectory's alone; the maximum of (3.2) is kept.)
     """
     if v_move is None:
         return np.ones_like(speed)

@@ -26,20 +26,11 @@ _CONFIRMED_NS, _OBSERVATIONS = 500_000_000, 64
 
 
 def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
-    """Find the trajectories that have jumped alone, as observations after `since_ns` confirm.
+    """Find which slots intp [n] have jumped alone, as observations after `since_ns` confirm.
 
     Only those with a long step are examined. The length of a long step is set in the window (`far`), for the
-    observations to come.
-
-    Parameters
-    ----------
-    slots
-        intp [n], trajectories to examine.
-
-    Returns
-    -------
-    Those that have, and the first observation after the newest jump of each, an index in the columns of the
-    window: intp [m] each.
+    observations to come. Returns those that have, and the first observation after the newest jump of each, an
+    index in the columns of the window: intp [m] each.
     """
     if not len(slots):
         return slots, slots
@@ -65,10 +56,7 @@ def jumps(window: Window, slots: Slots, since_ns: int) -> tuple[Slots, Ints]:
 def _sudden(times: Stamps, positions: Floats, held: Bools) -> Bools:
     """Which steps are jumps, bool [n, M - 6], from the fourth step of M observations on.
 
-    Parameters
-    ----------
-    times, positions, held
-        int64 [n, M], float64 [n, M, dim] and bool [n, M], whether it is an observation of the trajectory.
+    Times [n, M] and positions [n, M, dim] are observations of the trajectory where they are `held`.
     """
     velocity = np.diff(positions, axis=1) / np.maximum(np.diff(times), 1)[:, :, None]
     velocity[~held[:, :-1]] = np.nan

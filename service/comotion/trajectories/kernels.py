@@ -51,19 +51,10 @@ def insert(
     """Store observations, each in its place in time; returns which, bool [n], as a slot has one a time.
 
     Speed is the backward difference. The first observation of a trajectory takes the second's, while it is
-    still in the window (`complete`, bool [S]).
-
-    Parameters
-    ----------
-    slots, stamps
-        intp [n], and int64 [n] ascending in each slot.
-    new
-        Positions float64 [n, dim], sigma [n] and quaternions [n, 4].
-    columns
-        They and their `stop` are changed in place.
-    newest_ns
-        int64 [S] each: the time of the newest observation ever, and of the newest one that was farther than
-        `far` from the previous one. In place as well.
+    still in the window (`complete`, bool [S]). The stamps are ascending in each slot; `new` are positions
+    float64 [n, dim], sigma [n] and quaternions [n, 4]. In `newest_ns`, int64 [S] each, are the time of the
+    newest observation ever, and of the newest one that was farther than `far` from the previous one. They and
+    the columns are changed in place.
     """
     times, positions, speed, sigma, quaternions, start, stop = columns
     (new_positions, new_sigma, new_quaternions), (last_ns, far_ns) = new, newest_ns
@@ -146,30 +137,15 @@ def segment_at(
 
     Erratum: the thesis prints t_i,k+1 - t_j,k for the denominator; it is t_j,k+1 - t_j,k.
 
-    Parameters
-    ----------
-    times
-        int64 [M] ns, ascending in ``start:stop``.
-    start, stop
-        The observations of the trajectory.
-    newest
-        Index of the newest observation at or before `stamp` in ``start:stop``, from :func:`newest_at` or, for
-        ascending stamps, from :func:`newest_from`.
-    stamp
-        Time of the state, ns, on the clock of `times`. If the observations belong to ``times + delay`` on
-        another clock, pass ``stamp - delay`` here and to the search for `newest`.
-    max_gap
-        Longest segment to interpolate, ns.
-    max_ahead
-        How far past the newest observation the last segment is extended, ns; 0 for not at all. A last segment
-        longer than `max_gap`, or a single observation, is extended by a constant.
+    The observations of the trajectory are ``start:stop``; `newest` is the newest one at or before `stamp`,
+    from :func:`newest_at` or, for ascending stamps, from :func:`newest_from`. If they belong to ``times +
+    delay`` on another clock, pass ``stamp - delay`` here and to the search for `newest`. Segments longer than
+    `max_gap` are not interpolated. The last one is extended by up to `max_ahead`; one that is too long, or a
+    single observation, by a constant.
 
-    Returns
-    -------
-    left, right, share
-        ``left == right`` and share 0 at an observation (then ``times[left] == stamp``, even beside a gap) and
-        where the newest is extended by a constant. `share` exceeds 1 past the newest observation. `left` is
-        -1 where there is no state: before the first observation, in a gap, or too far ahead.
+    ``left == right`` and share 0 at an observation (then ``times[left] == stamp``, even beside a gap) and
+    where the newest is extended by a constant. `share` exceeds 1 past the newest observation. `left` is -1
+    where there is no state: before the first observation, in a gap, or too far ahead.
     """
     if newest < start:
         return -1, -1, 0.0
@@ -192,15 +168,8 @@ def segment_at(
 def recent_steps(columns: Columns, slots: Slots, span_ns: int) -> tuple[Floats, Stamps]:
     """How far trajectories, each with an observation, have moved lately.
 
-    A step goes to the newest observation from the newest one that is at least `span_ns` older, or from the
-    first.
-
-    Returns
-    -------
-    step
-        float64 [n, dim], in the space's unit.
-    elapsed
-        int64 [n] ns: the time between the two observations; 0 where there is one only.
+    A step, float64 [n, dim], goes to the newest observation from the newest one that is at least `span_ns`
+    older, or from the first. With the time between the two, int64 [n] ns: 0 where there is one only.
     """
     times, positions, start, stop = columns.times, columns.positions, columns.start, columns.stop
     step, elapsed = np.zeros((len(slots), positions.shape[2])), np.zeros(len(slots), np.int64)

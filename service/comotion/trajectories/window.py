@@ -38,32 +38,7 @@ _MANY_SLOTS, _STILL_USED = 256, 0.25
 
 
 class Window:
-    """Store of trajectories.
-
-    Parameters
-    ----------
-    dim
-        2 or 3.
-    span_ns
-        Length of the window.
-    gap_ns
-        Longest time between two observations across which a trajectory may be interpolated.
-
-    Attributes
-    ----------
-    instants
-        Times at which anything in the window was observed, ns, ascending and distinct.
-    live
-        bool [capacity], slots of the trajectories that are current, as set by the caller; new ones are.
-    id
-        uint64 [capacity], id that the source gave to the feature in each slot.
-    label, label_ns, established
-        int64 [capacity] each, set by :mod:`comotion.hypotheses`: the hypothesis of each trajectory, since
-        when, and the hypothesis in which it became an established member; negative for none.
-    far, far_ns
-        Length of a long step, set by the caller, and int64 [capacity], time of the last one of each
-        trajectory.
-    """
+    """Store of trajectories of a `dim`, over `span_ns`, interpolated across gaps of `gap_ns` at most."""
 
     def __init__(self, dim: int, span_ns: int, gap_ns: int) -> None:
         self.dim, self.span_ns, self.gap_ns = dim, span_ns, gap_ns
@@ -73,6 +48,7 @@ class Window:
         # Most slots in use at once since the columns were made: that many have memory behind them.
         self._written = 0
         self._next_key = 0
+        # Times at which anything in the window was observed, ns, ascending and distinct.
         self.instants: list[int] = []
         self.times: Stamps = np.zeros((0, _FIRST_ROWS), np.int64)
         self.positions: Floats = np.zeros((0, _FIRST_ROWS, dim))
@@ -82,6 +58,7 @@ class Window:
         self.start: Slots = np.zeros(0, np.intp)
         self.stop: Slots = np.zeros(0, np.intp)
         self.used: Bools = np.zeros(0, np.bool_)
+        # Whether the trajectory in a slot is current, as set by the caller; new ones are.
         self.live: Bools = np.zeros(0, np.bool_)
         self.ended: Bools = np.zeros(0, np.bool_)
         self.source: Slots = np.zeros(0, np.intp)
@@ -91,10 +68,14 @@ class Window:
         self.covariance: Floats = np.zeros((0, 6))
         # Whether the first observation in the window is the first ever: its speed is the second's.
         self._complete: Bools = np.zeros(0, np.bool_)
+        # The source's own.
         self.id: Ids = np.zeros(0, np.uint64)
+        # Set by comotion.hypotheses: the hypothesis of each trajectory, since when, and the one in which it
+        # became an established member; negative for none.
         self.label: Labels = np.zeros(0, np.int64)
         self.label_ns: Stamps = np.zeros(0, np.int64)
         self.established: Labels = np.zeros(0, np.int64)
+        # Length of a long step, set by the caller, and when each trajectory made its last one.
         self.far, self.far_ns = np.inf, np.zeros(0, np.int64)
 
     @property
@@ -156,39 +137,24 @@ class Window:
 
     def _give_back(self) -> None:
         """Renew the columns when most of the memory behind them is unused."""
-        in_use, rows = self.capacity - len(self._free), _FIRST_ROWS
-        longest = int(self.counts(np.flatnonzero(self.used)).max(initial=0))
+        used, rows = np.flatnonzero(self.used), _FIRST_ROWS
+        longest = int(self.counts(used).max(initial=0))
         while longest > _STILL_USED * rows:
             rows *= 2
-        if rows < _STILL_USED * self._rows:
-            self._compact(np.flatnonzero(self.used))
-        elif self._written <= _MANY_SLOTS or in_use >= _STILL_USED * self._written:
-            return
-        else:
-            rows = self._rows
-        self._renew_columns(self.capacity, rows)
-        self._written = in_use
+        few = self._written > _MANY_SLOTS and len(used) < _STILL_USED * self._written
+        if few or rows < _STILL_USED * self._rows:
+            self._compact(used)
+            self._renew_columns(self.capacity, min(rows, self._rows))
+            self._written = len(used)
 
     def insert(
         self, slots: Slots, stamps: Stamps | int, positions: Floats, sigma: Floats, quaternions: Floats | None
     ) -> Bools:
         """Store observations, each in its place in time.
 
-        Parameters
-        ----------
-        slots
-            intp [n]; a slot may occur again, with a later time.
-        stamps
-            int64 [n], ascending acquisition times, or one of all.
-        positions, sigma
-            float64 [n, dim] and [n] (NaN: unknown), in the space's unit.
-        quaternions
-            float64 [n, 4] or None.
-
-        Returns
-        -------
-        NDArray[bool]
-            [n]; False where the slot already has an observation at this time: it is left alone.
+        A slot may occur again, with a later time; stamps are ascending times of acquisition int64 [n], or one
+        of all. Positions [n, dim] and sigma [n] (NaN: unknown) are in the unit of the space. Returns bool
+        [n], False where the slot already has an observation at this time: it is left alone.
         """
         self._reserve(slots, 1 if isinstance(stamps, int) else int(np.bincount(slots).max(initial=1)))
         for stamp in [stamps] if isinstance(stamps, int) else np.unique(stamps).tolist():
@@ -276,7 +242,7 @@ class Window:
         for name in _COLUMNS:
             if (column := getattr(self, name)) is not None:
                 parts = [column[slot, start:stop] for slot, start, stop in spans]
-                state[name] = np.concatenate(parts or [column[:0].reshape(0, *column.shape[2:])])
+                state[name] = np.concatenate([column[:0, 0], *parts])
         return state
 
     def load(self, state: dict[str, Any]) -> Slots:
