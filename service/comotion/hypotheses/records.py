@@ -69,9 +69,9 @@ class Members(Table):
         `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
         nothing tells where a feature is that was lost before `oldest_ns`.
         """
-        telling = find(self.keys, current) < 0
-        if telling.any():
-            telling &= (self.seen >= oldest_ns) | (posed & self.lasted)
+        if not len(self) or not (telling := find(self.keys, current) < 0).any():
+            return self.of(slice(0))
+        telling &= (self.seen >= oldest_ns) | (posed & self.lasted)
         return self if telling.all() else self.of(telling)
 
     def joined(self, other: "Members") -> "Members":
