@@ -2,7 +2,6 @@
 
 import math
 import mmap
-from dataclasses import fields
 from typing import Any, Self
 
 import numpy as np
@@ -16,6 +15,8 @@ Slots = NDArray[np.intp]
 """Where trajectories are stored in a window."""
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
+Ids = NDArray[np.uint64]
+"""What sources call their features."""
 Labels = NDArray[np.int64]
 """A hypothesis id per trajectory, or -1."""
 
@@ -39,7 +40,7 @@ class Table:
 
     @property
     def _columns(self) -> list[NDArray[Any]]:
-        return [getattr(self, column.name) for column in fields(self)]  # type: ignore[arg-type]
+        return [getattr(self, name) for name in type(self).__match_args__]  # type: ignore[attr-defined]
 
     def of(self, rows: "Bools | Ints | slice") -> Self:
         """Some of the rows."""
@@ -73,12 +74,14 @@ def inverses(matrices: Floats) -> Floats:
 
 def identities(count: int) -> Floats:
     """Identity rotations, float64 [count, 3, 3]."""
-    return np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+    flat = np.zeros((count, 9))
+    flat[:, ::4] = 1.0
+    return flat.reshape(count, 3, 3)
 
 
-def thinned(indices: Ints, count: int) -> Ints:
-    """At most `count` of the indices, intp [n], evenly spaced."""
-    return indices[:: max(-(-len(indices) // count), 1)]
+def thinned(rows: NDArray[Any], count: int) -> NDArray[Any]:
+    """At most `count` of the rows [n, ...], evenly spaced."""
+    return rows[:: max(-(-len(rows) // count), 1)]
 
 
 def median(values: Floats) -> Any:
@@ -122,5 +125,6 @@ def find(wanted: NDArray[Any], keys: NDArray[Any]) -> Ints:
     """Where each wanted key [m] is among ascending keys [n], integers: intp [m], -1 where it is not."""
     if not len(keys):
         return np.full(len(wanted), -1, np.intp)
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[at] == wanted, at, -1)
+    at = keys.searchsorted(wanted)
+    at[keys.take(at, mode="clip") != wanted] = -1
+    return at

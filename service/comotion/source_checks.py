@@ -20,11 +20,10 @@ import numpy as np
 
 from comotion_schemas.doubts import other_unit, trading
 
-from .arrays import Bools, Floats, Floats32, Ints, median
+from .arrays import Bools, Floats, Ids, Ints, distinct, median
 from .config import Unit
 from .event_time.entries import Instants
 from .event_time.troubles import Troubles
-from .trajectories.window import Ids
 
 Seen = tuple[int, Ids, Floats]
 """Stamp, ids and positions float64 [n, dim] of an instant."""
@@ -81,24 +80,24 @@ class SourceChecks:
 
     def look(self, instants: Instants, fresh: int, ended: int) -> None:
         """Look at instants, of which so many rows were new and so many had an id that has ended."""
-        source, rows = instants.batch.source, instants.rows[:_MOST_ROWS]
+        source, count = instants.batch.source, len(instants.rows)
         record = self._records.setdefault(instants.session, _Record())
         record.returns += ended > 0
         if ended and record.returns >= _LEAST_RETURNS:
             self.troubles.note("ids-reused", source, 0.0)
-        if not len(rows):
+        if not count:
             return
         record.instants += 1
-        record.rows = (1 - _FADE) * record.rows + len(rows)
-        record.fresh = (1 - _FADE) * record.fresh + fresh / len(instants.rows) * len(rows)
+        ids, positions = instants.ids[:_MOST_ROWS], instants.positions[:_MOST_ROWS]
+        record.rows = (1 - _FADE) * record.rows + len(ids)
+        record.fresh = (1 - _FADE) * record.fresh + fresh / count * len(ids)
         if record.instants >= _LEAST_INSTANTS and record.fresh * _LEAST_LIFE > record.rows:
             self.troubles.note("ids-short-lived", source, record.rows / record.fresh)
-        ids, positions = instants.batch.ids[rows], instants.batch.positions[rows].astype(np.float64)
         last, record.last = record.last, (instants.stamp_ns, ids, positions)
         if last is None:
             return
         due = instants.stamp_ns - record.compared_ns >= _COMPARE_NS
-        if not due and np.array_equal(ids, last[1]):
+        if not due and len(ids) == len(last[1]) and (ids == last[1]).all():
             # Whether any feature moves by a quarter of what all span is a cheap look at every instant.
             most = 0.25 * (positions.max(0) - positions.min(0)).max()
             due = np.abs(positions - last[2]).max() > most
@@ -145,7 +144,7 @@ class ExtentCheck:
         """Take note of where the current trajectories are: session numbers [n] and places [n, dim]."""
         if not self.most:
             return
-        present = np.unique(sessions).tolist()
+        present = distinct(sessions)[0].tolist()
         self._looks += 1
         if self._looks % _LOOK_EVERY and list(self._views) == present:
             return
@@ -155,7 +154,7 @@ class ExtentCheck:
         first = {number: other_unit(places[number], self.unit) for number in present[:_MAX_VIEWS]}
         self._doubts = {number: text for number, text in first.items() if text}
 
-    def near(self, session: int, source: str, positions: Floats | Floats32) -> Bools:
+    def near(self, session: int, source: str, positions: Floats) -> Bools:
         """Which rows [n, dim] of a session of a source may be places of the scene, bool [n]."""
         near = np.ones(len(positions), np.bool_)
         trouble: float | str | None = self._doubts.get(session)

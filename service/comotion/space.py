@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Slots, distinct
+from .arrays import Ids, Slots, distinct
 from .config import FusionConfig, to_ns
 from .event_time.entries import Instants
 from .event_time.timeline import Timeline
@@ -24,7 +24,7 @@ from .shedding import FULL, Effort
 from .source_checks import ExtentCheck, SourceChecks
 from .space_update import TRACK, SpaceUpdate, explained
 from .tracks import Tracks
-from .trajectories.window import Ids, Window
+from .trajectories.window import Window
 
 REFUSED = "rows are refused: more trajectories than `max_tracks`, or an id in two spaces"
 """Text where rows are beyond a bound."""
@@ -65,7 +65,7 @@ class Space:
         `allowance` says how many of so many new trajectories may be opened: the rows of others are refused.
         """
         session, batch, stats = instants.session, instants.batch, self._stats
-        near = self.extent.near(session, batch.source, batch.positions[instants.rows])
+        near = self.extent.near(session, batch.source, instants.positions)
         kept, fresh, ended = instants.of(near), 0, 0
         stats.refused_rows += len(near) - len(kept.rows)
         in_scene = len(kept.rows) > 0 or not len(near)

@@ -245,7 +245,7 @@ class Spaces:
         others = [space for space in self if space is not home and space.tracks.knows(instant.session)]
         if not others:
             return instant
-        ids = instant.batch.ids[instant.rows]
+        ids = instant.ids
         # An id that has a trajectory here has none elsewhere.
         taken = home.tracks.find(ids, instant.session) < 0
         taken &= np.any([space.tracks.find(ids, instant.session) >= 0 for space in others], axis=0)

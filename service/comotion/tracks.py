@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Slots, distinct, find
+from .arrays import Ids, Slots, distinct, find
 from .event_time.entries import Instants
 from .event_time.stats import Stats
 from .partition import Method
 from .trajectories.jumps import jumps
-from .trajectories.window import Ids, Window
+from .trajectories.window import Window
 
 # Most lost ids that are remembered of a session, the newest: those of some generations.
 MAX_ENDED = 10_000
@@ -77,13 +77,14 @@ class Tracks:
 
     def _find_or_open(self, instants: Instants, allowance: Callable[[int], int]) -> tuple[Slots, int, int]:
         """Slots of the rows, -1 for those refused; how many are new, and how many have ended before."""
-        ids, session = instants.batch.ids[instants.rows], instants.session
+        ids, session = instants.ids, instants.session
         slots = self.find(ids, session)
         # Trajectories that are observed again count before new ones do.
-        self._window.live[slots[slots >= 0]] = True
-        fresh = np.flatnonzero(slots < 0)
-        if not len(fresh):
+        known = slots >= 0
+        self._window.live[slots[known]] = True
+        if known.all():
             return slots, 0, 0
+        fresh = np.flatnonzero(~known)
         _, first, first_of_row = np.unique(ids[fresh], return_index=True, return_inverse=True)
         # By first appearance: the oldest trajectory has the lowest number.
         new = fresh[np.sort(first)]
@@ -105,7 +106,7 @@ class Tracks:
             np.clip(sigma, 1 / MAX_COORDINATE, MAX_COORDINATE, out=sigma)
         quaternions = None if batch.quaternions is None else batch.quaternions[rows].astype(np.float64)
         stamps = instants.stamp_ns if batch.stamps_ns is None else instants.stamps
-        stored = window.insert(slots, stamps, batch.positions[rows].astype(np.float64), sigma, quaternions)
+        stored = window.insert(slots, stamps, instants.positions, sigma, quaternions)
         if batch.covariance is not None:
             # In 2-D without z.
             entries = [0, 1, 2, 3, 4, 5] if batch.dim == 3 else [0, 1, 3]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from comotion_schemas import ObservationBatch, RejectionReason
 from comotion_schemas.types import Unit
 
-from ..arrays import Bools, Floats32, Ints, Stamps
+from ..arrays import Bools, Floats, Floats32, Ids, Ints, Stamps
 from .stats import Fate, Key
 
 Rank = tuple[int, str, int]
@@ -65,10 +66,10 @@ class Entry:
 
     def take(self, watermark_ns: int, others: Iterable[Rank], session: int) -> "Instants":
         """Take the rows up to the watermark and to the ranks of others, as of a session number."""
-        stop, own_rank = int(np.searchsorted(self.stamps, watermark_ns, side="right")), self.rank[1:]
+        stop, own_rank = int(self.stamps.searchsorted(watermark_ns, "right")), self.rank[1:]
         for stamp_ns, *rank in others:
             side: Literal["left", "right"] = "right" if own_rank < tuple(rank) else "left"
-            stop = min(stop, int(np.searchsorted(self.stamps, stamp_ns, side=side)))
+            stop = min(stop, int(self.stamps.searchsorted(stamp_ns, side)))
         last = stop == len(self.stamps)
         taken = Instants(self.stamps[:stop], self.rows[:stop], session, self.batch, last)
         self.stamps, self.rows = self.stamps[stop:], self.rows[stop:]
@@ -101,6 +102,16 @@ class Instants:
     def of(self, rows: Bools) -> Self:
         """The same with some of the rows."""
         return self if rows.all() else replace(self, stamps=self.stamps[rows], rows=self.rows[rows])
+
+    @cached_property
+    def ids(self) -> Ids:
+        """Ids of the rows, uint64 [n]."""
+        return self.batch.ids[self.rows]
+
+    @cached_property
+    def positions(self) -> Floats:
+        """Positions of the rows, float64 [n, dim]."""
+        return self.batch.positions.take(self.rows, 0).astype(np.float64)
 
     @property
     def stamp_ns(self) -> int:

@@ -129,7 +129,8 @@ class Ledger:
 
     def _book(self, key: Key, counts: Mapping[str, int]) -> None:
         """Add to the account of a session and to the totals."""
-        own = self.accounts[key] = self.accounts.pop(key, Account())
+        own = self.accounts.pop(key, None) or Account()
+        self.accounts[key] = own
         if len(self.accounts) > MAX_ACCOUNTS:
             idle = next((k for k, other in self.accounts.items() if not other.waiting), None)
             if idle is not None:

@@ -69,10 +69,9 @@ class Members(Table):
         `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
         nothing tells where a feature is that was lost before `oldest_ns`.
         """
-        telling = self.seen >= oldest_ns
-        if posed:
-            telling |= self.lasted
-        telling &= find(self.keys, current) < 0
+        if not len(self) or not (telling := find(self.keys, current) < 0).any():
+            return self.of(slice(0))
+        telling &= (self.seen >= oldest_ns) | (posed & self.lasted)
         return self if telling.all() else self.of(telling)
 
     def joined(self, other: "Members") -> "Members":
@@ -165,7 +164,7 @@ class Record:
         Returns their centroid, float64 [dim].
         """
         rows = current.members[hypothesis]
-        positions, seconds = current.positions[rows], max(stamp_ns - self.seen_ns, 0) * 1e-9
+        positions, seconds = current.positions.take(rows, 0), max(stamp_ns - self.seen_ns, 0) * 1e-9
         centroid = np.asarray(positions.mean(0), np.float64)
         self._settle(centroid, seconds)
         previous = (self.members, self.lost) if posed == self.posed else (Members.none(), Members.none())

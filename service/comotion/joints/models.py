@@ -129,11 +129,11 @@ def fit(states: States, start: Model, reach: float, *, steps: int = _STEPS) -> F
         white = states.roots @ _derivatives(states, model, q, sides)
         residual, along = white[:, :, _RESIDUAL].copy(), white[:, :, _POSITION].copy()
         # The position of each state is eliminated; what is left along the joint is no residual.
-        strength = np.square(along).sum(1) + _NO_DIRECTION
+        strength, squares = np.square(along).sum(1) + _NO_DIRECTION, np.square(residual).sum(1)
         share = np.einsum("ni,nik->nk", along, white) / strength[:, None]
-        squared = np.square(residual).sum(1) - share[:, _RESIDUAL] ** 2 * strength
+        squared = squares - share[:, _RESIDUAL] ** 2 * strength
         white -= along[:, :, None] * share[:, None]
-        weight = 1 / (1 + np.square(residual).sum(1) / HEAVY)
+        weight = 1 / (1 + squares / HEAVY)
         J = white.reshape(-1, _UNKNOWNS + 2)
         normal = (J * np.repeat(weight, 6)[:, None]).T @ J
         matrix, gradient = normal[:_UNKNOWNS, :_UNKNOWNS], normal[:_UNKNOWNS, _RESIDUAL]

@@ -127,7 +127,7 @@ def joined(
     evidence = updated(frames, bodies, result.evidence, joining, config)
     labels = np.append(result.assignment.labels, np.full(len(frames.key) - known_count, OUTLIER))
     labels[rejoining] = OUTLIER
-    x = predicted_positions(frames, newest, bodies, labels)[:, : frames.dim]
+    x = np.ascontiguousarray(predicted_positions(frames, newest, bodies, labels)[:, : frames.dim])
     spacing = result.assignment.spacing
     place = _place_costs(x, joining, labels, _weight(frames), len(bodies), spacing, config)
     cost = np.zeros((len(labels), 1 + len(bodies)))
@@ -161,16 +161,17 @@ def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labe
 def _carry(frames: Frames, rows: Ints, tracks: Ints, body: Body, position: Floats) -> None:
     """Move `tracks`, with a row each, by their body from where they were last seen to now, in `position`."""
     both = (frames.w[rows] > 0) & body.posed
-    held = both.any(1)
-    rows, tracks, last = rows[held], tracks[held], last_true(both[held])
+    last = last_true(both)
+    held = both[np.arange(len(last)), last]
+    rows, tracks, last = rows[held], tracks[held], last[held]
     inside = np.einsum("nji,nj->ni", body.R[last], frames.y[rows, last] - body.t[last])
     now = np.flatnonzero(body.posed)[-1]
     position[tracks] = inside @ body.R[now].T + body.t[now]
 
 
-def posterior(assignment: Assignment) -> Floats:
-    """Probability of being an outlier and of belonging to each body, float64 [N, 1 + K]."""
-    chances = np.exp(assignment.cost.min(1, keepdims=True) - assignment.cost)
+def posterior(cost: Floats) -> Floats:
+    """Probability of being an outlier and of belonging to each body, by its cost, float64 [N, 1 + K]."""
+    chances = np.exp(cost.min(1, keepdims=True) - cost)
     return np.asarray(chances / chances.sum(1, keepdims=True))
 
 
@@ -190,9 +191,9 @@ def _place_costs(
     x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float, config: RigidConfig
 ) -> Floats:
     """Cost of each body at x[points], nat [n, K]: minus the log density of its members, beyond the least."""
-    log_density = np.full((len(points), bodies), -np.inf)
+    log_density, labels = np.full((len(points), bodies), -np.inf), np.where(weight > 0, labels, OUTLIER)
     for k in range(bodies):
-        members = np.flatnonzero((labels == k) & (weight > 0))
+        members = np.flatnonzero(labels == k)
         if len(members):
             log_density[:, k] = _log_density(x, points, members, weight[members], spacing)
     top = log_density.max(1, keepdims=True, initial=-np.inf)
@@ -206,21 +207,19 @@ def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing
     The kernel has the shape of the members' covariance, with the scene's spacing added where they are few,
     and the bandwidth n^(-1/(dim + 4)) of Scott (1992).
     """
-    dim = x.shape[1]
-    total = weight.sum()
-    z = x[members] - (weight[:, None] * x[members]).sum(0) / total
+    dim, total, own = x.shape[1], weight.sum(), x.take(members, 0)
+    z = own - (weight[:, None] * own).sum(0) / total
     spread = (weight[:, None] * z).T @ z
     # Coincident features on a line or plane have no spacing: the kernel must stay above rounding.
-    spread += max(spacing, ROUNDING * np.trace(spread)) * np.eye(dim)
+    spread += max(spacing, ROUNDING * spread.trace()) * np.eye(dim)
     spread /= total + dim
     bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
     whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
-    drawn = thinned(np.arange(len(members)), DRAWN)
-    members, weight = members[drawn], weight[drawn] * (total / weight[drawn].sum())
-    near = np.exp(-0.5 * cdist(x[points] @ whiten.T, x[members] @ whiten.T, "sqeuclidean"))
+    own, members, weight = (thinned(values, DRAWN) for values in (own, members, weight))
+    near = np.exp(-0.5 * cdist(x[points] @ whiten.T, own @ whiten.T, "sqeuclidean"))
     near[points[:, None] == members] = 0.0
-    sums = near @ weight
-    return np.asarray(np.log(sums + 1e-300) + np.log(np.diag(whiten)).sum())
+    sums = near @ (weight * (total / weight.sum()))
+    return np.asarray(np.log(sums + 1e-300) + np.log(whiten.diagonal()).sum())
 
 
 def _spacing(x: Floats) -> float:

@@ -117,8 +117,9 @@ def holding(last: Fit | None, frames: Frames, labels: Ints) -> float:
 
 def _lost(labels: Ints, tracks: Tracks) -> bool:
     """Whether none of the trajectories of a body, by labels intp [N], go on: it may return."""
-    going_on = np.append(labels[tracks.current[: len(labels)]], OUTLIER)
-    return not np.isin(labels, going_on).all()
+    known = np.bincount(labels - OUTLIER)
+    going_on = np.bincount(labels[tracks.current[: len(labels)]] - OUTLIER, minlength=len(known))
+    return bool((going_on[1:] < np.minimum(known[1:], 1)).any())
 
 
 def _stamps(last_ns: int, stamp_ns: int, config: RigidConfig) -> Stamps:
@@ -137,9 +138,10 @@ def _unexplained(frames: Frames, result: SearchResult, first: int, config: Rigid
     all_labels = np.append(labels, np.full(len(frames.key) - len(labels), OUTLIER))
     body = np.where(frames.current, all_labels, OUTLIER)[frames.owner]
     squared, count = np.zeros(len(body)), np.zeros(len(body))
-    begin = max(first - round(SETTLED * config.frame_rate), 0)
-    y, w, poses = (np.ascontiguousarray(x[:, begin:]) for x in (frames.y, frames.w, stacked(result.bodies)))
-    arrays, span = frames.arrays._replace(y=y, w=w), (0, first - begin)
+    span = max(first - round(SETTLED * config.frame_rate), 0), first, len(frames.stamps)
+    # With the memory behind them, the arrays are contiguous.
+    y, w = frames.room or (frames.y, frames.w)
+    arrays, poses = frames.arrays._replace(y=y, w=w), stacked(result.bodies)
     recent_residuals(arrays, body, poses, result.evidence.soft, span, squared, count)
     freedom = frames.dim * np.bincount(frames.owner, count, len(frames.key))
     rare = float(np.log(FALSE_ALARMS * max(int(frames.current.sum()), 1)))

@@ -1,16 +1,13 @@
 """Rows of trajectories on common frames: the input of steps 4 to 10 of the method."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ..arrays import Bools, Floats, Ints, Stamps, ranks
+from ..arrays import Bools, Floats, Ints, Stamps
 from .kernels.records import RowArrays
 
-# Names of rows: the key of the trajectory times this, plus the place among its rows.
-_ROWS_PER_TRACK = 8
 LONG_LIFE = 0.5
 """s of observation from which on an ended trajectory counts, and any shows the offset of its source."""
 SETTLED = 1.0
@@ -26,6 +23,7 @@ RENEWED = 0.1
 """Share of the window, or of trajectories that are new, after which what was found is sought anew."""
 NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
 """Attributes of :class:`Frames` that describe the noise and the motion of a row."""
+PER_ROW = ("weight", "names", *NOISE)
 
 
 @dataclass(frozen=True)
@@ -45,9 +43,9 @@ class Frames:
         float64 [P, F, 3], positions, zero in the third coordinate in 2-D.
     w
         float64 [P, F], inverse variance relative to that of one observation; 0 where unobserved.
-    owner, weight
+    owner, weight, names
         intp [P], trajectory of a row; float64 [P], weight of a frame of the row in the cost of
-        its trajectory.
+        its trajectory; int64 [P], stable names of the rows.
     noise, tolerance
         float64 [P] each, variance of a coordinate of an observation, without and with the body's deformation
         and slow noise.
@@ -76,6 +74,7 @@ class Frames:
     w: Floats
     owner: Ints
     weight: Floats
+    names: Stamps
     noise: Floats
     tolerance: Floats
     moved: Floats
@@ -86,11 +85,6 @@ class Frames:
     current: Bools
     extent: float = 1.0
     room: tuple[Floats, Floats] | None = None
-
-    @cached_property
-    def names(self) -> Stamps:
-        """Stable names of the rows, int64 [P]: the key of the trajectory and the place among its rows."""
-        return row_names(self.key, self.owner)
 
     @property
     def step(self) -> float:
@@ -107,13 +101,12 @@ class Frames:
         """The rows as arguments of kernels."""
         return RowArrays(self.y, self.w, self.tolerance, self.spectrum, self.metric)
 
-    @property
-    def independent(self) -> Floats:
-        """Share of the frames that are independent samples of the noise, float64 [P].
+    def independent(self, rows: Ints) -> Floats:
+        """Share of the frames that are independent samples of the noise of rows intp [m], float64 [m].
 
         Of frames with autocorrelation rho_k at lag k, one in 1 + 2 sum_k rho_k^2 is.
         """
-        white, _, persistence = self.spectrum.T
+        white, _, persistence = self.spectrum[rows].T
         time = np.minimum(-1 / np.log(np.clip(persistence, 1e-9, 1 - 1e-9)), len(self.stamps) / 3)
         return np.asarray(1 / (1 + np.maximum(1 - white, 0.0) ** 2 * time))
 
@@ -126,15 +119,10 @@ class Frames:
     def of(self, tracks: Ints) -> "Frames":
         """The frames of some trajectories only, intp [n] ascending."""
         rows = self.rows_of(tracks)
-        columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in ("y", "w", "weight", *NOISE)}
+        columns: dict[str, Any] = {name: getattr(self, name)[rows] for name in ("y", "w", *PER_ROW)}
         columns |= {name: getattr(self, name)[tracks] for name in ("key", "life", "current")}
         return replace(self, owner=np.searchsorted(tracks, self.owner[rows]), room=None, **columns)
 
     def per_track(self, values: Floats) -> Floats:
         """Weighted sum of `values` float64 [P] over the rows of each trajectory, float64 [N]."""
         return np.bincount(self.owner, values * self.weight, len(self.life)).astype(np.float64)
-
-
-def row_names(key: Stamps, owner: Ints) -> Stamps:
-    """Stable names of rows int64 [P], by int64 [N] keys of trajectories and intp [P], that of each row."""
-    return key[owner] * _ROWS_PER_TRACK + ranks(owner, np.arange(len(owner)))

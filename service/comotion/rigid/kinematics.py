@@ -75,6 +75,8 @@ def _polynomials(seconds: Floats, values: Floats, used: Bools) -> tuple[Floats, 
 
     `used` bool [K, n] are the values that count.
     """
+    # Bodies that were posed in the same frames share one solution.
+    used = used[: 1 if (used == used[:1]).all() else None]
     # Each degree needs two more samples to be better than noise.
     count = used.sum(1)
     degree = np.minimum(_DEGREE, np.maximum((count - 1) // 2, count > 1))

@@ -98,7 +98,7 @@ class RigidMethod(Method):
         self._last, tracks, labels = fit, fit.tracks, fit.result.assignment.labels
         described = describe_bodies(tracks, fit.frames, fit.result)  # 10
         chosen = np.searchsorted(tracks.key, window.key[current])
-        self._chances = chances = posterior(fit.result.assignment)[chosen]
+        self._chances = chances = posterior(fit.result.assignment.cost[chosen])
         confidence = chances[np.arange(len(chosen)), labels[chosen] + 1]
         position = tracks.newest[chosen, : self._dim]
         observed = np.flatnonzero(tracks.stop > tracks.start)

@@ -114,7 +114,7 @@ def _motion(frames: Frames, body: Body, reference: PoseReference, newest: Floats
         # From the axes of the body to those of the hypothesis.
         _, R, t = reference.axes
         rows, points = body.rows, body.template @ R.T + t
-        tolerance = (frames.tolerance / frames.independent)[rows]
+        tolerance = frames.tolerance[rows] / frames.independent(rows)
         information = pose_information(frames, rows, body.template - body.template.mean(0), tolerance)
         # A turn that no point fixes is uncertain by a radian.
         turn = inverses(information[:, :3, :3] + np.eye(3))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps, find, untouched_zeros
 from ..config import RigidConfig
-from .frames import NOISE, Frames, row_names
+from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
 from .kernels.resampling import mean_square, resample, spread
@@ -20,6 +20,8 @@ from .tracks import Tracks, ranges
 # so that the share hardly matters.
 _ARM_LENGTH = 0.25
 _ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
+# Names of rows: the key of the trajectory times this, plus the place among its rows.
+_ROWS_PER_TRACK = 8
 # Four points of three coordinates share the six degrees of freedom of one pose.
 _ARM_WEIGHT = 0.5
 # Slack for the rounding of stamps and periods; far below any period.
@@ -59,7 +61,7 @@ def make_frames(
     stamps = _stamps(tracks, stamp_ns, span_ns, config)
     limits = _limits(tracks, gap_ns, config)
     curves = _curves(tracks, tracks.extent)
-    owner, weight = _owners(curves)
+    owner, weight, names = _owners(curves, tracks.key)
     covariance = _noise(tracks, estimates, curves, limits.gap)
     noise = _mean_variance(covariance, tracks.dim)
     y, w = _interpolated(tracks, curves, stamps, limits, noise)
@@ -73,7 +75,7 @@ def make_frames(
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, resting, config)
     terms = noise, tolerance, squared / tracks.dim, metric, spectrum
     per_track = tracks.key, life, tracks.current
-    return Frames(tracks.dim, stamps, y, w, owner, weight, *terms, *per_track, tracks.extent)
+    return Frames(tracks.dim, stamps, y, w, owner, weight, names, *terms, *per_track, tracks.extent)
 
 
 def extended(
@@ -92,22 +94,18 @@ def extended(
         int64 [n], ns, the newer frames.
     """
     curves = _curves(tracks, frames.extent)
-    owner, weight = _owners(curves)
+    owner, weight, names = _owners(curves, tracks.key)
     variance = np.full(len(tracks.key), np.inf)
     variance[frames.owner] = frames.noise
     y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config), variance[owner])
-    names, count = row_names(tracks.key, owner), len(frames.owner)
     order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
-    at = find(frames.names, names[order])
-    old = np.flatnonzero(at >= 0)
+    all_names = np.append(frames.names, names[new])
+    at = find(all_names, names[order])
     usual = _usual_rows(frames, tracks.source, owner[new])
     if usual is None:
         return None
-    total, past = count + len(new), len(frames.stamps)
-    room = _room(frames, total, past + len(stamps))
-    all_y, all_w = (values[:total, : past + len(stamps)] for values in room)
-    all_y[old, past:], all_w[old, past:] = y[order[at[old]]], w[order[at[old]]]
-    all_y[count:, past:], all_w[count:, past:] = y[new], w[new]
+    room = _room(frames, np.where(at >= 0, order[at], -1), y, w)
+    total, count = len(all_names), len(frames.stamps) + len(stamps)
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
     step = float(stamps[-1] - frames.stamps[-1]) * 1e-9 / len(stamps)
     np.maximum.at(seen := np.zeros(len(life), np.intp), owner, (w > 0).sum(1))
@@ -117,10 +115,11 @@ def extended(
     return replace(
         frames,
         stamps=np.append(frames.stamps, stamps),
-        y=all_y,
-        w=all_w,
+        y=room[0][:total, :count],
+        w=room[1][:total, :count],
         owner=np.append(frames.owner, owner[new]),
         weight=np.append(frames.weight, weight[new]),
+        names=all_names,
         key=tracks.key,
         life=life + step * seen,
         current=tracks.current,
@@ -129,15 +128,23 @@ def extended(
     )
 
 
-def _room(frames: Frames, rows: int, count: int) -> tuple[Floats, Floats]:
-    """Memory for so many rows on `count` frames, or more: that of the frames, and zeros after them."""
+def _room(frames: Frames, origin: Ints, newer_y: Floats, newer_w: Floats) -> tuple[Floats, Floats]:
+    """The rows of frames with newer frames, in memory for these or more.
+
+    `origin` intp [P] is where each row is in the newer ones, [Q, n, 3] and [Q, n], or -1: unobserved there.
+    """
     y, w = frames.room or (frames.y, frames.w)
-    past, shape = len(frames.stamps), (rows + rows // 4, count + count // 4)
-    if rows > len(w) or count > w.shape[1]:
+    total, past = len(origin), len(frames.stamps)
+    count = past + newer_w.shape[1]
+    if total > len(w) or count > w.shape[1]:
+        shape = total + total // 4, count + count // 4
         y, w = untouched_zeros((*shape, 3), np.float64), untouched_zeros(shape, np.float64)
         y[: len(frames.y), :past], w[: len(frames.y), :past] = frames.y, frames.w
     # Newer frames that were given up may have been there.
-    y[:, past:count], w[:, past:count] = 0.0, 0.0
+    origin = np.append(origin, np.full(len(w) - total, -1))
+    for values, newer in ((y, newer_y), (w, newer_w)):
+        unobserved = np.zeros((1, *newer.shape[1:]))
+        values[:, past:count] = np.concatenate([newer, unobserved]).take(origin, 0)
     return y, w
 
 
@@ -152,10 +159,13 @@ def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints | None:
     return usual
 
 
-def _owners(curves: list[_Curves]) -> tuple[Ints, Floats]:
-    """Trajectory of each row, intp [P], and its weight, float64 [P]."""
+def _owners(curves: list[_Curves], key: Stamps) -> tuple[Ints, Floats, Stamps]:
+    """Trajectory of each row, intp [P], by their keys int64 [N]; weight, float64 [P], and name, int64 [P]."""
+    owner = np.concatenate([c.own for c in curves])
     weight = [np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves]
-    return np.concatenate([c.own for c in curves]), np.concatenate(weight)
+    # The first arm has the name of a point: a feature may come to be a 6-DoF one.
+    places = np.repeat(np.maximum(np.arange(len(curves)) - 1, 0), [len(c.own) for c in curves])
+    return owner, np.concatenate(weight), key[owner] * _ROWS_PER_TRACK + places
 
 
 def _mean_variance(covariance: Floats, dim: int) -> Floats:

@@ -22,10 +22,8 @@ _FAR = 300.0
 _EARLIER = 4
 
 
-_PER_TRACK = (
-    *("covariance", "start", "stop", "slot", "key", "source", "current"),
-    *("period", "newest", "delay_ns", "turn", "shift"),
-)
+# What is known of trajectories that are gone.
+_KEPT = ("covariance", "key", "source", "period", "newest", "delay_ns", "turn", "shift")
 
 
 @dataclass(frozen=True)
@@ -114,16 +112,18 @@ class Tracks:
         Those that are gone have no observations. The others keep the correction of their source, which `now`
         does not have.
         """
-        index = find(self.key, now.key)
-        new = np.flatnonzero(find(now.key, self.key) < 0)
-        continuing, count = np.flatnonzero(index >= 0), len(self.key)
+        count, index = len(self.key), find(now.key, self.key)
+        new = np.flatnonzero(index < 0)
+        # Where those of `now` are.
+        placed = index.copy()
+        placed[new] = np.arange(count, count + len(new))
         columns: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), getattr(now, name)[new]]) for name in _PER_TRACK
+            name: np.concatenate([getattr(self, name), getattr(now, name)[new]]) for name in _KEPT
         }
         for name in ("start", "stop", "slot", "current"):
-            columns[name][:count] = 0
-        for name in ("start", "stop", "slot", "current", "newest", "covariance"):
-            columns[name][continuing] = getattr(now, name)[index[continuing]]
+            columns[name] = np.zeros(count + len(new), getattr(now, name).dtype)
+        for name in ("start", "stop", "slot", "current", "covariance"):
+            columns[name][placed] = getattr(now, name)
         # A new trajectory has the period and the correction of the oldest one of its source.
         sources, first = np.unique(columns["source"], return_index=True)
         donor = first[find(columns["source"][count:], sources)]
@@ -131,10 +131,8 @@ class Tracks:
             columns["period"][count:] = now.timed().period[new]
         for name in ("period", "delay_ns", "turn", "shift"):
             columns[name][count:] = columns[name][donor]
-        placed = np.append(continuing, np.arange(count, count + len(new)))
         columns["newest"][placed] = (
-            np.einsum("nij,nj->ni", columns["turn"][placed], columns["newest"][placed])
-            + columns["shift"][placed]
+            np.einsum("nij,nj->ni", columns["turn"].take(placed, 0), now.newest) + columns["shift"][placed]
         )
         return replace(now, **columns)
 
@@ -160,14 +158,14 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
     going_on = np.zeros(window.capacity, np.bool_)
     going_on[current] = True
     newest = np.zeros((len(slots), 3))
-    newest[:, : window.dim] = positions[stop - 1]
+    newest[:, : window.dim] = positions.take(stop - 1, 0)
     return Tracks(
         dim=window.dim,
         times=times,
         positions=positions,
         sigma=window.sigma.reshape(-1),
         quaternions=None if window.quaternions is None else window.quaternions.reshape(-1, 4),
-        covariance=window.covariance[slots],
+        covariance=window.covariance.take(slots, 0),
         start=start,
         stop=stop,
         slot=slots,

@@ -12,11 +12,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bools, Floats, Labels, Slots, Stamps, ranks, untouched_zeros
+from ..arrays import Bools, Floats, Ids, Labels, Slots, Stamps, ranks, untouched_zeros
 from . import kernels
 from .kernels import Columns, States, insert
-
-Ids = NDArray[np.uint64]
 
 _COLUMNS = Columns._fields[:5]
 _KEPT = ("ended", "source", "key", "last_ns", "covariance", "_complete", "id", "label", "established")

@@ -32,9 +32,12 @@ def resample(
     """
     times, positions, start, stop = observations
     gap, hold, delay = limits
+    gross, bend = np.zeros(0, np.bool_), np.zeros((0, positions.shape[1]))
     for i in range(len(start)):
         newest, first = start[i] - 1, start[i]
-        gross = _gross_errors(times, positions, first, stop[i], variance[i])
+        if stop[i] - first > len(gross):
+            gross, bend = np.zeros(stop[i] - first, np.bool_), np.zeros((stop[i] - first, positions.shape[1]))
+        _gross_errors(times[first : stop[i]], positions[first : stop[i]], variance[i], bend, gross)
         for f in range(len(stamps)):
             stamp = stamps[f] - delay[i]
             newest = newest_from(times, newest, stop[i], stamp)
@@ -56,20 +59,21 @@ def resample(
 
 
 @compiled()
-def _gross_errors(times: Stamps, positions: Floats, start: int, stop: int, variance: float) -> Bools:
-    """Which observations of a trajectory leave it and come back, bool [stop - start] (Hampel 1974).
+def _gross_errors(times: Stamps, positions: Floats, variance: float, bend: Floats, gross: Bools) -> None:
+    """Which of M observations of a trajectory leave it and come back, to bool [M] (Hampel 1974).
 
     A feature that moves goes on or stays: only an error is far from the median of the observations around it.
+    `bend` [M, dim] is for its use.
     """
-    count, dim = stop - start, positions.shape[1]
-    gross, bend = np.zeros(count, np.bool_), np.zeros((count, dim))
+    count, dim = positions.shape
+    gross[:count] = False
     if count < _LEAST_BESIDE or not np.isfinite(variance):
-        return gross
-    for k in range(1, count - 1):
-        j = start + k
+        return
+    bend[0], bend[count - 1] = 0.0, 0.0
+    for j in range(1, count - 1):
         a = (times[j] - times[j - 1]) / (times[j + 1] - times[j - 1])
         for c in range(dim):
-            bend[k, c] = positions[j, c] - (1 - a) * positions[j - 1, c] - a * positions[j + 1, c]
+            bend[j, c] = positions[j, c] - (1 - a) * positions[j - 1, c] - a * positions[j + 1, c]
     for k in range(1, count - 1):
         squared, bend_before, bend_after = 0.0, 0.0, 0.0
         for c in range(dim):
@@ -78,9 +82,8 @@ def _gross_errors(times: Stamps, positions: Floats, start: int, stop: int, varia
             bend_after += bend[k, c] * bend[k + 1, c]
         # A path that bends, bends on; beside an error it bends the other way.
         if squared > _GROSS * variance and (bend_before < 0 or bend_after < 0):
-            first, last = start + max(k - _BESIDE, 0), start + min(k + _BESIDE + 1, count)
-            gross[k] = _far_from_median(positions[first:last], start + k - first, variance)
-    return gross
+            first = max(k - _BESIDE, 0)
+            gross[k] = _far_from_median(positions[first : k + _BESIDE + 1], k - first, variance)
 
 
 @compiled()

@@ -240,7 +240,7 @@ def recent_residuals(
     body: Slots,
     poses: Floats,
     soft: Floats,
-    span: tuple[int, int],
+    span: tuple[int, int, int],
     squared: Floats,
     count: Floats,
 ) -> None:
@@ -255,12 +255,12 @@ def recent_residuals(
     soft
         float64 [K], variance of the deformation of each body.
     span
-        First frame of the mean, and one past the last: the frames after it are judged.
+        First frame of the mean, one past the last, from which on frames are judged, and one past those.
     squared, count
         Out: float64 [P] each, sum of the squared distances in tolerances, and number of frames.
     """
     y, w, tolerance, _, metric = arrays
-    (first, split), x = span, np.zeros(3)
+    (first, split, stop), x = span, np.zeros(3)
     for i in range(len(body)):
         k = body[i]
         if k < 0:
@@ -274,7 +274,7 @@ def recent_residuals(
         if total == 0.0:
             continue
         variance = (tolerance[i] + soft[k]) * (1.0 + 1.0 / total)
-        for f in range(split, w.shape[1]):
+        for f in range(split, stop):
             a, p = w[i, f] * poses[k, f, 12], poses[k, f]
             if a > 0:
                 _in_body(y[i, f], p, x)
