@@ -49,16 +49,11 @@ def clusters(frames: Frames, rows: Ints) -> list[Ints]:
     """
     if len(rows) < 2:
         return []
-    condensed = squareform(_normalised_deviation(frames, rows), checks=False)
-    return [rows[members] for members in _cut_clusters(linkage(condensed, "average"))]
-
-
-def _cut_clusters(tree: Floats) -> list[Ints]:
-    """Clusters of two or more at any of the cuts, ascending indices, each once."""
+    tree = linkage(squareform(_normalised_deviation(frames, rows), checks=False), "average")
     found: dict[bytes, Ints] = {}
     for cut in CUTS:
         names = fcluster(tree, cut, "distance")
-        for members in (np.flatnonzero(names == name) for name in range(1, names.max() + 1)):
+        for members in (rows[names == name] for name in range(1, names.max() + 1)):
             found |= {members.tobytes(): members} if len(members) > 1 else {}
     return list(found.values())
 

@@ -9,13 +9,13 @@ a start, a wrong offset lasts only until the window shows motion that contradict
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
-from .frames import FEWEST, Frames
-from .kernels.records import RowArrays
+from .frames import Frames
 from .offset_equations import UNKNOWNS, Equations, normal_equations, velocities
 from .procrustes import Body, pose_information
 
@@ -36,13 +36,9 @@ _LATE_RESIDUAL = 1.8
 # on the scenes of docs/research/accuracy.md.
 _MOST_OFFSET = 30.0
 _MOST_RESIDUAL = 3.0
-# Unknowns of (rotation, shift, delay) that exist in 2-D.
-_PLANAR = np.array([2, 3, 4, 6])
-# nat; margin of the evidence against the offset in force before it is replaced; "very strong" on the scale of
-# Kass and Raftery (1995), "Bayes factors".
-_REPLACEMENT_MARGIN = 5.0
-# Fits of an offset; groups that contradict the first are left out of the next.
-_FITS = 2
+# nat; margin of the evidence against the offset in force before it is replaced. With 5, offsets that are not
+# there begin in short windows of crowds whose features come and go.
+_REPLACEMENT_MARGIN = 10.0
 
 Groups = dict[int, Ints]
 """Rows of one source by the label of their body."""
@@ -109,32 +105,25 @@ class View:
     residual: float = _MOST_RESIDUAL
 
     @cached_property
-    def unknowns(self) -> Ints:
-        """Indices of the unknowns that exist."""
-        return np.arange(UNKNOWNS) if self.frames.dim == 3 else _PLANAR
-
-    @cached_property
     def prior(self) -> Floats:
-        """Inverse covariance of an offset, float64 [7, 7], or [4, 4] in 2-D."""
-        spread = np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [self.delay])
-        return np.diag(1 / spread[self.unknowns] ** 2)
+        """Inverse covariance of an offset, float64 [7, 7]."""
+        return np.diag(np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [self.delay]) ** -2.0)
 
     @cached_property
     def information(self) -> dict[int, Floats]:
         """Inverse covariance of the poses of each body, float64 [F, 6, 6]."""
-        tolerance = self.frames.tolerance
-        return {
-            k: pose_information(self.frames, body.rows, body.template, tolerance[body.rows])
-            for k, body in self.bodies.items()
+        frames = self.frames
+        terms = {
+            k: (body.rows, body.template, frames.tolerance[body.rows]) for k, body in self.bodies.items()
         }
+        return {k: pose_information(frames, *of_body) for k, of_body in terms.items()}
 
 
-@dataclass(frozen=True)
-class _Start:
-    """An offset to fit from, and the equations at it of the groups that match a body."""
+class _Fit(NamedTuple):
+    """A fitted offset, minus its log evidence, and the equations of the groups that match a body."""
 
     offset: Offset
-    vector: Floats
+    cost: float
     matched: list[Equations]
 
 
@@ -147,17 +136,16 @@ def explained(view: View, applied: Offset) -> Offset:
         The offset by which the frames of `view` are corrected.
     """
     none, late = Offset.none(applied.pivot), replace(view, delay=_LATENCY, residual=_LATE_RESIDUAL)
-    starts, margin = [(view, _start(view, applied, applied))], _REPLACEMENT_MARGIN
+    fits, margin = [_fit(view, applied, applied)], _REPLACEMENT_MARGIN
     if applied.vector.any():
-        starts, margin = [*starts, (view, _start(view, none, applied))], -_REPLACEMENT_MARGIN
-    still = np.zeros(len(view.prior))
-    without = -sum(_gain(match, still) for match in starts[-1][1].matched)
+        fits, margin = [*fits, _fit(view, none, applied)], -_REPLACEMENT_MARGIN
+    without = -sum(_gain(match, np.zeros(UNKNOWNS)) for match in fits[-1].matched)
     if applied.late:
-        starts.append((late, _start(late, applied, applied)))
-    elif not starts[0][1].matched and (lag := _lag(view)):
-        starts.append((late, _start(late, replace(applied, delay=applied.delay - lag), applied)))
-    offset, cost = min((_fit(*start) for start in starts), key=lambda fit: fit[1])
-    return offset if cost + margin < without else none
+        fits.append(_fit(late, applied, applied))
+    elif not fits[0].matched and (lag := _lag(view)):
+        fits.append(_fit(late, replace(applied, delay=applied.delay - lag), applied))
+    best = min(fits, key=lambda fit: fit.cost)
+    return best.offset if best.cost + margin < without else none
 
 
 def _lag(view: View) -> float:
@@ -166,118 +154,75 @@ def _lag(view: View) -> float:
     longest = min(round(_LONGEST / max(step, 1e-9)), count // 3)
     own = np.stack([_speed(frames, rows) for rows in view.groups.values()])
     other = np.stack([_speed(frames, body.rows) for body in view.bodies.values()])
-    correlations = np.stack(
-        [
-            _correlation(own[:, max(k, 0) : count + min(k, 0)], other[:, max(-k, 0) : count - max(k, 0)])
-            for k in range(-longest, longest + 1)
-        ]
-    )
-    best = int(np.argmax(correlations.sum(1)))
-    return (best - longest) * step if correlations[best].max() > _ALIKE else 0.0
-
-
-def _correlation(a: Floats, b: Floats) -> Floats:
-    """The largest correlation of each row [n, F] with others [m, F], of what both have (else NaN), [n]."""
-    u, v = np.isfinite(a).astype(np.float64), np.isfinite(b).astype(np.float64)
-    x, y = np.where(u > 0, a, 0.0), np.where(v > 0, b, 0.0)
-    count = np.maximum(u @ v.T, 1.0)
-    mean_x, mean_y = x @ v.T / count, u @ y.T / count
-    covariance = x @ y.T / count - mean_x * mean_y
-    spread = (x**2 @ v.T / count - mean_x**2) * (u @ (y**2).T / count - mean_y**2)
-    correlation = covariance / np.sqrt(np.maximum(spread, 1e-300))
-    return np.asarray(np.where(count >= a.shape[1] / 2, correlation, 0.0).max(1))
+    alike = np.zeros((2 * longest + 1, len(own)))
+    for k in range(-longest, longest + 1):
+        a, b = own[:, max(k, 0) : count + min(k, 0)], other[:, max(-k, 0) : count - max(k, 0)]
+        squares = (a**2 @ (b != 0).T) * ((a != 0) @ b.T**2)
+        alike[k + longest] = (a @ b.T / np.sqrt(np.maximum(squares, 1e-300))).max(1)
+    best = int(np.argmax(alike.sum(1)))
+    return (best - longest) * step if alike[best].max() > _ALIKE else 0.0
 
 
 def _speed(frames: Frames, rows: Ints) -> Floats:
-    """Mean speed of rows at each frame, [F]; NaN where none is seen."""
-    seen = frames.w[rows] > 0
-    speed = np.linalg.norm(velocities(frames.y[rows], seen, _seconds(frames)), axis=2)
-    return np.where(seen.any(0), (speed * seen).sum(0) / np.maximum(seen.sum(0), 1), np.nan)
+    """Mean speed of rows at each frame, less that over time, [F]; 0 where none is seen."""
+    speed = np.linalg.norm(velocities(frames.y[rows], frames.w[rows] > 0, frames.step), axis=2)
+    seen = np.isfinite(speed)
+    mean = np.nan_to_num(speed).sum(0) / np.maximum(seen.sum(0), 1)
+    return np.asarray((mean - mean[seen.any(0)].mean()) * seen.any(0))
 
 
-def _start(view: View, offset: Offset, applied: Offset) -> _Start:
+def _matches(view: View, offset: Offset, applied: Offset) -> list[Equations]:
     """Match groups and bodies under an offset; the frames are corrected by `applied`."""
-    frames = view.frames
-    arrays = frames.arrays if offset is applied else _moved(view, offset, applied)
-    vector = offset.vector[view.unknowns]
-    matches = [_match(view, arrays, label, vector, offset.pivot) for label in sorted(view.groups)]
-    return _Start(offset, vector, [match for match in matches if match is not None])
+    matches = []
+    for label, rows in sorted(view.groups.items()):
+        group = view.frames, rows, *_moved(view.frames, rows, offset, applied)
+        own, others = [k for k in view.bodies if k == label], [k for k in view.bodies if k != label]
+        for candidates in own, others:  # that of its own label, else the best other
+            pairs = [(view.bodies[k], view.information[k]) for k in candidates]
+            equations = [normal_equations(*group, *pair, offset.pivot) for pair in pairs]
+            if (match := _best(equations, offset.vector, view)) is not None:
+                matches.append(match)
+                break
+    return matches
 
 
-def _moved(view: View, offset: Offset, applied: Offset) -> RowArrays:
-    """The rows as they would be under another offset."""
-    frames = view.frames
+def _moved(frames: Frames, rows: Ints, offset: Offset, applied: Offset) -> tuple[Floats, Floats]:
+    """Positions and weights of rows as they would be under another offset than `applied`.
+
+    They are later by whole frames, and from there by their velocity.
+    """
+    y, w = frames.y[rows], frames.w[rows]
+    if offset is applied:
+        return y, w
     (R, t), (R_applied, t_applied) = offset.transform(), applied.transform()
+    delay, frame = applied.delay - offset.delay, np.arange(len(frames.stamps))
+    whole = round(delay / frames.step)
+    inside = np.clip(frame + whole, 0, frame[-1])
+    y, w = y[:, inside], w[:, inside] * (frame + whole == inside)
+    y += (delay - whole * frames.step) * velocities(y, w > 0, frames.step)
     turn = R @ R_applied.T
-    rows = np.concatenate(list(view.groups.values()))
-    y, w = frames.y.copy(), frames.w.copy()
-    y[rows], w[rows] = _later(frames, rows, applied.delay - offset.delay)
-    y[rows] = y[rows] @ turn.T + t - turn @ t_applied
-    return frames.arrays._replace(y=y, w=w)
+    return np.nan_to_num(y @ turn.T + t - turn @ t_applied), w * np.isfinite(y[..., 0])
 
 
-def _later(frames: Frames, rows: Ints, delay: float) -> tuple[Floats, Floats]:
-    """Positions and weights of rows some s later: by whole frames, and from there by their velocity."""
-    count, step = len(frames.stamps), frames.step
-    whole = round(delay / step)
-    shifted = np.arange(count) + whole
-    inside = np.clip(shifted, 0, count - 1)
-    y, w = frames.y[rows][:, inside], frames.w[rows][:, inside] * (shifted == inside)
-    return y + (delay - whole * step) * velocities(y, w > 0, _seconds(frames)), w
-
-
-def _fit(view: View, start: _Start) -> tuple[Offset, float]:
-    """The most probable offset from a start, and its cost: minus the log evidence, by Laplace.
+def _fit(view: View, start: Offset, applied: Offset) -> _Fit:
+    """The most probable offset from a start, by Laplace; the frames are corrected by `applied`.
 
     Where the window says nothing, the offset stays at its start.
     """
-    P, used = view.prior, start.matched
-    step, left = np.zeros(len(P)), np.zeros(P.shape)
-    for _ in range(_FITS):
-        left = sum((match.left for match in used), np.zeros(P.shape))
-        right = sum((match.right for match in used), np.zeros(len(P)))
-        step = np.asarray(np.linalg.solve(left + P, right - P @ start.vector), np.float64)
-        used = [match for match in used if _gain(match, step) > 0]
-    total = start.vector + step
-    cost = 0.5 * (total @ P @ total) - sum(_gain(match, step) for match in start.matched)
-    cost += 0.5 * np.linalg.slogdet(np.eye(len(P)) + np.linalg.solve(P, left))[1]
-    full = np.zeros(UNKNOWNS)
-    full[view.unknowns] = np.linalg.solve(left + P, left @ step)
-    return start.offset.after(full), float(cost)
-
-
-def _match(view: View, arrays: RowArrays, label: int, vector: Floats, pivot: Floats) -> Equations | None:
-    """Equations of a group and the body that it moves with: that of its own label, else the best other."""
-    rows, bodies = view.groups[label], view.bodies
-    if label in bodies:
-        own_match = _best([_equations(view, arrays, rows, label, pivot)], vector, view)
-        if own_match is not None:
-            return own_match
-    other_labels = [k for k in bodies if k != label]
-    return _best([_equations(view, arrays, rows, k, pivot) for k in other_labels], vector, view)
-
-
-def _equations(view: View, arrays: RowArrays, rows: Ints, k: int, pivot: Floats) -> Equations:
-    """Equations of rows and one body, in the unknowns that exist."""
-    frames, unknowns = view.frames, view.unknowns
-    terms = arrays, _seconds(frames), rows, view.bodies[k], view.information[k], pivot
-    equations = normal_equations(*terms, frames.dim, FEWEST)
-    left, right = equations.left[np.ix_(unknowns, unknowns)], equations.right[unknowns]
-    return equations._replace(left=left, right=right)
+    matched, P, vector = _matches(view, start, applied), view.prior, start.vector
+    left = sum((match.left for match in matched), np.zeros(P.shape))
+    right = sum((match.right for match in matched), np.zeros(UNKNOWNS))
+    step = np.asarray(np.linalg.solve(left + P, right - P @ vector), np.float64)
+    total = vector + step
+    cost = 0.5 * (total @ P @ total) - sum(_gain(match, step) for match in matched)
+    cost += 0.5 * np.linalg.slogdet(np.eye(UNKNOWNS) + np.linalg.solve(P, left))[1]
+    seen = np.asarray(np.linalg.solve(left + P, left @ step), np.float64)
+    return _Fit(start.after(seen), float(cost), matched)
 
 
 def _gain(match: Equations, step: Floats) -> float:
     """Nats that a step gains over a group that moves like no body."""
-    return max(_MOST_RESIDUAL * match.coordinates - _after(match, step), 0.0) / 2
-
-
-def _after(match: Equations, step: Floats) -> float:
-    """Squared residual after a step."""
-    return float(match.squared - 2 * step @ match.right + step @ match.left @ step)
-
-
-def _seconds(frames: Frames) -> Floats:
-    return np.asarray((frames.stamps - frames.stamps[0]) * 1e-9, np.float64)
+    return max(_MOST_RESIDUAL * match.coordinates - match.after(step), 0.0) / 2
 
 
 def _best(candidates: list[Equations], vector: Floats, view: View) -> Equations | None:
@@ -287,7 +232,7 @@ def _best(candidates: list[Equations], vector: Floats, view: View) -> Equations 
         step = np.asarray(np.linalg.solve(match.left + prior, match.right - prior @ vector), np.float64)
         penalty = float((vector + step) @ prior @ (vector + step))
         gain = _gain(match, step) - penalty / 2
-        fits = penalty < _MOST_OFFSET and _after(match, step) < view.residual * match.coordinates
+        fits = penalty < _MOST_OFFSET and match.after(step) < view.residual * match.coordinates
         if gain > most_gain and fits:
             best, most_gain = match, gain
     return best

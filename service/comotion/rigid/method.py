@@ -41,7 +41,6 @@ from ..trajectories.window import Window
 from .assignment import SearchResult, posterior, same_body
 from .belief import Belief
 from .continuation import Fit, held, holding, judged
-from .costs import excess_costs
 from .fits import Fits
 from .frames import RENEWED, Frames
 from .motions import anchored_motions, describe_bodies
@@ -171,10 +170,9 @@ class RigidMethod(Method):
         """The bodies and their trajectories, and whether new bodies were searched."""
         fits = Fits(scene.frames, self._config)
         followed = follow(scene, fits, self._config)
-        excess = excess_costs(followed.evidence, followed.assignment.labels, self._config)
-        outlying = unexplained(scene, followed.assignment.labels, excess)
+        outlying = unexplained(scene, followed, self._config)
         if self.searching and self._due(scene, scene.frames.key[outlying]):
-            return search(scene, fits, followed, outlying, excess, self._config), True
+            return search(scene, fits, followed, outlying, self._config), True
         return followed, False
 
     def _due(self, scene: Scene, outlying_keys: Stamps) -> bool:

@@ -5,11 +5,10 @@ from scipy.special import digamma, polygamma
 
 from comotion_schemas.types import symmetric
 
-from ..arrays import Floats, Ints, Stamps
+from ..arrays import Floats, Ints, Stamps, find
 from .frames import RENEWED
 from .kernels.differences import difference_covariances
-from .kernels.resampling import mean_square
-from .tracks import Tracks
+from .tracks import Tracks, mean_squares
 
 MOST_DIFFERENCES = 60
 """Most differences from which the noise of a trajectory is estimated, over its newest observations."""
@@ -37,42 +36,32 @@ DIRECTIONS = {2: _THREE[[0, 1, 3], :2], 3: _THREE}
 class NoiseEstimates:
     """Covariance of the noise of every trajectory, from its own observations.
 
-    One entry for each slot of the window, renewed after a share of the time that it was made from. Turn,
-    shift and delay of a source matter little.
+    An estimate is renewed after a share of the time that it was made from. Turn, shift and delay of a source
+    matter little.
     """
 
     def __init__(self, dim: int) -> None:
-        self._dim = dim
+        # Of the last trajectories.
         self._key: Stamps = np.zeros(0, np.int64)
-        self._made: Stamps = np.zeros(0, np.int64)
-        self._covariance: Floats = np.zeros((0, dim, dim))
-        self._count: Floats = np.zeros(0)
+        self._made: Stamps = np.zeros(1, np.int64)
+        self._covariance: Floats = np.zeros((1, dim, dim))
+        self._count: Floats = np.zeros(1)
 
     def read(self, tracks: Tracks, gap_ns: Stamps) -> tuple[Floats, Floats]:
         """Covariances float64 [N, dim, dim], and how many independent differences they are worth, [N].
 
         No difference is taken across a gap longer than `gap_ns` int64 [N].
         """
-        slot = tracks.slot
-        self._grow(int(slot.max(initial=-1)) + 1)
         newest, oldest = tracks.times[tracks.stop - 1], tracks.times[tracks.start]
-        valid = (self._key[slot] == tracks.key) & (self._made[slot] <= newest)
-        due = np.flatnonzero(~valid | (newest - self._made[slot] > RENEWED * (newest - oldest)))
-        due_slots = slot[due]
-        self._covariance[due_slots], self._count[due_slots] = difference_covariances(
-            tracks.observations, gap_ns, due, DIRECTIONS[self._dim], MOST_DIFFERENCES
+        at = find(tracks.key, self._key)
+        made, covariance, count = self._made[at], self._covariance[at], self._count[at]
+        due = np.flatnonzero((at < 0) | (made > newest) | (newest - made > RENEWED * (newest - oldest)))
+        covariance[due], count[due] = difference_covariances(
+            tracks.observations, gap_ns, due, DIRECTIONS[tracks.dim], MOST_DIFFERENCES
         )
-        self._key[due_slots], self._made[due_slots] = tracks.key[due], newest[due]
-        return self._covariance[slot], self._count[slot]
-
-    def _grow(self, capacity: int) -> None:
-        extra = max(capacity - len(self._key), 0)
-        if extra:
-            extra = max(extra, len(self._key))
-            self._key = np.append(self._key, np.full(extra, -1, np.int64))
-            self._made = np.append(self._made, np.zeros(extra, np.int64))
-            self._covariance = np.concatenate([self._covariance, np.zeros((extra, self._dim, self._dim))])
-            self._count = np.append(self._count, np.zeros(extra))
+        made[due] = newest[due]
+        self._key, self._made, self._covariance, self._count = tracks.key, made, covariance, count
+        return covariance, count
 
 
 def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints, *, on_arm: bool) -> Floats:
@@ -99,7 +88,7 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
     for source in np.unique(sources).tolist():
         group = np.flatnonzero(sources == source)
         covariance[group] = _covariances(estimate[group], count[group], scene, tracks.newest[own[group]])
-    published = mean_square(tracks.sigma, tracks.start[own], tracks.stop[own])
+    published = mean_squares(tracks.sigma, tracks.start[own], tracks.stop[own])
     has_sigma = np.isfinite(published)
     if on_arm:
         published = np.maximum(published, np.trace(covariance, axis1=1, axis2=2) / 3)

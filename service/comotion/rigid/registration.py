@@ -11,9 +11,8 @@ import numpy as np
 
 from ..arrays import Ints
 from .explanations import Groups, Offset, View, explained
-from .frames import LONG_LIFE, SELDOM, Frames
+from .frames import LONG_LIFE, Frames
 from .kernels.procrustes import SOFT
-from .kernels.resampling import spread
 from .procrustes import fit_body
 from .subset import is_small, representatives
 from .tracks import Tracks
@@ -21,19 +20,14 @@ from .tracks import Tracks
 # Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
 # made-up crowds of thousands of features.
 _REPRESENTATIVES = 12
-# Offsets are estimated anew at the next search where a delay changed by more s: without, delays of .15 to
-# .3 s cost .01 to .03 of NMI (seeds 5 to 8).
-_MOST_CHANGE = 0.005
 
 
 class Registration:
-    """Offset of every source but the reference; estimated anew from the window now and then."""
+    """Offset of every source but the reference; estimated anew from the window after each search."""
 
     def __init__(self) -> None:
         self.reference: int | None = None
         self.offsets: dict[int, Offset] = {}
-        self._learned_ns = 0
-        self._settled_of: list[int] = []
 
     def correct(self, tracks: Tracks) -> Tracks:
         """The same trajectories as the reference would have seen them."""
@@ -48,7 +42,7 @@ class Registration:
         return tracks.moved(delay, turn, shift)
 
     def learn(self, tracks: Tracks, frames: Frames, labels: Ints) -> None:
-        """Estimate the offsets by corrected trajectories and the bodies they were assigned to, where due.
+        """Estimate the offsets by corrected trajectories and the bodies they were assigned to.
 
         Parameters
         ----------
@@ -56,16 +50,11 @@ class Registration:
             intp [N], body of each trajectory: 0 for the static one, below 0 for an outlier.
         """
         sources, counts = np.unique(tracks.source, return_counts=True)
-        now_ns, first_ns = int(frames.stamps[-1]), int(frames.stamps[0])
-        recent = 0 <= now_ns - self._learned_ns < SELDOM * (now_ns - first_ns)
-        if len(sources) < 2 or (recent and self._settled_of == sources.tolist()):
+        if len(sources) < 2:
             return
-        self._learned_ns, moved = now_ns, False
         if self.reference is None or self.reference not in sources:
             self.reference = int(sources[np.argmax(counts)])
         groups = {s: _moving_groups(tracks, frames, labels, s) for s in sources.tolist()}
-        if not is_small(frames):
-            frames, groups = _excerpt(frames, groups)
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
         extent, pivot = tracks.extent, np.median(tracks.newest, 0)
         for source, source_groups in groups.items():
@@ -75,8 +64,6 @@ class Registration:
                 self.offsets.pop(source, None)
                 if offset.vector.any():
                     self.offsets[source] = offset
-                moved |= abs(offset.delay - applied.delay) > _MOST_CHANGE
-        self._settled_of = [] if moved else sources.tolist()
 
     def state(self) -> dict[str, Any]:
         """As plain values and arrays."""
@@ -92,7 +79,7 @@ class Registration:
 
 
 def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) -> Groups:
-    """Rows of one source on each moving body, where they are enough for a pose."""
+    """Rows of one source on each moving body: enough for a pose, that move by three times their noise."""
     groups = {}
     for k in range(1, int(labels.max(initial=0)) + 1):
         members = (labels == k) & (tracks.source == source) & (frames.life >= LONG_LIFE)
@@ -100,27 +87,7 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
             if not is_small(frames):
                 members = representatives(frames, tracks.newest, members, _REPRESENTATIVES)
             rows = frames.rows_of(members)
-            if _moves(frames, rows):
+            # The poses of a body at rest are noise, which would look like motion that constrains an offset.
+            if np.mean(frames.moved[rows] / frames.tolerance[rows]) > SOFT:
                 groups[k] = rows
     return groups
-
-
-def _moves(frames: Frames, rows: Ints) -> bool:
-    """Whether rows intp [n] move by more than three times their noise.
-
-    The poses of a body at rest are noise, which would look like motion that constrains an offset.
-    """
-    seen, squared = np.zeros(len(rows), np.intp), np.zeros(len(rows))
-    spread(frames.y[rows], frames.w[rows], seen, squared)
-    return float(np.mean(squared / frames.tolerance[rows])) > SOFT * frames.dim
-
-
-def _excerpt(frames: Frames, groups: dict[int, Groups]) -> tuple[Frames, dict[int, Groups]]:
-    """The frames of the rows that take part only, and the groups by their rows there."""
-    rows = np.unique(
-        np.concatenate([np.zeros(0, np.intp), *(r for g in groups.values() for r in g.values())])
-    )
-    tracks = np.unique(frames.owner[rows])
-    kept_rows = frames.rows_of(tracks)
-    excerpts = {s: {k: np.searchsorted(kept_rows, r) for k, r in g.items()} for s, g in groups.items()}
-    return frames.of(tracks), excerpts

@@ -11,10 +11,10 @@ from ..config import RigidConfig
 from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
-from .kernels.resampling import mean_square, resample, spread
+from .kernels.resampling import resample
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
-from .tracks import Tracks, ranges
+from .tracks import Tracks, mean_squares, ranges
 
 # Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
 # so that the share hardly matters.
@@ -65,8 +65,10 @@ def make_frames(
     covariance = _noise(tracks, estimates, curves, limits.gap)
     noise = _mean_variance(covariance, tracks.dim)
     y, w = _interpolated(tracks, curves, stamps, limits, noise)
-    seen, squared = np.zeros(len(owner), np.intp), np.zeros(len(owner))
-    spread(y, w, seen, squared)
+    observed = w > 0
+    seen = observed.sum(1)
+    apart = (y - y.sum(1, keepdims=True) / np.maximum(seen, 1)[:, None, None]) * observed[..., None]
+    squared = np.einsum("pfc,pfc->p", apart, apart) / np.maximum(seen, 1)
     life = np.zeros(len(tracks.key))
     np.maximum.at(life, owner, seen / config.frame_rate)
     deformation, resting = _deformation(squared, tracks.extent, config)
@@ -176,13 +178,9 @@ def _mean_variance(covariance: Floats, dim: int) -> Floats:
 def _metrics(covariance: Floats, dim: int) -> Floats:
     """Inverse covariances in units of the inverse mean variance, [P, 6]."""
     metrics = np.tile(ROUND, (len(covariance), 1))
-    flat = covariance[:, *np.triu_indices(3)]
-    rows = np.flatnonzero(
-        (flat[:, [1, 2, 4]] != 0).any(1) | (flat[:, 0] != flat[:, 3]) | (flat[:, 0] != flat[:, 5])
-    )
-    if len(rows):
-        inverse = np.linalg.inv(covariance[rows]) * _mean_variance(covariance[rows], dim)[:, None, None]
-        metrics[rows] = inverse[:, *np.triu_indices(3)]
+    rows = (covariance != covariance[:, :1, :1] * np.eye(3)).any((1, 2))
+    inverse = np.linalg.inv(covariance[rows]) * _mean_variance(covariance[rows], dim)[:, None, None]
+    metrics[rows] = inverse[:, *np.triu_indices(3)]
     return metrics
 
 
@@ -269,8 +267,7 @@ def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
     """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
     six = np.zeros(len(tracks.key), np.bool_)
     if tracks.quaternions is not None and tracks.dim == 3:
-        first = np.ascontiguousarray(tracks.quaternions[:, 0])
-        six = np.isfinite(mean_square(first, tracks.start, tracks.stop))
+        six = np.isfinite(mean_squares(tracks.quaternions[:, 0], tracks.start, tracks.stop))
     own = np.flatnonzero(~six)
     observations = Observations(tracks.times, tracks.positions, tracks.start[own], tracks.stop[own])
     points = _Curves(False, own, observations)

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Ints, last_true
+from ..arrays import Bools, Ints, last_true
 from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult, assign, cheapest, predicted_positions, without_sliders
 from .belief import carried_costs
 from .candidates import cluster_rows
-from .costs import Costs, excess_costs
-from .fits import Fits, Fitted
+from .fits import Fits
 from .selection import membership_prices, select
 from .subset import Scene, Subset, choose_subset, known_rows, rows_to_fit, unexplained
 
@@ -25,45 +24,36 @@ _AT_ONCE, _LEAST_LOST, _LOST_SHARE, _LOOK_BACK = 0.08, 3, 0.6, 0.55
 
 def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    return _decided(scene, _compare_all(scene, fits, known_rows(scene), config))
+    return _compare_all(scene, fits, known_rows(scene), config)
 
 
 def search(
-    scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools, excess: Floats, config: RigidConfig
+    scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools, config: RigidConfig
 ) -> SearchResult:
     """Find the bodies of a scene: steps 5 to 9.
 
-    `outlying` bool [N] and `excess` float64 [N] describe what the known bodies do not explain. Bodies are
-    found in the subset. Where no cluster is a body, the followed ones stand; else all trajectories are
-    compared with what was found. In a small scene bodies are fitted to the trajectories that were assigned to
-    them, twice.
+    `outlying` bool [N] says what the known bodies do not explain. Bodies are found in the subset. Where no
+    cluster is a body, the followed ones stand; else all trajectories are compared with what was found. In a
+    small scene bodies are fitted to the trajectories that were assigned to them, twice.
     """
-    subset = choose_subset(scene, outlying, excess)
+    subset = choose_subset(scene, outlying)
     labels, new = _first_bodies(scene, fits if scene.small else None, subset, config)
     if not (len(new) or outlying.any()):
         return followed
     if not scene.small:
         members = [np.isin(np.arange(len(outlying)), subset.tracks[labels == k]) for k in new]
         rows = known_rows(scene) + [rows_to_fit(scene, group) for group in members]
-        return _decided(scene, _compare_all(scene, fits, rows, config))
+        return _compare_all(scene, fits, rows, config)
     rows = _assigned_rows(scene, 1 + int(labels.max(initial=0)), labels)
     result = _compare_all(scene, fits, rows, config)
     labels = without_sliders(result.assignment.labels, result.evidence)
     rows = _assigned_rows(scene, len(result.bodies), labels)
-    return _decided(scene, _compare_all(scene, fits, rows, config))
-
-
-def _decided(scene: Scene, result: SearchResult) -> SearchResult:
-    """The result, with newborn features as outliers that may be a lost body's return."""
-    labels = undecided(scene, result.assignment.labels)
-    return replace(result, assignment=replace(result.assignment, labels=labels))
+    return _compare_all(scene, fits, rows, config)
 
 
 def has_news(scene: Scene, result: SearchResult, config: RigidConfig) -> bool:
     """Whether a few trajectories of each body, and those that none explains, have a new body."""
-    labels = result.assignment.labels
-    excess = excess_costs(result.evidence, labels, config)
-    subset = choose_subset(scene, unexplained(scene, labels, excess), excess)
+    subset = choose_subset(scene, unexplained(scene, result, config))
     return bool(len(_first_bodies(scene, None, subset, config)[1]))
 
 
@@ -84,13 +74,8 @@ def _first_bodies(scene: Scene, fits: Fits | None, subset: Subset, config: Rigid
 def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
     """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
     fitted = fits.of(rows, still=True)  # 6
-    chosen, costs = select(scene, fitted, fits.costs(fitted), config)  # 7, 8
-    return _assigned(scene, [fitted[k] for k in chosen], costs, config)  # 9
-
-
-def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: RigidConfig) -> SearchResult:
-    """Assign every trajectory to one of the bodies that were selected."""
-    frames, bodies = scene.frames, [body.body for body in fitted]
+    chosen, evidence = select(scene, fitted, fits.costs(fitted), config)  # 7, 8
+    fitted = [fitted[k] for k in chosen]
     cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
     rough = cheapest(cost + prices, evidence.outlier)
     if scene.static is not None:
@@ -98,8 +83,11 @@ def _assigned(scene: Scene, fitted: list[Fitted], evidence: Costs, config: Rigid
         background = np.flatnonzero(scene.judged & (scene.hypotheses == scene.static))
         resting = np.array([body.costed.rests for body in fitted])
         cost[np.ix_(background, resting)] += prices[resting]
-    position = predicted_positions(frames, scene.newest, bodies, rough)
-    return SearchResult(bodies, assign(frames, cost, evidence.outlier, position, config), evidence)
+    bodies = [body.body for body in fitted]
+    position = predicted_positions(scene.frames, scene.newest, bodies, rough)
+    assignment = assign(scene.frames, cost, evidence.outlier, position, config)  # 9
+    assignment = replace(assignment, labels=undecided(scene, assignment.labels))
+    return SearchResult(bodies, assignment, evidence)
 
 
 def _assigned_rows(scene: Scene, count: int, labels: Ints) -> list[Ints]:
@@ -130,7 +118,7 @@ def undecided(scene: Scene, labels: Ints) -> Ints:
     frames = scene.frames
     newborn = frames.current & ~scene.judged & (scene.hypotheses == NO_HYPOTHESIS)
     doubtful = newborn & (labels != OUTLIER)
-    if np.count_nonzero(newborn) <= _LEAST_NEWBORN or not doubtful.any():
+    if not doubtful.any():
         return labels
     born = frames.stamps[-1] - (frames.life * 1e9).astype(np.int64)
     doubtful &= born > _first_loss(scene) + _AT_ONCE * 1e9
@@ -149,16 +137,13 @@ def undecided(scene: Scene, labels: Ints) -> Ints:
 def _first_loss(scene: Scene) -> float:
     """When the first of the hypotheses without a feature lost most of them at once, ns; infinite for none."""
     frames, first_loss = scene.frames, np.inf
-    gone = np.setdiff1d(scene.hypotheses[~frames.current], scene.hypotheses[frames.current]).tolist()
-    rows, first = np.unique(frames.owner, return_index=True)
-    for hypothesis in gone:
-        members = rows[~frames.current[rows] & (scene.hypotheses[rows] == hypothesis)]
-        if hypothesis == NO_HYPOTHESIS or len(members) < _LEAST_LOST:
-            continue
-        w = frames.w[first[np.searchsorted(rows, members)]]
-        last = frames.stamps[last_true(w > 0)]
-        seconds_before = (last.max() - last) * 1e-9
+    first_rows = np.unique(frames.owner, return_index=True)[1]
+    last = frames.stamps[last_true(frames.w[first_rows] > 0)]
+    gone = np.setdiff1d(scene.hypotheses[~frames.current], scene.hypotheses[frames.current])
+    for hypothesis in gone[gone != NO_HYPOTHESIS].tolist():
+        ends = last[scene.hypotheses == hypothesis]
+        seconds_before = (ends.max() - ends) * 1e-9
         at_once = np.count_nonzero(seconds_before <= _AT_ONCE)
         if at_once >= max(_LEAST_LOST, _LOST_SHARE * np.count_nonzero(seconds_before <= _LOOK_BACK)):
-            first_loss = min(first_loss, int(last.max()))
+            first_loss = min(first_loss, int(ends.max()))
     return first_loss

@@ -33,7 +33,8 @@ def with_sliders(
     Costs, float64 [N, K], and where they are those of sliding, bool [N, K].
     """
     # Sliding on a body at rest would be sliding on the static one, which is no host.
-    hosts = [k for k, host in enumerate(bodies) if host.free > 1 and _count(frames, host) >= _LEAST_OWNERS]
+    owners = [len(np.unique(frames.owner[host.rows])) for host in bodies]
+    hosts = [k for k, host in enumerate(bodies) if host.free > 1 and owners[k] >= _LEAST_OWNERS]
     rows = _unexplained(frames, bodies, hosts, body, seen, config)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)
@@ -41,10 +42,6 @@ def with_sliders(
     for k in hosts:
         costs[tracks, k] = np.minimum(body[tracks, k], _slides(frames, bodies[k], rows, config))
     return costs, costs < body
-
-
-def _count(frames: Frames, body: Body) -> int:
-    return int(np.count_nonzero(np.bincount(frames.owner[body.rows])))
 
 
 def _unexplained(

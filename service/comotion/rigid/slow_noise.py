@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
-from ..arrays import Floats, Ints, last_true, thinned
+from ..arrays import Bools, Floats, Ints, last_true, thinned
 from .frames import FEWEST
 
 # Most rows of a source that are examined, evenly drawn, and nearest rows to compare each with: a median needs
@@ -51,8 +51,8 @@ class SlowNoise:
 def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: float) -> SlowNoise:
     """Slow noise of one source, from the variograms of the distances of its nearest pairs.
 
-    The variogram at lag k is that of the white noise plus slow (1 - exp(-k / time)) of the slow one. The
-    tolerance stands where it covers all of it.
+    The variogram at lag k, half the mean squared difference of a distance, is that of the white noise plus
+    slow (1 - exp(-k / time)) of the slow one. The tolerance stands where it covers all of it.
 
     Parameters
     ----------
@@ -65,66 +65,35 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     """
     if len(rows) <= _NEAREST:
         return SlowNoise()
-    drawn = thinned(rows, _ROWS)
-    first = np.repeat(drawn, _NEAREST)
-    second = _nearest(y, w, rows, drawn).ravel()
-    lags = np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp))
-    measured = variograms(y, w, first, second, lags)
-    measurable = np.isfinite(measured).sum(0) >= FEWEST
-    if measurable.sum() < _LEAST_LAGS:
+    drawn, positions = thinned(rows, _ROWS), y[rows, last_true(w[rows] > 0)]
+    nearest = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], _NEAREST + 1)[1][:, 1:]
+    first, second = np.repeat(drawn, _NEAREST), rows[nearest].ravel()
+    both, apart = (w[first] > 0) & (w[second] > 0), np.sqrt(((y[first] - y[second]) ** 2).sum(2))
+    lags, usual = _variogram(both, apart, tolerance[first] + tolerance[second], frame_rate)
+    # Pairs at rest may be without any noise.
+    if len(lags) < _LEAST_LAGS or usual.min() <= 0:
         return SlowNoise()
-    measured = measured[:, measurable] / (tolerance[first] + tolerance[second])[:, None]
-    # np.nanquantile would take longer than all the rest.
-    usual = np.array([np.quantile(column[np.isfinite(column)], _QUANTILE) for column in measured.T])
-    if usual.min() <= 0:  # pairs at rest without any noise
-        return SlowNoise()
-    noise = _fitted(lags[measurable], _TIMES * frame_rate, usual)
-    return noise if noise.factor(w.shape[1]) > 1 else SlowNoise()
-
-
-def variograms(y: Floats, w: Floats, first: Ints, second: Ints, lags: Ints) -> Floats:
-    """Half the mean squared difference of the distance of pairs of rows at each lag.
-
-    White noise of the distance adds its variance at every lag; what changes slowly adds little at short lags.
-
-    Parameters
-    ----------
-    y, w
-        float64 [P, F, 3] and [P, F] (0: unobserved).
-    first, second
-        intp [n], the rows of each pair.
-    lags
-        intp [L], in common frames.
-
-    Returns
-    -------
-    float64 [n, L]; NaN where there are too few differences.
-    """
-    both = (w[first] > 0) & (w[second] > 0)
-    apart = np.sqrt(((y[first] - y[second]) ** 2).sum(2))
-    values = np.full((len(first), len(lags)), np.nan)
-    for k, lag in enumerate(lags.tolist()):
-        seen = both[:, lag:] & both[:, :-lag]
-        change = (apart[:, lag:] - apart[:, :-lag]) * seen
-        count = seen.sum(1)
-        enough = count >= FEWEST
-        values[enough, k] = 0.5 * (change[enough] ** 2).sum(1) / count[enough]
-    return values
-
-
-def _fitted(lags: Ints, times: Floats, usual: Floats) -> SlowNoise:
-    """The noise whose variogram is nearest to the usual one, float64 [n], at lags intp [n], of some times."""
     best, least = SlowNoise(), np.inf
-    for time in times.tolist():
-        variogram = np.column_stack([np.ones(len(lags)), 1 - np.exp(-lags / time)])
-        (a, b), error = nnls(variogram / usual[:, None], np.ones(len(lags)))
+    for time in (_TIMES * frame_rate).tolist():
+        parts = np.column_stack([np.ones(len(lags)), 1 - np.exp(-lags / time)])
+        (a, b), error = nnls(parts / usual[:, None], np.ones(len(lags)))
         if error < least:
             best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), time), error
-    return best
+    return best if best.factor(w.shape[1]) > 1 else SlowNoise()
 
 
-def _nearest(y: Floats, w: Floats, rows: Ints, drawn: Ints) -> Ints:
-    """The rows whose newest positions are nearest to those of each of `drawn`, intp [n, 3]."""
-    positions = y[rows, last_true(w[rows] > 0)]
-    indices = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], _NEAREST + 1)[1]
-    return np.asarray(rows[indices[:, 1:]], np.intp)
+def _variogram(both: Bools, apart: Floats, tolerance: Floats, frame_rate: float) -> tuple[Floats, Floats]:
+    """Lags in frames at which enough pairs of rows are seen, and the usual variogram there, in tolerances.
+
+    Of n pairs: bool [n, F], whether both are seen; float64 [n, F], their distance; and its tolerance, [n].
+    """
+    lags, usual = np.zeros(0), np.zeros(0)
+    for lag in np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp)).tolist():
+        seen = both[:, lag:] & both[:, :-lag]
+        enough = seen.sum(1) >= FEWEST
+        if enough.sum() >= FEWEST:
+            change = ((apart[:, lag:] - apart[:, :-lag]) * seen)[enough]
+            variogram = 0.5 * (change**2).sum(1) / seen[enough].sum(1)
+            usual = np.append(usual, np.quantile(variogram / tolerance[enough], _QUANTILE))
+            lags = np.append(lags, lag)
+    return lags, usual

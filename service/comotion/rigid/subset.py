@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels
+from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
-from .assignment import OUTLIER
+from .assignment import OUTLIER, SearchResult
+from .costs import excess_costs
 from .frames import Frames
 from .kernels.distances import farthest_points
 
@@ -21,9 +23,6 @@ SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
 # Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
 MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
-# Unexplained members of hypotheses that are taken first, by their excess. The others are drawn at
-# random, so that lasting outliers do not exclude them.
-_LARGEST_EXCESS = 32
 FIT_ROWS = 64
 """Most rows that a body is fitted to in a large scene."""
 # Share of representatives that may be ended trajectories: they determine poses before others were born.
@@ -94,13 +93,11 @@ def is_small(frames: Frames) -> bool:
     return len(frames.owner) <= SUBSET_ROWS
 
 
-def choose_subset(scene: Scene, outlying: Bools, excess: Floats) -> Subset:
-    """Choose the trajectories that are searched for bodies.
+def choose_subset(scene: Scene, outlying: Bools) -> Subset:
+    """Choose the trajectories that are searched for bodies, where the known ones do not explain bool [N].
 
-    Parameters
-    ----------
-    outlying, excess
-        bool [N], what the known bodies do not explain, and float64 [N], by how much.
+    Of many unexplained ones some are drawn by the time of the update, so that lasting outliers do not exclude
+    others.
     """
     frames, hypotheses = scene.frames, scene.hypotheses
     if scene.small:
@@ -111,20 +108,20 @@ def choose_subset(scene: Scene, outlying: Bools, excess: Floats) -> Subset:
     each = int(np.clip(most // max(len(explaining), 1), _LEAST_OF_EACH, MOST_OF_EACH))
     groups = [representatives(frames, scene.newest, explained & (hypotheses == h), each) for h in explaining]
     remaining = max(SUBSET_ROWS - sum(len(group) for group in groups), SUBSET_ROWS - most)
-    groups.append(_drawn(np.flatnonzero(outlying), hypotheses, excess, int(frames.stamps[-1]), remaining))
-    tracks = np.unique(np.concatenate(groups))
+    draw = np.random.default_rng(int(frames.stamps[-1])).permutation(np.flatnonzero(outlying))[:remaining]
+    tracks = np.unique(np.concatenate([*groups, draw]))
     return Subset(tracks, outlying[tracks])
 
 
-def unexplained(scene: Scene, labels: Ints, excess: Floats) -> Bools:
+def unexplained(scene: Scene, result: SearchResult, config: RigidConfig) -> Bools:
     """Which current trajectories are outliers, or exceed the usual cost by more than chance, bool [N].
 
     That is three standard deviations, and more among many: the largest of n normal deviates is about the
-    root of 2 log n. `labels` intp [N] are those of followed bodies, `excess` float64 [N] that of
-    :func:`~comotion.rigid.costs.excess_costs`.
+    root of 2 log n.
     """
-    eligible = scene.judged & scene.frames.current
+    labels, eligible = result.assignment.labels, scene.judged & scene.frames.current
     most = max(3.0, float(np.sqrt(2 * np.log(max(int(eligible.sum()), 1)))))
+    excess = excess_costs(result.evidence, labels, config)
     return np.asarray(eligible & ((labels == OUTLIER) | (excess > most)), np.bool_)
 
 
@@ -157,20 +154,6 @@ def rows_to_fit(scene: Scene, members: Bools) -> Ints:
     if len(rows) <= FIT_ROWS:
         return rows
     return scene.frames.rows_of(representatives(scene.frames, scene.newest, members, FIT_ROWS))
-
-
-def _drawn(outlying: Ints, hypotheses: Labels, excess: Floats, seed: int, count: int) -> Ints:
-    """At most `count` of `outlying`, intp [n]: members of hypotheses by their excess, then others at random.
-
-    The draw depends on the time of the update alone.
-    """
-    if len(outlying) <= count:
-        return outlying
-    members = outlying[hypotheses[outlying] != NO_HYPOTHESIS]
-    first = members[np.argsort(-excess[members], kind="stable")[:_LARGEST_EXCESS]]
-    others = np.setdiff1d(outlying, first)
-    draw = np.random.default_rng(seed).permutation(others)
-    return np.concatenate([first, draw[: count - len(first)]])
 
 
 def _longest_lived(frames: Frames, tracks: Ints, count: int) -> Ints:

@@ -48,7 +48,7 @@ def difference_covariances(
     times, positions, start, stop = observations
     dim = positions.shape[1]
     covariance, count = np.zeros((len(chosen), dim, dim)), np.zeros(len(chosen))
-    contrasts, squares = np.empty((most + 4, dim)), np.empty((len(directions), most + 4))
+    contrasts = np.empty((most + 4, dim))
     for n in range(len(chosen)):
         i = chosen[n]
         seen = min(stop[i] - start[i], 4 * most)
@@ -58,40 +58,13 @@ def difference_covariances(
             if k < most and _contrast(times, positions, m, gap[i], contrasts, k):
                 k += 1
         count[n] = k / _OVERLAP[min(step, 4) - 1]
-        if k > 0:
-            _squares_along(contrasts[:k], directions, squares)
-            _mean_square(contrasts[:k], squares[:, :k], covariance[n])
+        wildest = np.zeros(k)
+        for d in range(len(directions) if k > 0 else 0):
+            squares = (contrasts[:k] @ directions[d]) ** 2
+            wildest = np.maximum(wildest, squares / max(np.median(squares), 1e-300))
+        kept = contrasts[:k][wildest <= _WILD]
+        covariance[n] = kept.T @ kept / max(_BELOW_WILD * len(kept), 1e-300)
     return covariance, count
-
-
-@compiled()
-def _squares_along(contrasts: Floats, directions: Floats, squares: Floats) -> None:
-    """Squares of contrasts [k, dim] along each direction [D, dim], in its medians, to [D, k or more]."""
-    k = len(contrasts)
-    for d in range(len(directions)):
-        for j in range(k):
-            along = 0.0
-            for c in range(contrasts.shape[1]):
-                along += contrasts[j, c] * directions[d, c]
-            squares[d, j] = along * along
-        squares[d, :k] /= max(np.median(squares[d, :k]), 1e-300)
-
-
-@compiled()
-def _mean_square(contrasts: Floats, squares: Floats, mean: Floats) -> None:
-    """Mean of the outer products of contrasts [k, dim] that are wild in no direction, to [dim, dim]."""
-    count = 0
-    for j in range(len(contrasts)):
-        wildest = 0.0
-        for d in range(len(squares)):
-            wildest = max(wildest, squares[d, j])
-        if wildest <= _WILD:
-            count += 1
-            for c in range(contrasts.shape[1]):
-                for d in range(contrasts.shape[1]):
-                    mean[c, d] += contrasts[j, c] * contrasts[j, d]
-    if count > 0:
-        mean /= _BELOW_WILD * count
 
 
 @compiled()

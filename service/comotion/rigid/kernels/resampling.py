@@ -99,49 +99,6 @@ def _far_from_median(positions: Floats, own: int, variance: float) -> bool:
 
 
 @compiled()
-def spread(y: Floats, w: Floats, count: Ints, squared: Floats) -> None:
-    """Count the observed frames of each row, and take their mean squared distance from their mean.
-
-    Parameters
-    ----------
-    y, w
-        float64 [P, F, 3] and [P, F] (0: unobserved).
-    count, squared
-        Out: intp [P] and float64 [P].
-    """
-    for i in range(len(w)):
-        n, a, b, c = 0, 0.0, 0.0, 0.0
-        for f in range(w.shape[1]):
-            if w[i, f] > 0:
-                n += 1
-                a += y[i, f, 0]
-                b += y[i, f, 1]
-                c += y[i, f, 2]
-        count[i], squared[i] = n, 0.0
-        if n == 0:
-            continue
-        a, b, c = a / n, b / n, c / n
-        total = 0.0
-        for f in range(w.shape[1]):
-            if w[i, f] > 0:
-                total += (y[i, f, 0] - a) ** 2 + (y[i, f, 1] - b) ** 2 + (y[i, f, 2] - c) ** 2
-        squared[i] = total / n
-
-
-@compiled()
-def mean_square(values: Floats, start: Ints, stop: Ints) -> Floats:
-    """Mean square of values[start[i]:stop[i]] for each i, float64 [N]; NaN where one of them is."""
-    mean = np.zeros(len(start))
-    for i in range(len(start)):
-        for m in range(start[i], stop[i]):
-            mean[i] += values[m] * values[m]
-            if np.isnan(mean[i]):
-                break
-        mean[i] /= stop[i] - start[i]
-    return mean
-
-
-@compiled()
 def stop_at(times: Stamps, slots: Slots, start: Slots, stop: Slots, stamp_ns: int) -> Ints:
     """One past the last observation of each slot up to a time.
 

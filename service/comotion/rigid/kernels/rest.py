@@ -47,9 +47,10 @@ def settle(
     """
     R, t, posed = poses
     count, m = w.shape
-    places, mean, total = np.zeros((count, 3, m)), np.zeros((3, m)), np.zeros(m)
+    places, mean, weights = np.zeros((count, 3, m)), np.zeros((3, m)), np.zeros((count, m))
     for f in range(count):
         if posed[f]:
+            weights[f] = w[f] * inverse
             for c in range(3):
                 for i in range(m):
                     places[f, c, i] = (
@@ -57,9 +58,11 @@ def settle(
                     )
     stop, runs = count, 0
     while stop > 0:
-        begin, length = _run_before(places, w, inverse, metric, dof, posed, stop)
+        begin, length = _run_before(places, weights, metric, dof, posed, stop)
         if length >= least:
-            _average(places[begin:stop], w[begin:stop], inverse, posed[begin:stop], mean, total)
+            total = weights[begin:stop].sum(0)
+            for c in range(3):
+                mean[c] = (weights[begin:stop] * places[begin:stop, c]).sum(0) / np.maximum(total, 1e-300)
             pose, shift = np.zeros((3, 3)), np.zeros(3)
             runs += 1
             frame_pose(mean, b, total, dim, R[begin], R[begin], True, pose, shift)
@@ -72,10 +75,10 @@ def settle(
 
 @compiled()
 def _run_before(
-    places: Floats, w: Floats, inverse: Floats, metric: Floats, dof: int, posed: Bools, stop: int
+    places: Floats, weights: Floats, metric: Floats, dof: int, posed: Bools, stop: int
 ) -> tuple[int, int]:
     """First frame of the longest run of rest that ends before `stop`, and its number of posed frames."""
-    m = w.shape[1]
+    m = weights.shape[1]
     # Sums of weights, of places relative to the first one, and of their squares.
     sums, first = np.zeros((5, m)), np.zeros((3, m))
     begin, length, rare = stop, 0, np.log(FALSE_ALARMS)
@@ -84,7 +87,7 @@ def _run_before(
             continue
         scatter = 0.0
         for i in range(m):
-            a = w[f, i] * inverse[i]
+            a = weights[f, i]
             if a > 0:
                 if sums[0, i] == 0:
                     first[:, i] = places[f, :, i]
@@ -104,20 +107,3 @@ def _run_before(
             break
         begin, length = f, length + 1
     return begin, length
-
-
-@compiled()
-def _average(places: Floats, w: Floats, inverse: Floats, posed: Bools, mean: Floats, total: Floats) -> None:
-    """Weighted mean places [3, m] over the posed frames, and the sums of weights [m], in place."""
-    mean[:] = 0.0
-    total[:] = 0.0
-    for f in range(len(w)):
-        if posed[f]:
-            for i in range(len(total)):
-                a = w[f, i] * inverse[i]
-                total[i] += a
-                for c in range(3):
-                    mean[c, i] += a * places[f, c, i]
-    for i in range(len(total)):
-        for c in range(3):
-            mean[c, i] = mean[c, i] / total[i] if total[i] > 0 else 0.0

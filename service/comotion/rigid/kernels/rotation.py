@@ -5,12 +5,10 @@ import numpy as np
 from ...arrays import Floats
 from ...compiled import compiled
 
-# Newton's method doubles the digits at each step: after a step with a square below this, rad^2, the next
-# one would be below double precision.
 _STEPS = 8
-_CONVERGED = 1e-16
-ROUNDING = 1e-9
-"""Share below which a number is rounding; rad, below which the sine of an angle is the angle."""
+ROUNDING = 1e-8
+"""Share below which a number is rounding; rad, below which the sine of an angle is the angle, and after a
+step of which the next one of Newton's method is below double precision."""
 
 
 @compiled()
@@ -57,7 +55,7 @@ def newton_rotation(H: Floats, near: Floats, R: Floats) -> bool:
         if size > 1.0:
             return False
         _turn(R, 0.5 * s0, 0.5 * s1, 0.5 * s2)
-        if size < _CONVERGED:
+        if size < ROUNDING * ROUNDING:
             return True
     return False
 
