@@ -226,10 +226,9 @@ class Belief:
     def _split(self, window: Window, recent: Recent, stamp_ns: int) -> None:
         if not self._structure.is_due(stamp_ns):
             return
-        lasted = {column for column, body in self._living() if body.lasted}
-        members = {
-            column: rows for column, rows in self._members(recent, stamp_ns).items() if column in lasted
-        }
+        rows_of = self._members(recent, stamp_ns)
+        lasted = [column for column, body in self._living() if body.lasted and column in rows_of]
+        members = {column: rows_of[column] for column in lasted}
         parted = self._structure.parted(window, recent, members, stamp_ns)
         if parted is None:
             return
