@@ -68,6 +68,8 @@ def test_what_moves_leaves_the_background_at_once_and_is_a_body_soon():
     (body,) = hand_of(labels_at[59])
     assert body not in (background, UNDETERMINED)
     assert all(wall_of(labels) == {background} for number, labels in labels_at.items() if number >= 30)
+    entering = play(Fusion(), Scene(), path(30, 60), ids=lambda k: np.arange(WALL + HAND * (k > 44)))
+    assert UNDETERMINED not in hand_of(entering[50])  # it was of nothing else
 
 
 def test_what_is_grasped_goes_from_the_background_to_the_body_at_once():
@@ -88,11 +90,9 @@ def test_what_came_to_rest_stays_a_body_when_its_motion_has_left_the_window():
     (body,) = hand_of(labels_at[59])
     assert hand_of(labels_at[239]) == {body}
     # A feature born on it while it rests, by place alone.
-    scene = Scene(seed=1)
-    scene.wall, scene.hand = Scene().wall, Scene().hand
+    scene = Scene()
     scene.hand[0] = scene.hand.mean(axis=0)
-    renewed = np.arange(WALL + HAND)
-    renewed[WALL] = 999
+    renewed = np.where(np.arange(WALL + HAND) == WALL, 999, np.arange(WALL + HAND))
     labels = play(fusion, scene, path(0, 30, after=240)[-30:], first=240, ids=lambda _: renewed)[269]
     assert labels[999] == body
 

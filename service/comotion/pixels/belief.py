@@ -32,13 +32,13 @@ _MOST, _MOST_AGAINST, _NEIGHBOURS = 4.0, 0.5, 2.0
 _PLACE = 0.25
 # nat; of the members of a new body, and what sets a body apart from the background.
 _FIRST, _CLEAR = 1.0, 1.0
-# ns; a body is shown once its age times its members is so much: few members take longer to be sure of.
+# ns; a body has lasted once its age times its members is so much: few members take longer to be sure of.
 _LASTED_NS = 3_000_000_000
 # nat; against rest, by all members of a group: so much takes them off the background at once.
 _LEAVES_AS_ONE = 20.0
-# ns; a body is dropped if it could not be shown, or had no member, for so long.
+# ns; a body is dropped if it is older and has not lasted, or had no member for so long.
 _GONE_NS = 1_000_000_000
-# Members without which a body that is not shown is dropped.
+# Members without which a body that has not lasted is dropped.
 _GOING_ON = 4
 # px; a trajectory that has moved less within .25 s rests.
 _AT_REST_PX = 0.5
@@ -52,13 +52,13 @@ class Body:
     ----------
     born_ns, seen_ns
         When it was born, and when it had a member last.
-    shown
-        Whether it may be published.
+    lasted
+        Whether it may take members from others.
     """
 
     born_ns: int
     seen_ns: int
-    shown: bool = False
+    lasted: bool = False
 
 
 class Belief:
@@ -84,20 +84,21 @@ class Belief:
         ids = np.unique(labels[labels >= 0])
         counts = (labels[resting] == ids[:, None]).sum(axis=1)
         ids = ids[np.argsort(-counts, kind="stable")]
-        self.bodies: list[Body | None] = [Body(0, 0, len(ids) > 0) for _ in range(max(len(ids), 1))]
+        self.bodies: list[Body | None] = [Body(0, 0, lasted=True) for _ in range(max(len(ids), 1))]
         # -inf until a trajectory has been seen.
         self._evidence = np.where(labels[:, None] >= 0, np.full(len(self.bodies), -_MOST), -np.inf)
         for column, name in enumerate(ids.tolist()):
             self._evidence[labels == name, column] = _MOST
-        self._keys = np.where(labels >= 0, window.key[: len(labels)], -1)
+        self._keys = window.key[: len(labels)].copy()
         # By slot: whether its own motion has been seen, and not its place alone.
         self._seen = labels >= 0
+        # And whether it was shown as one of the background, or of a body that has lasted.
+        self._known = labels >= 0
         self._together, self._structure = Together(), Structure(config)
         self._recent: Recent | None = None
 
     def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
-        """Take in the motion up to an instant."""
-        self.admit(window)
+        """Take in the motion of trajectories that were admitted up to an instant."""
         rest, labels = rest_gain(recent), self.labels(recent.slots)
         voters = np.where(self._clear(recent.slots), labels, NO_HYPOTHESIS)
         votes = nearest_votes(recent.position, voters, len(self.bodies), _PLACE * recent.reach)
@@ -114,7 +115,8 @@ class Belief:
         self._merge(window, recent, lately, stamp_ns)
         self._split(window, recent, stamp_ns)
         self._review(recent, stamp_ns)
-        self._recent = recent
+        self._recent, shown = recent, self.shown(recent.slots)
+        self._known[recent.slots] |= (shown != NO_HYPOTHESIS) & self._lasted(shown)
 
     def labels(self, slots: Slots) -> Ints:
         """Column of the body of each slot, intp [n]; :data:`NO_HYPOTHESIS` for those of no body."""
@@ -123,14 +125,16 @@ class Belief:
         return np.where(evidence[np.arange(len(slots)), best] > 0, best, NO_HYPOTHESIS)
 
     def shown(self, slots: Slots) -> Ints:
-        """As :meth:`labels`, without the members of bodies that are too young to be shown.
+        """As :meth:`labels`, without what is not clear, or has left what it was of for a body that is young.
 
         The background is what rests: a trajectory must have been seen at rest, its place is not enough.
         """
-        shown = np.array([body is not None and body.shown for body in self.bodies])
         labels = self.labels(slots)
         evident = np.where(self._seen[slots], self._clear(slots), labels > BACKGROUND)
-        return np.where(evident & shown[labels], labels, NO_HYPOTHESIS)
+        return np.where(evident & (self._lasted(labels) | ~self._known[slots]), labels, NO_HYPOTHESIS)
+
+    def _lasted(self, labels: Ints) -> Bools:
+        return np.array([body is not None and body.lasted for body in self.bodies])[labels]
 
     def _clear(self, slots: Slots) -> Bools:
         """Whether each slot is either of the background or of a body, bool [n]: beside a body both may be."""
@@ -159,8 +163,9 @@ class Belief:
             self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-np.inf)
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
             self._seen = np.pad(self._seen, (0, extra), constant_values=False)
+            self._known = np.pad(self._known, (0, extra), constant_values=False)
         fresh = slots[self._keys[slots] != window.key[slots]]
-        self._evidence[fresh], self._seen[fresh] = -np.inf, False
+        self._evidence[fresh], self._seen[fresh], self._known[fresh] = -np.inf, False, False
         self._keys[fresh] = window.key[fresh]
 
     def _place(self, slots: Slots, votes: Floats) -> None:
@@ -201,16 +206,16 @@ class Belief:
                 column = self._new_column(stamp_ns)
             slots = recent.slots[members]
             self._evidence[slots, column] = _FIRST
-            # What has left the background as one need not be shown to have left it one by one.
+            # What has left the background as one need not have left it one by one.
             self._evidence[slots, BACKGROUND] = np.minimum(self._evidence[slots, BACKGROUND], 0.0)
 
     def _merge(self, window: Window, recent: Recent, lately: Floats, stamp_ns: int) -> None:
         members = self._members(recent, stamp_ns)
         self._together.compare(recent, lately, members)
-        shown = {column for column, body in self._living() if body.shown}
-        while (pair := self._together.merged(shown)) is not None:
+        lasted = {column for column, body in self._living() if body.lasted}
+        while (pair := self._together.merged(lasted)) is not None:
             rows = [members[column] for column in pair]
-            if shown.issuperset(pair) and not self._structure.are_one(window, recent, rows, stamp_ns):
+            if lasted.issuperset(pair) and not self._structure.are_one(window, recent, rows, stamp_ns):
                 self._together.part(*pair)
                 continue
             born = {column: body.born_ns for column, body in self._living()}
@@ -221,31 +226,27 @@ class Belief:
     def _split(self, window: Window, recent: Recent, stamp_ns: int) -> None:
         if not self._structure.is_due(stamp_ns):
             return
-        shown = {column for column, body in self._living() if body.shown}
-        members = {
-            column: rows for column, rows in self._members(recent, stamp_ns).items() if column in shown
-        }
+        rows_of = self._members(recent, stamp_ns)
+        lasted = [column for column, body in self._living() if body.lasted and column in rows_of]
+        members = {column: rows_of[column] for column in lasted}
         parted = self._structure.parted(window, recent, members, stamp_ns)
         if parted is None:
             return
         column, rows = parted
-        slots, new = recent.slots[rows], self._new_column(stamp_ns, shown=True)
+        slots, new = recent.slots[rows], self._new_column(stamp_ns, lasted=True)
         self._evidence[slots, new] = self._evidence[slots, column]
         self._evidence[slots, column] = -_MOST_AGAINST
         self._together.part(column, new)
 
     def _review(self, recent: Recent, stamp_ns: int) -> None:
-        """Show bodies that have lasted, drop those that have not, and those without members."""
-        background = self.bodies[BACKGROUND]
-        if background is not None:
-            background.shown |= bool(recent.seen[0].any())
+        """Note which bodies have lasted; drop those that have not, or have no members."""
         sizes = np.bincount(self.labels(recent.slots) + 1, minlength=len(self.bodies) + 1)[1:]
         for column, body in self._living():
             age_ns, size = stamp_ns - body.born_ns, int(sizes[column])
             if size:
                 body.seen_ns = stamp_ns
-            body.shown |= age_ns * size >= _LASTED_NS and size >= _GOING_ON
-            fades = not body.shown and (age_ns > _GONE_NS or size < _GOING_ON)
+            body.lasted |= age_ns * size >= _LASTED_NS and size >= _GOING_ON
+            fades = not body.lasted and (age_ns > _GONE_NS or size < _GOING_ON)
             if fades or stamp_ns - body.seen_ns > _GONE_NS:
                 self._drop(column)
 
@@ -262,12 +263,12 @@ class Belief:
         """Bodies beside the background, with their columns."""
         return [(column, body) for column, body in enumerate(self.bodies) if column and body is not None]
 
-    def _new_column(self, stamp_ns: int, *, shown: bool = False) -> int:
+    def _new_column(self, stamp_ns: int, *, lasted: bool = False) -> int:
         if None not in self.bodies:
             self.bodies.append(None)
             self._evidence = np.pad(self._evidence, ((0, 0), (0, 1)), constant_values=-_MOST)
         column = self.bodies.index(None)
-        self.bodies[column] = Body(stamp_ns, stamp_ns, shown)
+        self.bodies[column] = Body(stamp_ns, stamp_ns, lasted)
         return column
 
     def _drop(self, column: int) -> None:

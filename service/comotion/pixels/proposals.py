@@ -18,8 +18,8 @@ _SEEDS, _PICKED = 12, 7
 _MOTION_WEIGHT = 10.0
 # nat; mean gain from which on two groups move as one.
 _AS_ONE = 0.3
-# Comparisons with motion as one until two bodies are merged, and if one is not shown; limit of the sum.
-_MERGE_AFTER, _MERGE_UNSHOWN, _MOST_SUM = 4.0, 0.5, 7.0
+# Comparisons with motion as one until two bodies are merged, and if one has not lasted; limit of the sum.
+_MERGE_AFTER, _MERGE_YOUNG, _MOST_SUM = 4.0, 0.5, 7.0
 
 
 def find_groups(recent: Recent, free: Bools) -> list[Ints]:
@@ -91,11 +91,11 @@ class Together:
             total = self._sums.get(pair, 0.0) + as_one(recent, rest, *(members[body] for body in pair))
             self._sums[pair] = min(max(total, -_MOST_SUM), _MOST_SUM)
 
-    def merged(self, shown: set[int]) -> tuple[int, int] | None:
-        """A pair that has moved as one for long enough: soon, if not both of them are shown."""
-        after = _MERGE_UNSHOWN, _MERGE_AFTER
+    def merged(self, lasted: set[int]) -> tuple[int, int] | None:
+        """A pair that has moved as one for long enough: soon, if not both of them have lasted."""
+        after = _MERGE_YOUNG, _MERGE_AFTER
         sums = self._sums.items()
-        return next((pair for pair, total in sums if total > after[shown.issuperset(pair)]), None)
+        return next((pair for pair, total in sums if total > after[lasted.issuperset(pair)]), None)
 
     def part(self, a: int, b: int) -> None:
         """Two bodies are not one."""
