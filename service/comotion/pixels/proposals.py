@@ -91,9 +91,9 @@ class Together:
             total = self._sums.get(pair, 0.0) + as_one(recent, rest, *(members[body] for body in pair))
             self._sums[pair] = min(max(total, -_MOST_SUM), _MOST_SUM)
 
-    def merged(self, shown: set[int]) -> tuple[int, int] | None:
-        """A pair that has moved as one for long enough: soon, if not both of them are shown."""
-        after = _MERGE_UNSHOWN, _MERGE_AFTER
+    def merged(self, shown: set[int], *, both: bool) -> tuple[int, int] | None:
+        """A pair that has moved as one for long enough: soon, if not both are shown; those only if `both`."""
+        after = _MERGE_UNSHOWN, _MERGE_AFTER if both else np.inf
         sums = self._sums.items()
         return next((pair for pair, total in sums if total > after[shown.issuperset(pair)]), None)
 

@@ -85,7 +85,7 @@ class Structure:
         """Piece of each row, intp [m]; those that were seen too shortly are where their neighbours are."""
         slots = recent.slots[rows]
         stamps = [stamp for stamp in window.instants if stamp_ns - _SPAN_NS < stamp <= stamp_ns]
-        frames = key_frames(window, slots, stamps, self._config.key_frames)
+        frames = key_frames(window, slots, recent.variance[rows], stamps, self._config.key_frames)
         compared = thinned(np.flatnonzero(frames.visible.sum(axis=0) >= _LEAST_SEEN), _MOST_COMPARED)
         if len(compared) < 2:
             return np.zeros(len(rows), np.intp)
