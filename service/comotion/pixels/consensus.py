@@ -40,7 +40,7 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
             continue
         picked = [members[k][evenly_spaced(len(members[k]), _MEMBERS)] for k in shown]
         starts = np.concatenate([[0], np.cumsum([len(part) for part in picked])])
-        start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64, "C")
+        start, end = frames.positions[np.ix_([first, second], np.concatenate(picked))].astype(np.float64)
         misfits = epipolar_misfits(start, end, starts, _draw(starts, rng))
         ranks = misfits.argsort(axis=0).argsort(axis=0)
         rated = np.exp(-ranks / (_SHARE * _DRAWN))

@@ -68,7 +68,7 @@ def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
     if not len(first) or not len(second):
         return -1.0
     # What rests moves with nothing; an affine motion of both would be a shear.
-    resting = [rest[rows].mean() > 0 for rows in (first, second)]
+    resting = [rest[rows].sum() > 0 for rows in (first, second)]
     if any(resting):
         return 0.0 if all(resting) else -1.0
     if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
