@@ -39,10 +39,11 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     while len(left) >= LEAST_MEMBERS:
         unexplained = recent.of(left)
         seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
-        best = max((_around(unexplained, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
+        alike = [_moving_as(unexplained, seed) for seed in seeds]
+        best = max((moving & (far < 2 * recent.reach) for moving, far in alike), key=np.count_nonzero)
         if best.sum() < LEAST_MEMBERS:
             # Bodies far apart rarely move as one: that must explain most of those it was not fitted to.
-            best = max((_around(unexplained, seed, np.inf) for seed in seeds), key=np.count_nonzero)
+            best = max((moving for moving, _ in alike), key=np.count_nonzero)
             if 2 * best.sum() <= len(left) + _PICKED:
                 break
         groups.append(left[best])
@@ -50,13 +51,14 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     return groups
 
 
-def _around(recent: Recent, seed: int, reach: float) -> Bools:
-    """Trajectories that move as a seed and its nearest do, and are near it, bool [n]."""
-    distance = np.linalg.norm(recent.position - recent.position[seed], axis=1)
+def _moving_as(recent: Recent, seed: int) -> tuple[Bools, Floats]:
+    """Trajectories that move as a seed and its nearest do, bool [n], and how far they are from it, [n]."""
     step = recent.displacement[0]
-    distance += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
-    nearest = np.isin(np.arange(len(distance)), np.argsort(distance, kind="stable")[:_PICKED])
-    return np.asarray((group_gain(recent, nearest) > 0) & (distance < reach))
+    far = np.linalg.norm(recent.position - recent.position[seed], axis=1)
+    far += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
+    nearest = np.zeros(len(far), np.bool_)
+    nearest[np.argsort(far, kind="stable")[:_PICKED]] = True
+    return group_gain(recent, nearest) > 0, far
 
 
 def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
