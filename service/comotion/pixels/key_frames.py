@@ -50,7 +50,7 @@ def evenly_spaced(count: int, most: int) -> Ints:
     """Up to `most` indices below `count`, evenly spread, both ends included."""
     if count <= most:
         return np.arange(count)
-    return (np.arange(most) * (count - 1) + (most - 1) // 2) // max(most - 1, 1)
+    return np.asarray(np.rint(np.arange(most) * ((count - 1) / max(most - 1, 1))), np.intp)
 
 
 def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[int], most: int) -> KeyFrames:

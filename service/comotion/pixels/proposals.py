@@ -77,8 +77,8 @@ def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
         return -1.0
     both = np.concatenate([first, second])
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
-    worse = min(float(part.mean()) for part in np.split(joint, [len(first)]))
-    return (worse - _AS_ONE) / (1 - _AS_ONE)
+    worse = min(joint[: len(first)].mean(), joint[len(first) :].mean())
+    return float((worse - _AS_ONE) / (1 - _AS_ONE))
 
 
 class Together:
