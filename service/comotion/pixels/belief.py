@@ -213,11 +213,15 @@ class Belief:
         members = self._members(recent, stamp_ns)
         self._together.compare(recent, lately, members)
         lasted = {column for column, body in self._living() if body.lasted}
-        while (pair := self._together.merged(lasted)) is not None:
+        # A look takes long: there is one in a step at most.
+        may_look = not self._structure.is_due(stamp_ns)
+        while (pair := self._together.merged(lasted, both=may_look)) is not None:
             rows = [members[column] for column in pair]
-            if lasted.issuperset(pair) and not self._structure.are_one(window, recent, rows, stamp_ns):
-                self._together.part(*pair)
-                continue
+            if lasted.issuperset(pair):
+                may_look = False
+                if not self._structure.are_one(window, recent, rows, stamp_ns):
+                    self._together.part(*pair)
+                    continue
             born = {column: body.born_ns for column, body in self._living()}
             older, younger = sorted(pair, key=lambda column: (born[column], column))
             self._evidence[:, older] = self._evidence[:, [older, younger]].max(axis=1)

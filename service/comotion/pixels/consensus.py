@@ -6,7 +6,6 @@ Wang and Suter 2009; for motion segmentation Xu, Cheong and Li 2018).
 """
 
 import numpy as np
-from scipy.stats import rankdata
 
 from ..arrays import Floats, Ints
 from .kernels.epipolar import epipolar_misfits
@@ -41,12 +40,12 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
             continue
         picked = [members[k][evenly_spaced(len(members[k]), _MEMBERS)] for k in shown]
         starts = np.concatenate([[0], np.cumsum([len(part) for part in picked])])
-        start, end = frames.positions[[first, second]][:, np.concatenate(picked)].astype(np.float64, "C")
-        ranks = rankdata(epipolar_misfits(start, end, starts, _draw(starts, rng)), axis=0)
+        start, end = frames.positions[np.ix_([first, second], np.concatenate(picked))].astype(np.float64)
+        misfits = epipolar_misfits(start, end, starts, _draw(starts, rng))
+        ranks = misfits.argsort(axis=0).argsort(axis=0)
         rated = np.exp(-ranks / (_SHARE * _DRAWN))
         rated -= rated.mean(axis=0)
-        # 0 where all rank alike.
-        rated /= np.maximum(np.linalg.norm(rated, axis=0), 1e-12)
+        rated /= np.linalg.norm(rated, axis=0)
         rows = np.ix_(shown, shown)
         total[rows] += rated.T @ rated
         count[rows] += 1

@@ -7,7 +7,7 @@ import numpy as np
 from comotion_schemas import Twist
 from comotion_schemas.hypotheses import HypothesisState
 
-from ..arrays import Bools, Floats, Ints, Slots
+from ..arrays import Bools, Floats, Ints, Slots, median
 from ..partition import Group
 from ..trajectories.window import Window
 from .key_frames import KeyFrames
@@ -34,8 +34,7 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
     residual
         float64 [n], px²; squared residual of each, NaN unknown.
     """
-    last = window.stop[current] - 1
-    position = window.positions[current, last]
+    position = window.newest(current)
     step, span = window.recent_steps(current, _VELOCITY_NS)
     described = []
     for k in range(count):
@@ -47,7 +46,7 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
                 state=_state(step[steady], len(members)),
                 twist=_twist(position[steady], step[steady] / (span[steady, None] * 1e-9)),
                 # Two coordinates share a squared residual.
-                noise=float(np.sqrt(np.median(residuals) / 2)) if len(residuals) else None,
+                noise=float(np.sqrt(median(residuals) / 2)) if len(residuals) else None,
             )
         )
     return described
@@ -77,7 +76,7 @@ def _state(steps: Floats, members: int) -> HypothesisState:
     if not len(steps) or 2 * len(steps) < members:
         return "undetermined"
     # The median: a few members that belong to others do not make a body move.
-    return "moving" if np.median(np.linalg.norm(steps, axis=1)) > _AT_REST_PX else "static"
+    return "moving" if median(np.linalg.norm(steps, axis=1)) > _AT_REST_PX else "static"
 
 
 def _twist(position: Floats, velocity: Floats) -> Twist | None:

@@ -6,7 +6,7 @@ Two bodies, as a rule, do not share one.
 
 import numpy as np
 
-from ..arrays import Floats, Ints
+from ..arrays import Floats, Ints, median
 from .kernels.epipolar import fundamental, sampson
 from .key_frames import KeyFrames, evenly_spaced, frame_pairs
 
@@ -38,26 +38,26 @@ def two_bodies(frames: KeyFrames, first: Ints, second: Ints, drift: float) -> bo
     excess, count = [], len(frames.positions)
     if count < _LEAST_FRAMES:
         return False
-    for pair in frame_pairs(count, (count // 2, count - 1), _WIDE_PAIRS).tolist():
+    for pair in frame_pairs(count, (count // 2, count - 1), _WIDE_PAIRS):
         views = [_view(frames, group, pair) for group in (first, second)]
         large = [(view, _expected(view, drift)) for view in views if view.shape[1] >= _LEAST_MEMBERS]
         if len(large) == len(views):
             joint = fundamental(*np.concatenate(views, axis=1))
-            ratios = [np.median(sampson(joint, *view)) / expected for view, expected in large]
+            ratios = [median(sampson(joint, *view)) / expected for view, expected in large]
             excess.append(max(*ratios, 1e-12))
     return bool(excess) and bool(0.5 * np.log(excess).mean() > _CONTRADICTION)
 
 
-def _view(frames: KeyFrames, group: Ints, pair: list[int]) -> Floats:
+def _view(frames: KeyFrames, group: Ints, pair: Ints) -> Floats:
     """Points of a group that are seen in a pair of frames, float64 [2, n, 2]."""
-    members = group[frames.visible[pair][:, group].all(axis=0)]
+    members = group[frames.visible[np.ix_(pair, group)].all(axis=0)]
     chosen = members[evenly_spaced(len(members), _POINTS)]
-    return frames.positions[pair][:, chosen].astype(np.float64, "C")
+    return frames.positions[np.ix_(pair, chosen)].astype(np.float64)
 
 
 def _expected(view: Floats, drift: float) -> float:
     """Typical squared distance of points [2, n, 2] of one body under a matrix of several, px²."""
     start, end = view
-    square = np.median(sampson(fundamental(start, end), start, end)) * len(start) / (len(start) - _PARAMETERS)
-    drifted = drift * np.median(np.linalg.norm(end - start, axis=1))
+    square = median(sampson(fundamental(start, end), start, end)) * len(start) / (len(start) - _PARAMETERS)
+    drifted = drift * median(np.linalg.norm(end - start, axis=1))
     return float(square + _CHI2_MEDIAN_1D * drifted**2 + _LEAST_PX2)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Floats32, Ints, Slots
+from ..arrays import Bools, Floats, Floats32, Ints, Slots
 from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .noise import gross_errors, noise_variance
@@ -50,13 +50,15 @@ def evenly_spaced(count: int, most: int) -> Ints:
     """Up to `most` indices below `count`, evenly spread, both ends included."""
     if count <= most:
         return np.arange(count)
-    return np.round(np.linspace(0, count - 1, most)).astype(np.intp)
+    return np.asarray(np.rint(np.arange(most) * ((count - 1) / max(most - 1, 1))), np.intp)
 
 
-def key_frames(window: Window, slots: Slots, stamps: Sequence[int], most: int) -> KeyFrames:
-    """Trajectories (slots intp [N]) on up to `most` of some instants (ns, ascending), less gross errors."""
+def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[int], most: int) -> KeyFrames:
+    """Trajectories (slots intp [N]) on up to `most` of some instants (ns, ascending), less gross errors.
+
+    `variance` float64 [N], px², is the noise of a coordinate.
+    """
     states = window.states_at(slots, np.array(stamps, np.int64)[evenly_spaced(len(stamps), most)])
-    variance = noise_variance(window, slots, stamps)
     visible = states.held & ~gross_errors(states.position, states.held, variance)
     positions = np.where(visible[..., None], states.position, 0.0).astype(np.float32)
     return KeyFrames(positions, visible, variance.astype(np.float32))
@@ -85,7 +87,7 @@ def compared_trajectories(
     Slots intp [N], by age of the trajectories, and their key frames.
     """
     slots = window.slots()
-    frames = key_frames(window, slots, stamps, p.key_frames)
+    frames = key_frames(window, slots, noise_variance(window, slots, stamps), stamps, p.key_frames)
     seen, ended = frames.visible.sum(axis=0), ~np.isin(slots, current)
     ready = np.flatnonzero(seen >= _LEAST_SEEN)
     many = round((1 + _ENDED_SHARE) * np.count_nonzero(~ended[ready]))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arrays import Floats, Floats32, Ints
+from ..arrays import Floats, Floats32, Ints, median
 from .key_frames import evenly_spaced
 
 # Members of the smaller group that are compared, each with so many of the other group and of its own.
@@ -109,7 +109,7 @@ class Merging:
         seen = (across > 0) & (within > 0)
         if not seen.any():
             return -np.inf
-        return float(np.log(across[seen] / within[seen]).mean() + np.log1p(np.median(distance[seen])))
+        return float(np.log(across[seen] / within[seen]).mean() + np.log1p(median(distance[seen])))
 
     def _to_nearest(self, picked: Ints, others: Ints) -> tuple[Floats, Floats]:
         """Mean similarity of the picked to their nearest others, and distance to these in px; 0 of none."""

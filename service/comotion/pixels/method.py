@@ -79,7 +79,7 @@ class PixelMethod(Method):
             groups=groups[slots],
             deciding=np.isin(slots, compared),
             confidence=confidence[current],
-            position=window.positions[current, window.stop[current] - 1],
+            position=window.newest(current),
             described=of_moving_camera(described),
         )
 
@@ -97,7 +97,7 @@ class PixelMethod(Method):
             groups=groups,
             deciding=groups >= 0,
             confidence=np.where(shown >= 0, belief.confidence(current), 0.0),
-            position=window.positions[current, window.stop[current] - 1],
+            position=window.newest(current),
             described=of_moving_camera(described) if self._camera.carried else described,
         )
 

@@ -96,7 +96,7 @@ def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats
         weight = 1 / intervals.prod(axis=1)
         difference[k] = np.tensordot(weight / np.linalg.norm(weight), place[k : k + 4], axes=1)
     rows = np.flatnonzero(np.isfinite(difference[..., 0]).any(axis=0))
-    newest = window.positions[slots[rows], window.stop[slots[rows]] - 1]
+    newest = window.newest(slots[rows])
     remainder, shared = _less_nearest(difference[:, rows], newest)
     square = np.full(difference.shape[:2], np.nan)
     square[:, rows] = (remainder**2).sum(axis=2) / np.where(shared, _LESS_MEDIAN, 1)

@@ -39,10 +39,11 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     while len(left) >= LEAST_MEMBERS:
         unexplained = recent.of(left)
         seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
-        best = max((_around(unexplained, seed, 2 * recent.reach) for seed in seeds), key=np.count_nonzero)
+        alike = [_moving_as(unexplained, seed) for seed in seeds]
+        best = max((moving & (far < 2 * recent.reach) for moving, far in alike), key=np.count_nonzero)
         if best.sum() < LEAST_MEMBERS:
             # Bodies far apart rarely move as one: that must explain most of those it was not fitted to.
-            best = max((_around(unexplained, seed, np.inf) for seed in seeds), key=np.count_nonzero)
+            best = max((moving for moving, _ in alike), key=np.count_nonzero)
             if 2 * best.sum() <= len(left) + _PICKED:
                 break
         groups.append(left[best])
@@ -50,13 +51,14 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     return groups
 
 
-def _around(recent: Recent, seed: int, reach: float) -> Bools:
-    """Trajectories that move as a seed and its nearest do, and are near it, bool [n]."""
-    distance = np.linalg.norm(recent.position - recent.position[seed], axis=1)
+def _moving_as(recent: Recent, seed: int) -> tuple[Bools, Floats]:
+    """Trajectories that move as a seed and its nearest do, bool [n], and how far they are from it, [n]."""
     step = recent.displacement[0]
-    distance += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
-    nearest = np.isin(np.arange(len(distance)), np.argsort(distance, kind="stable")[:_PICKED])
-    return np.asarray((group_gain(recent, nearest) > 0) & (distance < reach))
+    far = np.linalg.norm(recent.position - recent.position[seed], axis=1)
+    far += _MOTION_WEIGHT * np.linalg.norm(step - step[seed], axis=1)
+    nearest = np.zeros(len(far), np.bool_)
+    nearest[np.argsort(far, kind="stable")[:_PICKED]] = True
+    return group_gain(recent, nearest) > 0, far
 
 
 def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
@@ -68,15 +70,15 @@ def as_one(recent: Recent, rest: Floats, first: Ints, second: Ints) -> float:
     if not len(first) or not len(second):
         return -1.0
     # What rests moves with nothing; an affine motion of both would be a shear.
-    resting = [rest[rows].mean() > 0 for rows in (first, second)]
+    resting = [rest[rows].sum() > 0 for rows in (first, second)]
     if any(resting):
         return 0.0 if all(resting) else -1.0
     if cdist(recent.position[first], recent.position[second]).min() > recent.reach:
         return -1.0
     both = np.concatenate([first, second])
     joint = group_gain(recent.of(both), np.ones(len(both), np.bool_))
-    worse = min(float(part.mean()) for part in np.split(joint, [len(first)]))
-    return (worse - _AS_ONE) / (1 - _AS_ONE)
+    worse = min(joint[: len(first)].mean(), joint[len(first) :].mean())
+    return float((worse - _AS_ONE) / (1 - _AS_ONE))
 
 
 class Together:
@@ -91,9 +93,9 @@ class Together:
             total = self._sums.get(pair, 0.0) + as_one(recent, rest, *(members[body] for body in pair))
             self._sums[pair] = min(max(total, -_MOST_SUM), _MOST_SUM)
 
-    def merged(self, lasted: set[int]) -> tuple[int, int] | None:
-        """A pair that has moved as one for long enough: soon, if not both of them have lasted."""
-        after = _MERGE_YOUNG, _MERGE_AFTER
+    def merged(self, lasted: set[int], *, both: bool) -> tuple[int, int] | None:
+        """A pair that has moved as one for long enough: soon, if not both have lasted; those only if `both`."""
+        after = _MERGE_YOUNG, _MERGE_AFTER if both else np.inf
         sums = self._sums.items()
         return next((pair for pair, total in sums if total > after[lasted.issuperset(pair)]), None)
 

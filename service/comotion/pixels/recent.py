@@ -53,13 +53,6 @@ class Recent:
             np.ascontiguousarray(self.tolerance[:, tracks]),
         )
 
-    def farthest(self, members: Bools | Ints, scales: int) -> float:
-        """How far some have moved over one of the first time scales, the median in px; 0 if none was seen."""
-        moved = np.linalg.norm(self.displacement[:scales, members], axis=2)
-        seen = self.seen[:scales, members]
-        medians = [np.median(step[held]) for step, held in zip(moved, seen, strict=True) if held.any()]
-        return float(max(medians, default=0.0))
-
     @cached_property
     def reach(self) -> float:
         """Distance in px up to which trajectories are neighbours: an eighth of the extent of all."""

@@ -12,6 +12,7 @@ from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .grouping import group
 from .key_frames import key_frames
+from .medians import median
 from .newborns import nearest_votes
 from .recent import Recent
 
@@ -55,7 +56,9 @@ class Structure:
         """
         self._looked_ns = stamp_ns
         large = {body: rows for body, rows in bodies.items() if len(rows) >= 2 * _LEAST_PART}
-        shown = {k: rows for k, rows in large.items() if recent.farthest(rows, _SCALES) >= _LEAST_MOTION_PX}
+        moved = np.where(recent.seen, np.linalg.norm(recent.displacement, axis=2), np.nan)[:_SCALES]
+        typical = {body: median(moved[:, rows], 1) for body, rows in large.items()}
+        shown = {body: rows for body, rows in large.items() if (typical[body] >= _LEAST_MOTION_PX).any()}
         if not shown:
             return None
         body = min(shown, key=lambda name: self._seen.get(name, (0, 0))[0])
@@ -85,7 +88,7 @@ class Structure:
         """Piece of each row, intp [m]; those that were seen too shortly are where their neighbours are."""
         slots = recent.slots[rows]
         stamps = [stamp for stamp in window.instants if stamp_ns - _SPAN_NS < stamp <= stamp_ns]
-        frames = key_frames(window, slots, stamps, self._config.key_frames)
+        frames = key_frames(window, slots, recent.variance[rows], stamps, self._config.key_frames)
         compared = thinned(np.flatnonzero(frames.visible.sum(axis=0) >= _LEAST_SEEN), _MOST_COMPARED)
         if len(compared) < 2:
             return np.zeros(len(rows), np.intp)

@@ -5,7 +5,7 @@ import numpy as np
 from ...arrays import Floats, Ints
 from ...compiled import compiled
 
-# Rounds of inverse iteration, and what is added to the diagonal, relative to its mean.
+# Rounds of inverse iteration, and what is added to the diagonal, relative to its sum.
 _ROUNDS, _RIDGE = 8, 1e-12
 
 
@@ -18,12 +18,9 @@ def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -
     """
     misfits = np.zeros((len(picks), len(starts) - 1))
     for h in range(len(picks)):
-        matrix = fundamental(first[picks[h]], second[picks[h]])
-        squares = sampson(matrix, first, second)
+        squares = sampson(fundamental(first[picks[h]], second[picks[h]]), first, second)
         for g in range(len(starts) - 1):
-            for i in range(starts[g], starts[g + 1]):
-                misfits[h, g] += squares[i]
-            misfits[h, g] /= max(starts[g + 1] - starts[g], 1)
+            misfits[h, g] = squares[starts[g] : starts[g + 1]].mean()
     return misfits
 
 
@@ -46,21 +43,49 @@ def sampson(f: Floats, first: Floats, second: Floats) -> Floats:
 def fundamental(first: Floats, second: Floats) -> Floats:
     """Fundamental matrix [3, 3] of points [m, 2] in both frames, by the eight-point method (Hartley 1997)."""
     left, right = _normalising(first), _normalising(second)
-    rows = np.ones((len(first), 9))
-    x, y = left[0, 0] * first[:, 0] + left[0, 2], left[1, 1] * first[:, 1] + left[1, 2]
-    u, v = right[0, 0] * second[:, 0] + right[0, 2], right[1, 1] * second[:, 1] + right[1, 2]
-    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = u * x, u * y, u, v * x
-    rows[:, 4], rows[:, 5], rows[:, 6], rows[:, 7] = v * y, v, x, y
-    normal = rows.T @ rows
-    inverse = np.linalg.inv(normal + _RIDGE * np.trace(normal) * np.eye(9))
-    vector = np.ones(9)
-    for _ in range(_ROUNDS):
-        vector = inverse @ vector
-        vector /= np.sqrt((vector * vector).sum())
-    u, s, v = np.linalg.svd(vector.reshape(3, 3))
-    s[2] = 0.0
-    matrix: Floats = right.T @ (u * s) @ v @ left
+    normal, row = np.zeros((9, 9)), np.ones(9)
+    for i in range(len(first)):
+        x, y = left[0, 0] * first[i, 0] + left[0, 2], left[1, 1] * first[i, 1] + left[1, 2]
+        u, v = right[0, 0] * second[i, 0] + right[0, 2], right[1, 1] * second[i, 1] + right[1, 2]
+        row[:8] = u * x, u * y, u, v * x, v * y, v, x, y
+        for j in range(9):
+            for k in range(j + 1):
+                normal[j, k] += row[j] * row[k]
+    full = _least(normal).reshape(3, 3)
+    # Its rank is 2.
+    null = _least(full.T @ full)
+    for j in range(3):
+        full[j] -= (full[j] * null).sum() * null
+    matrix: Floats = right.T @ full @ left
     return matrix
+
+
+@compiled()
+def _least(factor: Floats) -> Floats:
+    """Unit eigenvector [n] of the least eigenvalue of a positive matrix, of which the lower half is used up.
+
+    By inverse iteration: ten times as fast for such small ones as LAPACK's decompositions.
+    """
+    ridge, count = _RIDGE * np.trace(factor), len(factor)
+    # Cholesky's factor, with the inverse of its diagonal.
+    for j in range(count):
+        factor[j, j] += ridge
+        for k in range(j + 1):
+            for other in range(k):
+                factor[j, k] -= factor[j, other] * factor[k, other]
+            factor[j, k] = factor[j, k] * factor[k, k] if k < j else 1 / np.sqrt(factor[j, j])
+    vector = np.ones(count)
+    for _ in range(_ROUNDS):
+        for j in range(count):
+            for k in range(j):
+                vector[j] -= factor[j, k] * vector[k]
+            vector[j] *= factor[j, j]
+        for j in range(count - 1, -1, -1):
+            for k in range(j + 1, count):
+                vector[j] -= factor[k, j] * vector[k]
+            vector[j] *= factor[j, j]
+        vector /= np.sqrt((vector * vector).sum())
+    return vector
 
 
 @compiled()
