@@ -94,7 +94,7 @@ class Together:
             self._sums[pair] = min(max(total, -_MOST_SUM), _MOST_SUM)
 
     def merged(self, lasted: set[int], *, both: bool) -> tuple[int, int] | None:
-        """A pair that has moved as one for long enough: soon, if not both have lasted; those only if `both`."""
+        """A pair that has moved as one for long enough: soon if one has not lasted; others only if `both`."""
         after = _MERGE_YOUNG, _MERGE_AFTER if both else np.inf
         sums = self._sums.items()
         return next((pair for pair, total in sums if total > after[lasted.issuperset(pair)]), None)
