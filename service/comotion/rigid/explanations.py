@@ -199,9 +199,10 @@ def _moved(frames: Frames, rows: Ints, offset: Offset, applied: Offset) -> tuple
     whole = round(delay / frames.step)
     inside = np.clip(frame + whole, 0, frame[-1])
     y, w = y[:, inside], w[:, inside] * (frame + whole == inside)
-    y += (delay - whole * frames.step) * velocities(y, w > 0, frames.step)
+    # Frames without a velocity stay: evidence is compared on the same ones.
+    y += (delay - whole * frames.step) * np.nan_to_num(velocities(y, w > 0, frames.step))
     turn = R @ R_applied.T
-    return np.nan_to_num(y @ turn.T + t - turn @ t_applied), w * np.isfinite(y[..., 0])
+    return y @ turn.T + t - turn @ t_applied, w
 
 
 def _fit(view: View, start: Offset, applied: Offset) -> _Fit:
