@@ -8,7 +8,8 @@ from comotion_schemas.types import symmetric
 from ..arrays import Floats, Ints, Stamps, find
 from .frames import RENEWED
 from .kernels.differences import difference_covariances
-from .tracks import Tracks, mean_squares
+from .kernels.resampling import mean_square
+from .tracks import Tracks
 
 MOST_DIFFERENCES = 60
 """Most differences from which the noise of a trajectory is estimated, over its newest observations."""
@@ -88,7 +89,7 @@ def noise_covariances(tracks: Tracks, estimate: Floats, count: Floats, own: Ints
     for source in np.unique(sources).tolist():
         group = np.flatnonzero(sources == source)
         covariance[group] = _covariances(estimate[group], count[group], scene, tracks.newest[own[group]])
-    published = mean_squares(tracks.sigma, tracks.start[own], tracks.stop[own])
+    published = mean_square(tracks.sigma, tracks.start[own], tracks.stop[own])
     has_sigma = np.isfinite(published)
     if on_arm:
         published = np.maximum(published, np.trace(covariance, axis1=1, axis2=2) / 3)

@@ -11,10 +11,10 @@ from ..config import RigidConfig
 from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
-from .kernels.resampling import resample
+from .kernels.resampling import mean_square, resample
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
-from .tracks import Tracks, mean_squares, ranges
+from .tracks import Tracks, ranges
 
 # Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
 # so that the share hardly matters.
@@ -267,7 +267,8 @@ def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
     """Points first, then the ends of the arms of 6-DoF features, arm by arm."""
     six = np.zeros(len(tracks.key), np.bool_)
     if tracks.quaternions is not None and tracks.dim == 3:
-        six = np.isfinite(mean_squares(tracks.quaternions[:, 0], tracks.start, tracks.stop))
+        first = np.ascontiguousarray(tracks.quaternions[:, 0])
+        six = np.isfinite(mean_square(first, tracks.start, tracks.stop))
     own = np.flatnonzero(~six)
     observations = Observations(tracks.times, tracks.positions, tracks.start[own], tracks.stop[own])
     points = _Curves(False, own, observations)

@@ -187,12 +187,6 @@ def ranges(start: Ints, stop: Ints) -> Ints:
     return np.asarray(np.arange(int(counts.sum())) + np.repeat(start - first, counts), np.intp)
 
 
-def mean_squares(values: Floats, start: Ints, stop: Ints) -> Floats:
-    """Mean square of values[start[i]:stop[i]] for each i, float64 [N]; NaN where one of them is, or none."""
-    sums = np.add.reduceat(np.append(values**2, 0.0), np.column_stack([start, stop]).ravel())[::2]
-    return np.where(stop > start, sums / np.maximum(stop - start, 1), np.nan)
-
-
 def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     """Median time between observations of each trajectory's source, s; 0 where nothing was observed twice."""
     period = np.zeros(len(sources))

@@ -99,6 +99,19 @@ def _far_from_median(positions: Floats, own: int, variance: float) -> bool:
 
 
 @compiled()
+def mean_square(values: Floats, start: Ints, stop: Ints) -> Floats:
+    """Mean square of values[start[i]:stop[i]] for each i, float64 [N]; NaN where one of them is."""
+    mean = np.zeros(len(start))
+    for i in range(len(start)):
+        for m in range(start[i], stop[i]):
+            mean[i] += values[m] * values[m]
+            if np.isnan(mean[i]):
+                break
+        mean[i] /= stop[i] - start[i]
+    return mean
+
+
+@compiled()
 def stop_at(times: Stamps, slots: Slots, start: Slots, stop: Slots, stamp_ns: int) -> Ints:
     """One past the last observation of each slot up to a time.
 
