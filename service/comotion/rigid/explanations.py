@@ -36,9 +36,9 @@ _LATE_RESIDUAL = 1.8
 # on the scenes of docs/research/accuracy.md.
 _MOST_OFFSET = 30.0
 _MOST_RESIDUAL = 3.0
-# nat; margin of the evidence against the offset in force before it is replaced. With 5, offsets that are not
-# there begin in short windows of crowds whose features come and go.
-_REPLACEMENT_MARGIN = 10.0
+# nat; margin of the evidence against the offset in force before it is replaced; "very strong" on the scale of
+# Kass and Raftery (1995), "Bayes factors".
+_REPLACEMENT_MARGIN = 5.0
 
 Groups = dict[int, Ints]
 """Rows of one source by the label of their body."""
