@@ -97,8 +97,10 @@ class Belief:
         self._together, self._structure = Together(), Structure(config)
         self._recent: Recent | None = None
 
-    def step(self, window: Window, recent: Recent, stamp_ns: int) -> None:
+    def step(self, window: Window, recent: Recent, stamp_ns: int, *, carried: bool) -> None:
         """Take in the motion of trajectories that were admitted up to an instant."""
+        # What comes into the view of a camera that is carried is of the background as likely as of a body.
+        self._known[recent.slots] |= carried
         rest, labels = rest_gain(recent), self.labels(recent.slots)
         voters = np.where(self._clear(recent.slots), labels, NO_HYPOTHESIS)
         votes = nearest_votes(recent.position, voters, len(self.bodies), _PLACE * recent.reach)

@@ -84,7 +84,7 @@ class RestingCamera:
             self._belief = self._belief or Belief(
                 window, labels, recent.slots[rest_gain(recent) > 0], self._config
             )
-            self._belief.step(window, recent, instant)
+            self._belief.step(window, recent, instant, carried=self.carried)
         self._stamp_ns = max(last, first)
         return self._belief
 
