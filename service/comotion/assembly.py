@@ -70,7 +70,7 @@ class Assembly:
         self.forget()
         fitting: list[SpaceUpdate] = []
         for part in updates:
-            with self.faults.guard(f"listing space {part.spec.name!r}"):
+            with self.faults.guard(f"listing a space ({part.spec.name!r})"):
                 assemble(header, [*fitting, part], sessions, [])
                 fitting.append(part)
                 continue

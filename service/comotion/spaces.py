@@ -110,7 +110,7 @@ class Spaces:
 
         def update(name: str) -> None:
             for keep in (True, False, False):
-                with self.timeline.faults.guard(f"updating space {name!r}"):
+                with self.timeline.faults.guard(f"updating a space ({name!r})"):
                     updates[name] = self._spaces[name].update(stamp_ns, effort)
                     return
                 self._rebuild(name, keep=keep)
@@ -121,7 +121,7 @@ class Spaces:
             space.drift.mistimed = mistimed
         shares = {name: self._shares(space) for name, space in self._spaces.items()}
         for name in self.turns.take(self.timeline.at_ns, shares, update):
-            with self.timeline.faults.guard(f"repeating space {name!r}"):
+            with self.timeline.faults.guard(f"repeating a space ({name!r})"):
                 last = self._spaces[name].last
                 updates[name] = None if last is None else last.repeated()
         for source in self.turns.costly:
@@ -179,7 +179,7 @@ class Spaces:
         fresh.fed_ns, fresh.owner = old.fed_ns, old.owner
         if not keep:
             return
-        with self.timeline.faults.guard(f"keeping the trajectories of space {name!r}"):
+        with self.timeline.faults.guard(f"keeping the trajectories of a space ({name!r})"):
             fresh.load(old.state() | {"method": {}}, keep_method=True)
             return
         self.open(old.spec)
