@@ -45,7 +45,8 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         ranks = misfits.argsort(axis=0).argsort(axis=0)
         rated = np.exp(-ranks / (_SHARE * _DRAWN))
         rated -= rated.mean(axis=0)
-        rated /= np.linalg.norm(rated, axis=0)
+        # 0 where all are alike: their order would agree with that of any other such group.
+        rated /= np.where(np.ptp(misfits, axis=0) > 0, np.linalg.norm(rated, axis=0), np.inf)
         rows = np.ix_(shown, shown)
         total[rows] += rated.T @ rated
         count[rows] += 1
