@@ -138,7 +138,7 @@ class Fusion:
         """
         self.advance(now_ns, at_ns)
         timeline = self.timeline
-        watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
+        watermark, shift_ns = timeline.watermark_ns, timeline.clock.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
         updates = self._spaces.update(stamp, self._effort)

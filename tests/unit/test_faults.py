@@ -44,7 +44,7 @@ def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
 
 def test_stamps_at_the_ends_of_their_range_and_places_beyond_all_measure_are_refused():
     fusion = Fusion()
-    fusion.timeline.steps.replays = True
+    fusion.timeline.replay()
     for seq, (stamp, scale) in enumerate(((-(2**63), 1), (2**63 - 1, 1), (T0, 1), (T0, 1e38))):
         fusion.ingest(batch("odd", seq, stamp, scale * POINTS))
         fusion.update(T0)

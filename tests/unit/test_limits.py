@@ -64,10 +64,9 @@ def test_what_shows_it_is_there(what, tests):
 
 def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
     ledger = Ledger(Stats())
-    ledger.arrive(("waits", ""))
+    ledger.book(("waits", ""), {"batches": 1, "waiting": 1})
     for k in range(MAX_ACCOUNTS + 10):
-        ledger.arrive(key := ("cam", f"{k:016x}"))
-        ledger.settle(key, "limit")
+        ledger.book(("cam", f"{k:016x}"), {"batches": 1, "limit": 1})
     accounts = ledger.accounts
     assert len(accounts) == MAX_ACCOUNTS
     assert ("waits", "") in accounts

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from comotion.config import FusionConfig
+from comotion.event_time import Stage
 from comotion.event_time.entries import Instants
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
@@ -93,6 +94,15 @@ def test_lateness_is_judged_row_by_row(clock):
     clock.feed(batch("b", 0, T0 + 600 * MS, ids=(1, 1, 1), stamps_ns=stamps), batch("a", 1, T0 + 600 * MS))
     assert clock.at(600 * MS) == [(400, "b"), (600, "a"), (600, "b")]
     assert (clock.stats.reordered, clock.stats.partly_late, clock.stats.late) == (1, 1, 0)
+
+
+def test_a_move_that_the_table_lacks_is_counted_and_costs_the_batch(clock):
+    clock.feed(batch("a", 0, T0))
+    (entry,) = clock.timeline._inbox
+    for faults, stage in ((1, Stage.REJECTED), (2, Stage.REJECTED)):
+        clock.timeline._move(entry, "fused")
+        assert (clock.stats.faults, entry.stage) == (faults, stage)
+    assert (clock.stats.rejected, clock.stats.fused, clock.stats.waiting) == ({"defect": 1}, 0, 0)
 
 
 def test_the_first_of_all_waits_when_its_clock_is_ahead_until_it_is_clear_who_is_wrong(clock):

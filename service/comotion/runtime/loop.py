@@ -58,7 +58,8 @@ class Loop:
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
         self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
         self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
-        fusion.timeline.steps.replays = recorded
+        if recorded:
+            fusion.timeline.replay()
         self._due_ns: dict[str, int] = {}
         labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
@@ -120,7 +121,7 @@ class Loop:
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 if isinstance(self._clock, EventClock):
-                    self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
+                    self._clock.observe(batch.stamp_ns - fusion.timeline.clock.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 if status.role != "source":
@@ -142,7 +143,7 @@ class Loop:
         """The time that stamps are compared with, and the clock of arrivals."""
         timeline, clock = self._fusion.timeline, self._clock
         if isinstance(clock, WallClock):
-            timeline.steps.clock_set_ns = clock.set_by_ns()
+            timeline.clock.clock_set_ns = clock.set_by_ns()
         # The event clock reaches what the core has accepted.
         elif (newest_ns := timeline.sources.newest_ns) is not None:
             clock.reach(newest_ns)

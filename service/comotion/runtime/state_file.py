@@ -19,7 +19,7 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from ..config import FusionConfig
-from ..event_time.steps import FUTURE_NS
+from ..event_time.clocks import FUTURE_NS
 from ..fusion import Fusion
 from ..saving import MAX_BYTES
 
