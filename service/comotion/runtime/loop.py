@@ -56,7 +56,7 @@ class Loop:
         self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
-        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
+        self._intake = Intake(component.session, component.keys, fusion.timeline, limits.sources)
         self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
         if recorded:
             fusion.timeline.replay()
@@ -73,7 +73,8 @@ class Loop:
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
-        self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
+        answers = handlers(fusion, lambda: self._last, component.status)
+        self._output = Output(component, leadership, answers, fusion.timeline.faults)
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
