@@ -59,7 +59,7 @@ def test_a_space_that_fails_is_built_anew_and_keeps_its_hypotheses(monkeypatch):
     monkeypatch.setattr(space._method, "partition", lambda *_: 1 / 0)
     after = run(fusion, 40, 60)
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
-    (fault,) = fusion.faults.take()
+    (fault,) = fusion.timeline.faults.take()
     assert "world" in fault.doing
     assert isinstance(fault.error, ZeroDivisionError)
     assert fusion.stats.faults == 1
@@ -75,7 +75,7 @@ def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch, ca
     assert fusion.stats.rejected == {"defect": 1}
     assert len(after.track_id) == 12
     assert min(h.id for h in after.hypotheses) > max(h.id for h in before.hypotheses)
-    fault = fusion.faults.take()[0]
+    fault = fusion.timeline.faults.take()[0]
     for _ in range(2):
         log_defect(fault)
     assert "storing a batch: ZeroDivisionError; please report this (source cam, " in caplog.text

@@ -61,7 +61,7 @@ class Loop:
         if recorded:
             fusion.timeline.replay()
         self._due_ns: dict[str, int] = {}
-        labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
+        labels = {"scene": component.keys.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         # The loop looks for data in slices of a period.
@@ -87,7 +87,7 @@ class Loop:
                 spare_ns = ticker.remaining_ns(time.monotonic_ns()) - ticker.head_start_ns
                 if spare_ns > 0:
                     # So that little is left to do when the update is due.
-                    with self._fusion.faults.guard("fusing"):
+                    with self._fusion.timeline.faults.guard("fusing"):
                         if spare_ns > _SLICE_NS:
                             self._fusion.advance(*self._now())
                     self._component.stop.wait(min(spare_ns, _SLICE_NS) / 1e9)
@@ -97,28 +97,28 @@ class Loop:
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
-        with self._fusion.faults.guard("an update"):
+        with self._fusion.timeline.faults.guard("an update"):
             began_ns, spent_ns = time.monotonic_ns(), time.thread_time_ns()
-            update = self._fusion.update(*self._now())
+            update = self._fusion.update(*self._now(), level=self._overload.level)
             self._took_ns = time.monotonic_ns() - began_ns
             self._spent_ns = time.thread_time_ns() - spent_ns
             ticker.note(self._took_ns)
             self._tick_time(self._took_ns / 1e9)
             self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
             self._last = self._publish(update)
-        with self._fusion.faults.guard("housekeeping"):
+        with self._fusion.timeline.faults.guard("housekeeping"):
             self._tidy()
 
     def _judge(self, skipped: int) -> None:
         """Count deadlines that were skipped, and leave out work where updates take too long."""
         self._fusion.stats.overruns += skipped
         if self._fusion.config.limits.shedding:
-            self._fusion.shed(self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns()))
+            self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns())
 
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
-        ledger = fusion.timeline.ledger
-        with fusion.faults.guard("taking in batches"):
+        ledger, faults = fusion.timeline.ledger, fusion.timeline.faults
+        with faults.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 if isinstance(self._clock, EventClock):
@@ -135,9 +135,9 @@ class Loop:
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
-            with fusion.faults.guard("following another service"):
+            with faults.guard("following another service"):
                 self._follower.look()
-        with fusion.faults.guard("answering queries"):
+        with faults.guard("answering queries"):
             self._output.answer(self._answering_ns)
 
     def _now(self) -> tuple[int, int]:
@@ -157,7 +157,7 @@ class Loop:
         return update
 
     def _tidy(self) -> None:
-        for fault in self._fusion.faults.take():
+        for fault in self._fusion.timeline.faults.take():
             log_defect(fault)
         self._health.alive_ns = at_ns = time.monotonic_ns()
         if self._is_due("report", at_ns, _REPORT_NS):
