@@ -58,7 +58,7 @@ class Stage(Enum):
 
 
 Event = Literal["repeated", "far", "rival", "own", "late", "partly_late", "fused"] | RejectionReason
-"""What is found about a batch; why it is rejected, too."""
+"""What is found about a batch, such as that it is far from now, or of a rival; why it is rejected, too."""
 
 TABLE: dict[tuple[Stage, Event], Stage] = {
     (Stage.ARRIVED, "repeated"): Stage.DUPLICATE,  # rule 1
