@@ -124,7 +124,7 @@ class Timeline:
 
     def _move(self, entry: Entry, event: Event) -> None:
         """Move a batch to the stage that follows, and do what that one asks for."""
-        with self.faults.guard("taking a batch in", entry.batch) as failed:
+        with self.faults.guard("moving a batch on", entry.batch) as failed:
             entry.stage = TABLE[entry.stage, event]
             match entry.stage:
                 case Stage.CLOCK:
