@@ -110,11 +110,6 @@ class Sources(dict[str, Source]):
         super().__init__()
         self.timeout_ns = timeout_ns
 
-    @property
-    def newest_ns(self) -> int | None:
-        """Largest stamp that was accepted, on the time scale of the scene; None before any."""
-        return max((source.newest_ns for source in self.values()), default=None)
-
     def sender(self, key: Key) -> Source | None:
         """The source of a (source, session), where it is of that session now."""
         source = self.get(key[0])

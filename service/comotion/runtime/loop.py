@@ -146,8 +146,8 @@ class Loop:
         if isinstance(clock, WallClock):
             timeline.clock.clock_set_ns = clock.set_by_ns()
         # The event clock reaches what the core has accepted.
-        elif (newest_ns := timeline.sources.newest_ns) is not None:
-            clock.reach(newest_ns)
+        elif sources := timeline.sources.values():
+            clock.reach(max(source.newest_ns for source in sources))
         return clock.now_ns(), time.monotonic_ns()
 
     def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
