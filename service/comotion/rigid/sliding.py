@@ -7,6 +7,8 @@ in the frame of its body, which costs a nat as those of a pose do.
 
 import numpy as np
 
+from comotion_schemas.types import symmetric
+
 from ..arrays import Bools, Floats, Ints, thinned
 from ..config import RigidConfig
 from .frames import DRAWN, SETTLED, Frames
@@ -63,12 +65,27 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     x = np.einsum("fji,nfj->nfi", host.R, frames.y[rows] - host.t)
     total = np.maximum(w.sum(1), 1e-300)
     x -= (np.einsum("nf,nfi->ni", w, x) / total[:, None])[:, None]
-    line = np.linalg.eigh((w[:, :, None] * x).transpose(0, 2, 1) @ x)[1][:, :, -1]
-    along = np.einsum("nfi,ni->nf", x, line)
-    across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
+    metric = host.R.swapaxes(1, 2) @ symmetric(frames.metric[rows])[:, None] @ host.R
+    line = _lines(x, w, metric)
+    weighed = np.einsum("nfij,nfj->nfi", metric, x)
+    along = np.einsum("nfi,ni->nf", weighed, line) ** 2 / np.einsum("ni,nfij,nj->nf", line, metric, line)
+    across = w * np.maximum((weighed * x).sum(2) - along, 0.0)
     paid = np.minimum(across / frames.noise[rows, None], cap).sum(1)
     cost = 0.5 * (paid + cap * (seen - held)) + held
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
-    near = (w * along**2).sum(1) / total <= _REACH**2 * radius
+    near = (w * np.einsum("nfi,ni->nf", x, line) ** 2).sum(1) / total <= _REACH**2 * radius
     possible = near & (held >= LEAST_COVERED * seen) & (held >= SETTLED * config.frame_rate)
     return np.where(possible, cost, np.inf)
+
+
+def _lines(x: Floats, w: Floats, metric: Floats) -> Floats:
+    """Directions [n, 3] in which points x [n, F, 3] leave their mean most, in the noise of their rows.
+
+    The metrics [n, F, 3, 3] are those in the frame of the body: noise along a ray is no sliding.
+    """
+    mean = (w[:, :, None, None] * metric).sum(1) + 1e-9 * np.eye(3)
+    whiten = np.linalg.cholesky(mean)
+    z = x @ whiten
+    main = np.linalg.eigh((w[:, :, None] * z).transpose(0, 2, 1) @ z)[1][:, :, -1:]
+    line = np.linalg.solve(whiten.transpose(0, 2, 1), main)[:, :, 0]
+    return np.asarray(line / np.linalg.norm(line, axis=1, keepdims=True))
