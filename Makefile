@@ -25,10 +25,11 @@ $(STAMP): pyproject.toml requirements.txt
 demo: setup  ## router, three sources, service and watch; a summary and a plot at the end
 	$(BIN)/comotion demo
 
-# Two workers run the tests of processes, which wait half of their time, beside one with the others.
+# Two workers run the tests of processes, which wait half of their time, beside one with the others. Each
+# process computes on one core, and what is compiled of a module is kept for the next.
 test: setup  ## the whole test suite, on two cores
-	@$(BIN)/python -m compileall -q service sources schemas clients experiments deploy
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+		$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder
 
 test-long: setup  ## the tests that take a minute or more each
 	$(BIN)/python -m pytest -m long

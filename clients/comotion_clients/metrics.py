@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import entr
-from scipy.stats.contingency import crosstab
 
 from comotion_schemas import UNDETERMINED, HypothesisUpdate, TruthBatch
 
@@ -32,7 +31,7 @@ def nmi(labels: Labels, truth: Labels) -> float:
     -------
     A number in 0..1; 1 if both partitions have a single cluster; NaN without tracks.
     """
-    counts = crosstab(labels, truth).count
+    counts = _crosstab(labels, truth)
     if not counts.size:
         return float("nan")
     joint = counts / counts.sum()
@@ -60,11 +59,19 @@ def misclassification(labels: Labels, truth: Labels) -> float:
     -------
     A number in 0..1; NaN without tracks.
     """
-    counts = crosstab(labels, truth).count
+    counts = _crosstab(labels, truth)
     if not counts.size:
         return float("nan")
     rows, columns = linear_sum_assignment(counts, maximize=True)
     return float(1.0 - counts[rows, columns].sum() / counts.sum())
+
+
+def _crosstab(labels: Labels, truth: Labels) -> NDArray[np.intp]:
+    """Count the tracks of each cluster in each object, [clusters, objects]: scipy.stats is slow to import."""
+    (clusters, row), (objects, column) = (np.unique(of, return_inverse=True) for of in (labels, truth))
+    counts = np.zeros((len(clusters), len(objects)), np.intp)
+    np.add.at(counts, (row, column), 1)
+    return counts
 
 
 def isolate(labels: Labels, marker: int = UNDETERMINED) -> NDArray[np.int64]:

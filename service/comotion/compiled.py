@@ -28,6 +28,9 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 _OTHERS = ("comprehension", "reduction", "inplace_binop", "setitem", "numpy", "stencil", "fusion")
 _OWN_LOOPS = dict.fromkeys(_OTHERS, False) | {"prange": True}
 
+KERNELS: list[Any] = []
+"""All kernels of the modules that are imported, as Numba's dispatchers."""
+
 numba_range = numba.prange
 """A range whose turns are shared out among the cores, in kernels compiled with ``parallel=True``."""
 
@@ -52,6 +55,7 @@ def compiled(*, parallel: bool = False, **options: Any) -> Callable[[Kernel], Ke
             kernel = numba.njit(error_model="numpy", cache=cache_folder is not None, **options)(function)
         finally:
             config.CACHE_DIR = previous_folder
+        KERNELS.append(kernel)
         return cast("Kernel", kernel)
 
     return compile_

@@ -2,20 +2,26 @@
 
 Made-up scenes compile it, those of each unit in a process of its own. That takes about half a minute on the
 first start on a machine; the result is kept on disk. What no scene needs is compiled where it is called.
+Beside it is kept which kernels a configuration needs: later starts load them without the scenes.
 """
 
 import gc
+import hashlib
+import importlib
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
 from comotion_schemas import ObservationBatch
 
-from .compiled import folder
+from .compiled import KERNELS, folder
 from .config import FusionConfig, Unit
 from .event_time.entries import batch_of
 from .fusion import Fusion
@@ -42,10 +48,41 @@ _LOOK_S = 0.5
 
 
 def prepare(config: FusionConfig) -> Iterator[None]:
-    """Compile kernels that are not on disk, and run through made-up scenes; yields now and then."""
+    """Compile kernels that are not on disk, and load all that are needed; yields now and then."""
     yield from compile_ahead(config.method, list(SCENES))
+    cache_folder, digest = folder(), hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:16]
+    noted = None if cache_folder is None else cache_folder / f"{digest}.needed"
+    needed = None if noted is None else _read(noted)
+    if needed is not None:
+        for module, name, signature in needed:
+            getattr(importlib.import_module(module), name).compile(signature)
+            yield
+        return
+    # A process that has used some before cannot tell which of them this configuration needs.
+    is_first = not any(kernel.signatures for kernel in KERNELS)
     for unit, dim in SCENES:
         yield from warm_up(config, unit, dim)
+    if noted is not None and is_first:
+        _note_loaded(noted)
+
+
+def _read(noted: Path) -> list[tuple[str, str, Any]] | None:
+    """Kernels that were noted: module, name and signature of each; None where there are none."""
+    with suppress(OSError, EOFError, pickle.UnpicklingError):  # not there, or cut off when the power failed
+        return cast("list[tuple[str, str, Any]]", pickle.loads(noted.read_bytes()))  # noqa: S301 - as Numba's own
+    return None
+
+
+def _note_loaded(noted: Path) -> None:
+    """Note which kernels this process has loaded, if all came from the disk."""
+    if any(kernel.stats.cache_misses for kernel in KERNELS):
+        return
+    used = [(kernel.py_func, signature) for kernel in KERNELS for signature in kernel.stats.cache_hits]
+    needed = [(function.__module__, function.__name__, signature) for function, signature in used]
+    partial = noted.with_suffix(f".{os.getpid()}")
+    with suppress(OSError):  # the disk is full: the next start tries again
+        partial.write_bytes(pickle.dumps(needed))
+        partial.replace(noted)
 
 
 def compile_ahead(method: str, kinds: list[tuple[Unit, int]]) -> Iterator[None]:

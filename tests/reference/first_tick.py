@@ -2,17 +2,17 @@
 
 ``python -m tests.reference.first_tick METHOD`` prints a digest of all updates and affinities and how many
 kernels came from the disk, then the kernels that had to be compiled, or loaded, after it was ready: none.
-With an empty folder in NUMBA_CACHE_DIR another process compiles all before, which takes minutes; what this
-one has compiled itself is printed too.
+Without a folder that can be written to, as NUMBA_CACHE_DIR says, this process compiles all itself; what it
+has compiled before it was ready is printed too.
 """
 
 import hashlib
 import sys
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 
 from comotion import Fusion, FusionConfig
+from comotion.compiled import KERNELS
 from comotion.config import Camera
 from comotion.warm_up import prepare
 from comotion_schemas import encode
@@ -63,11 +63,9 @@ SCENES = {
 }
 
 
-def kernels():
-    """Every kernel of the core that this process has imported, by ``module:name``."""
-    modules = [module for name, module in sys.modules.items() if name.startswith("comotion.")]
-    dispatchers = (one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher))
-    return {f"{one.py_func.__module__}:{one.py_func.__qualname__}": one for one in dispatchers}
+def signatures():
+    """Those of every kernel of the core that this process has imported, by ``module:name``."""
+    return {f"{one.py_func.__module__}:{one.py_func.__qualname__}": set(one.signatures) for one in KERNELS}
 
 
 def run(config, streams, digest):
@@ -91,15 +89,15 @@ def main(method):
     """Prepare, run, and say what was new."""
     for _ in prepare(FusionConfig(method=method)):
         pass
-    new = [f"compiled here: {name}" for name, kernel in kernels().items() if kernel.stats.cache_misses]
-    before, digest = {name: set(kernel.signatures) for name, kernel in kernels().items()}, hashlib.sha256()
+    new = [f"compiled here: {kernel.py_func.__qualname__}" for kernel in KERNELS if kernel.stats.cache_misses]
+    before, digest = signatures(), hashlib.sha256()
     for scene, streams in SCENES.items():
         cameras = {"door": CAMERA} if scene == "links" else {}
         run(FusionConfig(method=method, window=2.0, linking={"cameras": cameras}), streams, digest)
-        for name, kernel in kernels().items():
-            new += [f"{scene}: {name}{one}" for one in set(kernel.signatures) - before.get(name, set())]
-            before[name] = set(kernel.signatures)
-    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in kernels().values())
+        after = signatures()
+        new += [f"{scene}: {name}{one}" for name in after for one in after[name] - before.get(name, set())]
+        before = after
+    loaded = sum(sum(kernel.stats.cache_hits.values()) for kernel in KERNELS)
     sys.stdout.write("\n".join([digest.hexdigest(), str(loaded), *new]))
 
 

@@ -3,16 +3,17 @@
 import ast
 import importlib
 import os
+import pickle
 import pkgutil
 import shutil
 import subprocess
 import sys
+from functools import cache
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from types import CodeType
 
 import pytest
-from numba.core.dispatcher import Dispatcher
 
 import comotion
 from comotion import compiled, warm_up
@@ -102,16 +103,12 @@ def test_without_a_writable_package_the_users_cache_serves_and_without_any_each_
     assert package.run() == (7, 0, 1)
 
 
-def modules():
-    for module in pkgutil.walk_packages(comotion.__path__, "comotion."):
-        yield importlib.import_module(module.name)
-
-
 def names(code):
     inside = (constant for constant in code.co_consts if isinstance(constant, CodeType))
     return set(code.co_names).union(*(names(part) for part in inside))
 
 
+@cache
 def imported(module):
     """Names that a module imports from elsewhere in the package, and from which of its modules."""
     tree = ast.parse(Path(str(module.__file__)).read_text())
@@ -124,22 +121,17 @@ def imported(module):
 
 
 def test_kernels_use_nothing_of_the_package_that_the_digest_does_not_cover():
-    count = 0
-    outside = set()
+    for module in pkgutil.walk_packages(comotion.__path__, "comotion."):
+        importlib.import_module(module.name)
     covered = {str(path) for path in compiled.kernel_sources()}
-    for module in modules():
-        origins = imported(module)
-        for kernel in vars(module).values():
-            if not isinstance(kernel, Dispatcher) or kernel.py_func.__module__ != module.__name__:
-                continue
-            count += 1
-            assert kernel._cache.cache_path.startswith(str(compiled.folder()))
-            for name in names(kernel.py_func.__code__) & origins.keys():
-                file = find_spec(origins[name]).origin  # type: ignore[union-attr]
-                if file not in covered:
-                    outside.add(f"{name} in {module.__name__} is from {file}")
-    assert not outside
-    assert count > 50
+    for kernel in compiled.KERNELS:
+        module = kernel.py_func.__module__
+        origins = imported(sys.modules[module])
+        assert kernel._cache.cache_path.startswith(str(compiled.folder()))
+        for name in names(kernel.py_func.__code__) & origins.keys():
+            file = find_spec(origins[name]).origin  # type: ignore[union-attr]
+            assert file in covered, f"{name} in {module} is from {file}"
+    assert len(compiled.KERNELS) > 50
 
 
 @pytest.mark.parametrize("python", [sys.executable, "/bin/false", "/missing"])
@@ -152,3 +144,9 @@ def test_what_processes_have_compiled_is_compiled_once_and_where_they_die_nothin
     first, again = ([bool(list(compile_ahead(*one))) for one in given] for _ in range(2))
     assert python != sys.executable or (first, again) == ([True] * 3, [False] * 3)
     assert bool(list(tmp_path.iterdir())) == (python == sys.executable)
+
+
+@pytest.mark.parametrize("content", [b"", pickle.dumps([("comotion.rigid.kernels", "fit", ())])[:-9]])
+def test_notes_that_were_cut_off_count_as_none(tmp_path, content):
+    (tmp_path / "noted").write_bytes(content)
+    assert warm_up._read(tmp_path / "noted") is warm_up._read(tmp_path / "missing") is None

@@ -86,7 +86,7 @@ SAID: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "shares of the image": (lambda: comotion.group(P[..., :2] / 100, TIMES), "if they are shares of"),
     "one a second": (lambda: comotion.group(P[..., :2] * 300, TIMES * 30.1), "give 2 or more a second"),
-    "frames": (lambda: comotion.group(P, np.arange(60)), "if they are frame numbers, divide them by"),
+    "frames": (lambda: comotion.group(P, np.arange(60), period=1), "if they are frame numbers, divide"),
     "one position far out": (lambda: comotion.group(STRAYED, TIMES), "1 observation refused"),
     "far from the origin": (
         lambda: comotion.group(P + np.array([5e5, 4.2e6, 0]), TIMES),

@@ -91,9 +91,9 @@ Examples:
             flush=True,
         )
         print("preparing; the first time on a machine this compiles for half a minute or more", flush=True)
-        from comotion import FusionConfig, warm_up
+        from comotion import warm_up
 
-        show_progress("preparing", warm_up.prepare(FusionConfig()))
+        show_progress("preparing", warm_up.compile_ahead(self.method or "comotion", list(warm_up.SCENES)))
         on_terminal = sys.stdout.isatty()
         as_in_thesis = self.method == "thesis" and self.simulated == "fig4_4"
         settings = self.set_ or (_THESIS_FIG_4_4 if as_in_thesis else ())

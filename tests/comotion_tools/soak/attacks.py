@@ -14,7 +14,6 @@ import msgpack
 import numpy as np
 import zenoh
 
-from comotion import Fusion
 from comotion_schemas import Keys, ObservationBatch, Status, encode
 from comotion_schemas.component import new_session_id
 
@@ -177,6 +176,8 @@ def outrank(attacker: Attacker) -> None:
     """One update of the highest epoch there is."""
     if attacker.seq:
         return
+    from comotion import Fusion  # slow to import, and the others do without
+
     update = Fusion(scene=attacker.keys.scene, session=attacker.run).update(time.time_ns())
     update = replace(update, epoch=_TOP, live=True, published_ns=time.time_ns())
     attacker.session.put(attacker.keys.hypotheses, encode(update))

@@ -54,9 +54,9 @@ def settled(session):
             last = {}
 
             def is_so():
-                for scene, subscription in of.items():
-                    last.update((scene, update) for _, update in subscription.drain())
-                return len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition()
+                news = [(scene, update) for scene in of for _, update in of[scene].drain()]
+                last.update(news)
+                return news and len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition()
 
             for subscription in of.values():
                 subscription.drain()
