@@ -30,6 +30,7 @@ _LASTS_NS = 300_000_000
 _NONE = UNDETERMINED, 0.0
 # Hypotheses of features, and how probable each is, by feature.
 _Labels = dict[int, tuple[int, float]]
+_Listed = dict[int, Hypothesis]
 _log = logging.getLogger(__name__)
 
 
@@ -56,7 +57,7 @@ class Labelled(NamedTuple):
     """One frame with the labels of the update that has fused it.
 
     `hypotheses` int64 [N], negative for undetermined, and `confidence` float64 [N] go with `tracks`;
-    `listed` are all hypotheses of the update.
+    `listed` are all hypotheses of the update, and those that the features have soon.
     """
 
     number: int
@@ -145,7 +146,7 @@ class LabelledFrames:
         self._period_ns = round(options.fusion.period * 1e9)
         self._lasting: set[int] = set()
         self._written: dict[int, int] = {}
-        self._held: deque[tuple[int, Frame, Tracks, _Labels]] = deque()
+        self._held: deque[tuple[int, Frame, Tracks, _Labels, _Listed]] = deque()
         self._labels: _Labels = {}
 
     def labelled(self) -> Iterator[Labelled]:
@@ -165,7 +166,7 @@ class LabelledFrames:
             for message in self._observer.messages(tracks, seen):
                 if isinstance(message, ObservationBatch):
                     self._fusion.ingest(message)
-            self._held.append((number, frame, tracks, {}))
+            self._held.append((number, frame, tracks, {}, {}))
             if frame.stamp_ns >= due_ns:
                 due_ns = frame.stamp_ns + self._period_ns
                 yield from self._release(self._fusion.update(frame.stamp_ns), frame.stamp_ns - _LASTS_NS)
@@ -183,15 +184,19 @@ class LabelledFrames:
         self._labels = labels
         self._written = {feature: self._written[feature] for feature in self._written.keys() & latest}
         self._lasting |= {h.id for h in update.hypotheses if update.stamp_ns - h.born_ns >= _LASTS_NS}
-        self._held = deque((n, frame, tracks, known or latest) for n, frame, tracks, known in self._held)
+        # Boxes are those of a frame's own update, as bodies move on.
+        listed = {h.id: h for h in update.hypotheses}
+        self._held = deque(
+            (n, frame, tracks, known or latest, of or listed) for n, frame, tracks, known, of in self._held
+        )
         while self._held and self._held[0][1].stamp_ns <= until_ns:
-            number, frame, tracks, _ = self._held[0]
+            number, frame, tracks, _, own = self._held[0]
             labelled = [self._shown(feature) for feature in tracks.ids.tolist()]
             self._held.popleft()
             table = np.array(labelled, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
             hypotheses[hypotheses == UNDETERMINED] = -1
-            yield Labelled(number, frame, tracks, hypotheses, table[:, 1], update.hypotheses)
+            yield Labelled(number, frame, tracks, hypotheses, table[:, 1], list((listed | own).values()))
 
     def _shown(self, feature: int) -> tuple[int, float]:
         """Label of a feature in the first frame that waits.
@@ -199,7 +204,7 @@ class LabelledFrames:
         If it is of no lasting hypothesis there, it takes that which it has soon, unless it was of another.
         """
         own = self._held[0][3].get(feature, _NONE)
-        soon = (labels.get(feature, _NONE) for *_, labels in self._held)
+        soon = (labels.get(feature, _NONE) for _, _, _, labels, _ in self._held)
         label = next((label for label in soon if label[0] in self._lasting), _NONE)
         if label is not own and self._written.get(feature, label[0]) != label[0]:
             label = _NONE

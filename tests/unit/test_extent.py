@@ -100,18 +100,18 @@ def test_without_a_pose_a_box_is_upright_and_moves_with_its_members(dim):
     np.testing.assert_allclose(later.half, first.half)
 
 
-def test_a_wrong_feature_that_soon_leaves_does_not_make_a_box_cross_the_image():
+def test_a_wrong_feature_does_not_make_a_box_cross_the_image():
     body, points = Body(dim=2), np.random.default_rng(0).uniform([100, 100], [160, 130], (12, 2))
     body.posed = False
     alone = body.box(0, points)
-    wrong = np.vstack([points, [600.0, 115.0]])
-    assert body.box(S // 20, wrong).half[0] < 100
-    for k in range(2, 40):
-        box = body.box(k * S // 20, points)
-    np.testing.assert_allclose(box.half, alone.half, rtol=0.1)
-    for k in range(40, 80):
+    wrong, near = np.vstack([points, [600.0, 115.0]]), np.vstack([points, [190.0, 115.0]])
+    for k in range(1, 40):
         box = body.box(k * S // 20, wrong)
-    assert holds(replace(box, half=[h * 1.01 for h in box.half]), wrong)
+    np.testing.assert_allclose(box.half, alone.half, rtol=0.1)
+    assert body.box(2 * S, near).half[0] < alone.half[0] + 5
+    for k in range(41, 80):
+        box = body.box(k * S // 20, near)
+    assert holds(replace(box, half=[h * 1.01 for h in box.half]), near)
 
 
 def test_updates_have_boxes_that_hold_a_body_half_of_which_is_hidden():

@@ -9,18 +9,15 @@ is nothing to keep points in: the box is upright, and its sides follow the curre
 from itertools import product
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from comotion_schemas import Box
 
 from ..arrays import Floats, Ints, median
-from ..compiled import compiled
 from ..rigid.kernels.rotation import quaternion
 from .records import Record
+from .sides import FAR, apart_of, sides_of
 
-# Times the usual distance to the second neighbour from which on a point is far from all others.
-_FAR = 8.0
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
 _MAX_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
@@ -46,13 +43,13 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
     axes = np.eye(len(t)) if record.axes is None else record.axes
     due = seek and record.seen_ns >= record.sought_ns + _SEEK_NS
     if due or not record.spacing:
-        apart = _apart(points)
+        apart = apart_of(points)
         record.spacing = float(median(apart))
     if due:
-        near = points[apart <= _FAR * record.spacing]
+        near = points[apart <= FAR * record.spacing]
         axes, record.sought_ns = _best_axes(near, axes), record.seen_ns
     record.axes = axes
-    low, high = _sides(points @ axes, _FAR * record.spacing)
+    low, high = sides_of(points @ axes, FAR * record.spacing)
     turn = R @ axes
     center = turn @ ((low + high) / 2) + t
     rotation = float(np.arctan2(turn[1, 0], turn[0, 0])) if len(t) == 2 else quaternion(turn).tolist()
@@ -64,48 +61,14 @@ def _points(record: Record) -> Floats:
     lost = np.flatnonzero(record.lost.lasted)
     points = record.lost.points
     if len(lost) > _MAX_POINTS:
-        apart = _apart(points[lost])
-        near = lost[apart <= _FAR * median(apart)]
+        apart = apart_of(points[lost])
+        near = lost[apart <= FAR * median(apart)]
         far = near[_farthest(points[near])]
         rows = np.isin(np.arange(len(points)), np.setdiff1d(lost, far), invert=True)
         record.lost = record.lost.of(rows)
         lost = far
     shown = record.members.shown
     return np.concatenate([shown, points[lost]]) if len(lost) else shown
-
-
-def _apart(points: Floats) -> Floats:
-    """Distance of points [m, dim] to the second neighbour, if there are as many, float64 [m]."""
-    apart, _ = cKDTree(points).query(points, k=[min(3, len(points))])
-    return np.asarray(apart[:, 0])
-
-
-@compiled()
-def _sides(along: Floats, far: float) -> tuple[Floats, Floats]:
-    """Least and largest coordinates [dim] of points [m, dim] that are not as far from all others.
-
-    Of all, where more than half are: then the body has other points than those that `far` was measured on.
-    """
-    count, dim = along.shape
-    ends, neighbours = np.zeros(2 * dim, np.intp), np.zeros(2 * dim, np.intp)
-    kept = np.ones(count, np.bool_)
-    while 2 * kept.sum() >= count:
-        rows, neighbours[:] = np.flatnonzero(kept), 0
-        for k in range(dim):
-            ends[k], ends[dim + k] = rows[along[rows, k].argmin()], rows[along[rows, k].argmax()]
-        for j in range(2 * dim):
-            for m in rows:
-                square = 0.0
-                for k in range(dim):
-                    square += (along[ends[j], k] - along[m, k]) ** 2
-                neighbours[j] += square <= far**2
-        alone = neighbours <= min(2, len(rows) - 1)
-        if not alone.any():
-            low, high = ends[:dim], ends[dim:]
-            return np.diag(along[low]).copy(), np.diag(along[high]).copy()
-        kept[ends[alone]] = False
-    every = np.arange(dim)
-    return np.array([along[:, k].min() for k in every]), np.array([along[:, k].max() for k in every])
 
 
 _ALL_AROUND = {dim: np.array(list(product(range(-2, 3), repeat=dim)), np.float64).T for dim in (2, 3)}

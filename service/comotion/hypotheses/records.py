@@ -8,8 +8,9 @@ import numpy as np
 
 from comotion_schemas import Hypothesis
 
-from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, Table, find
+from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, Table, find, median
 from ..partition import NO_HYPOTHESIS, PoseReference
+from .sides import FAR, apart_of, sides_of
 
 # ns; lost features count among the last members of their hypothesis for so long.
 _LAST_MEMBERS_NS = 2_000_000_000
@@ -212,10 +213,10 @@ class Record:
     def _reach(self, previous: Members, seconds: float) -> None:
         """Carry the sides along with the members, and let them follow the outermost of these.
 
-        So a wrong member that soon leaves hardly moves them.
+        So a wrong member moves them little if it soon leaves, and not at all if it is far from all others.
         """
         members, shown = self.members, self.members.shown
-        sides = np.array([shown.min(0), shown.max(0)])
+        sides = np.array(sides_of(shown, float(FAR * median(apart_of(shown)))))
         at = find(members.keys, previous.keys)
         kept = at >= 0
         if kept.any():
