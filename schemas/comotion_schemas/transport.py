@@ -279,7 +279,8 @@ class Receiver:
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(capacity)
         self._subscriber = declare_subscriber(session, key, kind, ring)
         self._take, self._ended = take, ended
-        self._thread = threading.Thread(target=self._receive, name=f"receive-{kind}", daemon=True)
+        # Joined at exit, not a daemon: Python ends by force who waits in Zenoh then, and the process aborts.
+        self._thread = threading.Thread(target=self._receive, name=f"receive-{kind}")
         self._thread.start()
 
     def close(self) -> None:
