@@ -3,12 +3,14 @@
 Only this module and :mod:`~comotion_schemas.component` import zenoh.
 """
 
+import atexit
 import json
 import logging
 import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, get_args
@@ -279,15 +281,18 @@ class Receiver:
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(capacity)
         self._subscriber = declare_subscriber(session, key, kind, ring)
         self._take, self._ended = take, ended
-        # Joined at exit, not a daemon: Python ends by force who waits in Zenoh then, and the process aborts.
-        self._thread = threading.Thread(target=self._receive, name=f"receive-{kind}")
+        self._thread = threading.Thread(target=self._receive, name=f"receive-{kind}", daemon=True)
         self._thread.start()
+        # A thread that still waits in Zenoh when Python ends would be ended by force, and abort the process.
+        atexit.register(self.close)
 
     def close(self) -> None:
         """Stop receiving; returns when all samples are taken."""
         if self._thread.is_alive():
-            self._subscriber.undeclare()
-            self._thread.join()
+            with suppress(zenoh.ZError):  # the session has been closed meanwhile
+                self._subscriber.undeclare()
+        self._thread.join()
+        atexit.unregister(self.close)
 
     def _receive(self) -> None:
         # Receive from the handler: a subscriber that waits in recv cannot be undeclared.

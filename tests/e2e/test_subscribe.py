@@ -1,6 +1,8 @@
 """Subscriptions over real Zenoh on a loopback port."""
 
 import asyncio
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -36,10 +38,9 @@ def test_a_reader_that_is_too_slow_loses_the_oldest(session, endpoint):
 def test_invalid_payloads_are_counted_by_reason_and_skipped(session, endpoint):
     publisher = declare_publisher(session, KEYS.hypotheses, "hypotheses")
     with Subscription(session, HypothesisUpdate, timeout=DEADLINE) as updates:
-        publisher.put(b"\xc1 not msgpack")
-        publisher.put(encode(batch("a", 0)))
-        publisher.put(encode(update(0, "elsewhere")))
-        publisher.put(encode(update(1)))
+        wrong = b"\xc1 not msgpack", encode(batch("a", 0)), encode(update(0, "elsewhere"))
+        for payload in (*wrong, encode(update(1))):
+            publisher.put(payload)
         assert next(updates).seq == 1
         assert updates.counters.invalid == {"malformed": 1, "schema": 1, "source-mismatch": 1}
 
@@ -61,13 +62,14 @@ def test_observations_status_and_truth(session, endpoint):
 
 
 def test_a_storm_of_statuses_of_one_component_displaces_no_other(session, endpoint):
+    quiet = declare_publisher(session, KEYS.stream("status", "quiet"), "status")
+    quiet.put(encode(status("quiet", "source")))
     with subscribe("default", endpoint, message=Status, timeout=DEADLINE) as statuses:
-        session.put(KEYS.stream("status", "quiet"), encode(status("quiet", "source")))
         assert next(statuses).component == "quiet"
         blocking = zenoh.CongestionControl.BLOCK
         for component in ["loud"] * 500 + ["last"]:
-            key = KEYS.stream("status", component)
-            session.put(key, encode(status(component, "source")), congestion_control=blocking)
+            told = encode(status(component, "source"))
+            session.put(KEYS.stream("status", component), told, congestion_control=blocking)
         while (latest := next(statuses)).component != "last":
             assert latest.component == "loud"
         assert statuses.counters.received < 100
@@ -93,11 +95,14 @@ def test_asyncio(session, endpoint):
 
 def test_closing_ends_a_loop_that_waits(session):
     updates = Subscription(session, HypothesisUpdate)
-    closer = threading.Thread(target=updates.close)
-    closer.start()
+    threading.Thread(target=updates.close).start()
     assert list(updates) == []
-    closer.join()
     updates.close()
+
+
+def test_a_program_that_closes_nothing_ends_well(session, endpoint):
+    code = f"from comotion_clients import subscribe as s; a = s.subscribe('s', {endpoint!r}); a.__enter__()"
+    subprocess.run([sys.executable, "-c", code], timeout=DEADLINE, check=True)
 
 
 def test_silence_and_no_router_are_timeouts_and_wrong_names_and_endpoints_are_refused_at_once(endpoint):

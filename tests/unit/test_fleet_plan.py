@@ -52,8 +52,7 @@ def test_the_plan_comes_to_rest_within_all_capacities_and_with_replicas_apart(st
         agents = [holder.agent for place, holder in end.held().items() if place.scene == name]
         assert len(agents) == len(set(agents))
     capacity = sum(agent.capacity for agent in end.agents.values() if not agent.draining)
-    served = {place.scene for place in end.held()}
-    assert len(served) == min(len(end.scenes), capacity)
+    assert len({place.scene for place in end.held()}) == min(len(end.scenes), capacity)
 
 
 def test_a_draining_agent_waits_until_the_standby_is_ready():

@@ -179,8 +179,7 @@ def test_a_body_that_only_the_plain_camera_sees_move_is_linked_to_none():
 
 def test_distortion_is_undone():
     view = camera(distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
-    update = run(fused(view), messages(view))
-    assert linked_bodies(update) == {name: {name} for name in BODIES}
+    assert linked_bodies(run(fused(view), messages(view))) == {name: {name} for name in BODIES}
 
 
 def test_without_calibration_or_poses_there_are_no_links():

@@ -66,8 +66,7 @@ def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
 
 def test_noise_that_is_known_does_not_join_bodies():
     positions, truth = affine_scene(np.random.default_rng(0), (60, 50), noise=1.0)
-    result = grouped(frames_of(positions, noise=1.0))
-    assert misclassification(result.labels, truth) <= 0.02
+    assert misclassification(grouped(frames_of(positions, noise=1.0)).labels, truth) <= 0.02
     # Taken for motion, it widens the kernel.
     assert grouped(frames_of(positions)).labels.max() == 0
 

@@ -96,7 +96,6 @@ affinities = st.builds(
 def test_divisive_kmeans_leaves_no_weak_edge_and_stops(affinity):
     labels = cluster(DIVISIVE, affinity)
     for label in set(labels.tolist()):
-        inside = np.ix_(labels == label, labels == label)
-        assert affinity[inside].min() > STOP
+        assert affinity[np.ix_(labels == label, labels == label)].min() > STOP
     if len(affinity) and affinity.min() > STOP:
         assert set(labels.tolist()) == {0}
