@@ -7,8 +7,6 @@ in the frame of its body, which costs a nat as those of a pose do.
 
 import numpy as np
 
-from comotion_schemas.types import symmetric
-
 from ..arrays import Bools, Floats, Ints, thinned
 from ..config import RigidConfig
 from .frames import DRAWN, SETTLED, Frames
@@ -65,32 +63,12 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     x = np.einsum("fji,nfj->nfi", host.R, frames.y[rows] - host.t)
     total = np.maximum(w.sum(1), 1e-300)
     x -= (np.einsum("nf,nfi->ni", w, x) / total[:, None])[:, None]
-    metric = symmetric(frames.metric[rows])
-    line = _lines(x, w, host.R, metric)
-    outside, on_line = np.einsum("fij,nfj->nfi", host.R, x), np.einsum("fij,nj->nfi", host.R, line)
-    weighed = outside @ metric
-    along = (weighed * on_line).sum(2) ** 2 / (on_line @ metric * on_line).sum(2)
-    across = w * np.maximum((weighed * outside).sum(2) - along, 0.0)
+    line = np.linalg.eigh((w[:, :, None] * x).transpose(0, 2, 1) @ x)[1][:, :, -1]
+    along = np.einsum("nfi,ni->nf", x, line)
+    across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
     paid = np.minimum(across / frames.noise[rows, None], cap).sum(1)
     cost = 0.5 * (paid + cap * (seen - held)) + held
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
-    near = (w * np.einsum("nfi,ni->nf", x, line) ** 2).sum(1) / total <= _REACH**2 * radius
+    near = (w * along**2).sum(1) / total <= _REACH**2 * radius
     possible = near & (held >= LEAST_COVERED * seen) & (held >= SETTLED * config.frame_rate)
     return np.where(possible, cost, np.inf)
-
-
-def _lines(x: Floats, w: Floats, R: Floats, metric: Floats) -> Floats:
-    """Directions [n, 3] in a body in which points leave their mean most: noise along a ray is no sliding.
-
-    Parameters
-    ----------
-    x, w, R, metric
-        float64 [n, F, 3], points in the body about their mean, [n, F], rotations [F, 3, 3], and [n, 3, 3].
-    """
-    turns = np.einsum("fia,fjb->fijab", R, R).reshape(len(R), 81)
-    mean = np.einsum("nijab,nij->nab", (w @ turns).reshape(-1, 3, 3, 3, 3), metric)
-    whiten = np.linalg.cholesky(mean + 1e-9 * np.eye(3))
-    z = x @ whiten
-    main = np.linalg.eigh((w[:, :, None] * z).transpose(0, 2, 1) @ z)[1][:, :, -1:]
-    line = np.linalg.solve(whiten.transpose(0, 2, 1), main)[:, :, 0]
-    return np.asarray(line / np.linalg.norm(line, axis=1, keepdims=True))
