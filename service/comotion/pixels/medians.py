@@ -5,7 +5,7 @@ import numpy as np
 from ..arrays import Floats
 
 
-def median(values: Floats, axis: int) -> Floats:
+def nanmedian(values: Floats, axis: int) -> Floats:
     """Median along an axis, NaN left out; NaN where all are, without a warning."""
     # NaN come last.
     ranked, count = np.sort(values, axis=axis), np.isfinite(values).sum(axis=axis, keepdims=True)

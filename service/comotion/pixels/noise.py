@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Slots, Stamps
 from ..trajectories.window import Window
-from .medians import median
+from .medians import nanmedian
 
 # Newest instants on which noise is estimated, and differences that the median of the source is worth.
 _INSTANTS, _POOL = 12, 20
@@ -64,7 +64,7 @@ def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
     step = np.diff(np.where(visible[..., None], position, np.nan), axis=0)
     excess, _ = _less_nearest(step, position[last, np.arange(len(last))])
     square = (excess**2).sum(axis=2)
-    far = square > _WILD * np.fmax(median(square, 0), 2 * variance + _LEAST_PX2)
+    far = square > _WILD * np.fmax(nanmedian(square, 0), 2 * variance + _LEAST_PX2)
     back = ((excess[1:] + excess[:-1]) ** 2).sum(axis=2) < square[1:] / 4
     errors[1:-1] = far[1:] & far[:-1] & back
     errors[0], errors[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
@@ -76,7 +76,9 @@ def _estimated(window: Window, slots: Slots, stamps: Stamps) -> Floats:
     square = _squared_differences(window, slots, stamps)
     count = np.isfinite(square).sum(axis=0)
     is_known = count > 0
-    own = np.where(is_known, median(square, 0) / _CHI2_MEDIAN, 0.0) if len(square) else np.zeros(len(slots))
+    own = np.zeros(len(slots))
+    if len(square):
+        own[is_known] = (nanmedian(square, 0) / _CHI2_MEDIAN)[is_known]
     variance = np.zeros(len(slots))
     for source in np.unique(window.source[slots]).tolist():
         rows = window.source[slots] == source
@@ -111,6 +113,6 @@ def _less_nearest(values: Floats, place: Floats) -> tuple[Floats, Bools]:
     if len(place) <= _NEAREST:
         return values, np.zeros(values.shape[:2], np.bool_)
     near = cKDTree(place).query(place, k=_NEAREST + 1)[1][:, 1:]
-    shared = median(values[:, near], 2)
+    shared = nanmedian(values[:, near], 2)
     has_shared = np.isfinite(shared)
     return values - np.where(has_shared, shared, 0.0), has_shared[..., 0]

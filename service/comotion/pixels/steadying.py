@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps
 from .gains import rest_gain
-from .medians import median
+from .medians import nanmedian
 from .recent import Recent
 
 # Trajectories of the background without which its motion is unknown.
@@ -135,8 +135,8 @@ def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, 
     displacement, tolerance = recent.displacement.copy(), np.full(recent.seen.shape, np.inf)
     displacement[views.scales] = _departure(views, cameras, depth)
     square = (displacement[views.scales] ** 2).sum(axis=2)
-    spread = median(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
-    noise = median(np.where(views.used, 2 * recent.variance, np.nan), 1)
+    spread = nanmedian(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
+    noise = nanmedian(np.where(views.used, 2 * recent.variance, np.nan), 1)
     # At least what the noise of the background does to its cameras.
     least = noise * _PARAMETERS / (2 * views.used.sum(axis=1))
     tolerance[views.scales] = np.maximum(spread - noise, least)[:, None] / 2
@@ -184,7 +184,7 @@ def _cameras(views: _Views, depth: Floats, weight: Floats) -> tuple[Floats, Floa
         change = np.linalg.solve(normal + ridge, weighted @ target - normal @ identity[:, None])[..., 0]
         cameras = np.insert(identity + change, 10, 1.0, axis=1).reshape(-1, 3, 4)
         square = ((_project(cameras, views.place, depth)[0] - views.past) ** 2).sum(axis=2)
-        typical = median(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
+        typical = nanmedian(np.where(views.used, square, np.nan), 1) / _CHI2_MEDIAN_2D
         scale = 4 * np.maximum(typical, views.floor)[:, None]
         weight = views.used * (1 + square / scale) ** -2
     return cameras, weight, typical

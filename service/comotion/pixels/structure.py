@@ -12,7 +12,7 @@ from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .grouping import group
 from .key_frames import key_frames
-from .medians import median
+from .medians import nanmedian
 from .newborns import nearest_votes
 from .recent import Recent
 
@@ -57,7 +57,7 @@ class Structure:
         self._looked_ns = stamp_ns
         large = {body: rows for body, rows in bodies.items() if len(rows) >= 2 * _LEAST_PART}
         moved = np.where(recent.seen, np.linalg.norm(recent.displacement, axis=2), np.nan)[:_SCALES]
-        typical = {body: median(moved[:, rows], 1) for body, rows in large.items()}
+        typical = {body: nanmedian(moved[:, rows], 1) for body, rows in large.items()}
         shown = {body: rows for body, rows in large.items() if (typical[body] >= _LEAST_MOTION_PX).any()}
         if not shown:
             return None
