@@ -89,8 +89,7 @@ def test_ended_in_a_late_batch_ends_its_ids_and_an_ended_id_does_not_come_back()
     update = run(fusion, 21, 30)
     assert 3 not in update.track_id
     # Neither when its trajectory has left the window.
-    update = run(fusion, 200, 210)
-    assert 3 not in update.track_id
+    assert 3 not in run(fusion, 200, 210).track_id
     assert fusion.stats.late == 1
 
 

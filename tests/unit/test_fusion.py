@@ -200,8 +200,7 @@ def test_forgetting_names_the_published_id_and_a_restart_keeps_the_names(pair):
     _, standby = pair
     before = step(standby, 60)
     restored = Fusion.restore(FusionConfig(), standby.snapshot(), session="3" * 16)
-    update = step(restored, 61)
-    assert labels_of(update) == labels_of(before)
+    assert labels_of(step(restored, 61)) == labels_of(before)
     first = before.hypotheses[0].id
     assert restored.forget(first) == [first]
     assert restored.forget(first) == []

@@ -77,8 +77,7 @@ def test_bad_rows_are_left_out_and_counted_on_request():
     forgiving = comotion.Scene(drop_invalid=True)
     forgiving.push([1, 2, 3, -4], [[0, 0, 0], [np.nan] * 3, [1, np.inf, 0], [2, 2, 2]], 0.0)
     assert forgiving.dropped == {"range": 1, "non-finite": 1}
-    update = forgiving.update()
-    assert update.track_id.tolist() == [1]
+    assert forgiving.update().track_id.tolist() == [1]
     with pytest.raises(ValueError, match="does not increase"):
         forgiving.push([1], [[0, 0, 0]], 0.0)
     with pytest.raises(ValueError, match="positions have 2 coordinates, those before had 3"):

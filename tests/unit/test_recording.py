@@ -86,8 +86,7 @@ def test_payloads_come_back_byte_for_byte_with_both_times_and_the_schema(tmp_pat
             assert message.publish_time == message.log_time - 5_000_000
         assert reader.get_summary().statistics.message_count == len(SCENE)
         assert [m.name for m in reader.iter_metadata()] == ["comotion", "comotion.losses"]
-    nonsense = sum(a.payload == b"nonsense" for a in SCENE)
-    assert series.invalid == {"malformed": nonsense}
+    assert series.invalid == {"malformed": sum(a.payload == b"nonsense" for a in SCENE)}
     assert series.lost == {}
 
 

@@ -31,8 +31,7 @@ def rejected(fusion):
 def test_a_batch_without_rows_claims_no_space():
     fusion = Fusion()
     claims = lambda k, now: pixels("claims", k, now - MS, 0)  # noqa: E731
-    update = play(fusion, range(30), claims, partial(batch, "honest"))[-1]
-    assert len(update.track_id) == 12
+    assert len(play(fusion, range(30), claims, partial(batch, "honest"))[-1].track_id) == 12
     assert rejected(fusion)["honest"] == {}
     assert rejected(fusion)["claims"]["space-mismatch"] > 25
     assert list(fusion.timeline.troubles.lately()["contradicts-space"]) == ["claims"]
@@ -76,8 +75,7 @@ def test_where_the_configuration_names_sources_others_are_refused():
     fusion = Fusion(FusionConfig(spaces={"world": SpaceConfig(sources=("first",))}))
     for source, space in (("other", "world"), ("first", "world"), ("third", "elsewhere")):
         fusion.ingest(batch(source, 0, T0, space=space))
-    update = fusion.update(T0)
-    assert {one.name for one in update.sources} == {"first", "third"}
+    assert {one.name for one in fusion.update(T0).sources} == {"first", "third"}
     assert rejected(fusion) == {"other": {"space-mismatch": 1}, "first": {}, "third": {}}
     fusion.ingest(batch("other", 1, T0 + MS))
     text = in_words(fusion.timeline.troubles.lately())["other", "contradicts-space"]

@@ -45,18 +45,23 @@ def sources(endpoint, track):
 
 @pytest.fixture
 def settled(session):
-    """Wait until every scene has gone on and is sorted out, and a condition holds; labels by scene."""
+    """Wait until every scene is sorted out for 3 s, and a condition holds; labels by scene.
+
+    A standby that begins now must have told the bodies apart before it is needed.
+    """
     with ExitStack() as stack:
         scenes = [f"s{k}" for k in range(SCENES)]
         of = {name: stack.enter_context(Subscription(session, HypothesisUpdate, name)) for name in scenes}
 
         def wait(condition):
-            last = {}
+            last, stamps = {}, []
 
             def is_so():
                 news = [(scene, update) for scene in of for _, update in of[scene].drain()]
                 last.update(news)
-                return news and len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition()
+                if news and len(last) == SCENES and all(map(is_sorted_out, last.values())) and condition():
+                    stamps.append(min(update.stamp_ns for update in last.values()))
+                return stamps and stamps[-1] - stamps[0] >= 3_000_000_000
 
             for subscription in of.values():
                 subscription.drain()
