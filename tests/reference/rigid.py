@@ -22,12 +22,13 @@ def row_cost(y, w, v, poses, soft, cap, unposed, spectrum=(1.0, 0.0, 0.0), metri
     x, a = np.einsum("fji,fj->fi", R[used], y[used] - t[used]), w[used]
     turned = np.einsum("fji,jk,fkl->fil", R[used], M, R[used])
     mean = np.average(x, axis=0, weights=a)
-    squared = np.einsum("fi,fij,fj->f", x - mean, turned, x - mean)
-    b = np.average(x, axis=0, weights=a / (1 + a * squared / (SOFT * 3 * v)))
+    for _ in range(2):
+        squared = np.einsum("fi,fij,fj->f", x - mean, turned, x - mean)
+        mean = np.average(x, axis=0, weights=a / (1 + a * squared / (SOFT * 3 * v)))
     own, more = spectrum[1], soft[0] / v
     memory = (own * spectrum[2] + more * soft[1]) / max(own + more, 1e-300)
     mixed = spectrum[0], own + more, memory
-    squared = squared_innovations(np.flatnonzero(used), x - b, w, v, mixed, turned)
+    squared = squared_innovations(np.flatnonzero(used), x - mean, w, v, mixed, turned)
     wider = np.log(filtered(w, mixed)[0] / filtered(w, spectrum)[0])[used]
     return missing + 0.5 * (np.minimum(squared / v, cap * 3) + 3 * wider).sum(), squared.mean()
 

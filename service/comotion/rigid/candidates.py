@@ -4,6 +4,8 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
+from comotion_schemas.types import symmetric
+
 from ..arrays import Bools, Floats, Ints
 from ..partition import NO_HYPOTHESIS
 from .frames import Frames
@@ -39,8 +41,8 @@ def clusters(frames: Frames, rows: Ints) -> list[Ints]:
     """Clusters of two rows or more, by average linkage at several cuts.
 
     The distance of two rows is the standard deviation of their distance in space over the frames (the root
-    of (3.3)), in units of their common tolerance sqrt(v_i + v_j). So each pair has its own scale, where the
-    thesis has one gamma for all.
+    of (3.3)), in units of their common tolerance along the line between them. So each pair has its own scale,
+    where the thesis has one gamma for all.
 
     Parameters
     ----------
@@ -60,9 +62,8 @@ def clusters(frames: Frames, rows: Ints) -> list[Ints]:
 
 def _normalised_deviation(frames: Frames, rows: Ints) -> Floats:
     """Deviation of distances in tolerances, float64 [n, n]; rows of one trajectory are at zero."""
-    tolerance = frames.tolerance[rows]
-    deviation = distance_deviation(frames.y[rows], frames.w[rows])
-    deviation = deviation / np.sqrt(tolerance[:, None] + tolerance[None])
+    covariance = np.linalg.inv(symmetric(frames.metric[rows])) * frames.tolerance[rows, None, None]
+    deviation = distance_deviation(frames.y[rows], frames.w[rows], covariance[:, *np.triu_indices(3)])
     owner = frames.owner[rows]
     deviation[owner[:, None] == owner[None]] = 0.0
     # A pair that shares no frames is neither near nor far: in the middle of the cuts.

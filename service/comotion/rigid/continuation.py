@@ -12,23 +12,19 @@ import numpy as np
 
 from ..arrays import Bools, Ints, Stamps, find
 from ..config import RigidConfig
-from ..matching import continued, largest_total
 from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
 from .costs import stacked
-from .frames import RENEWED, SELDOM, SETTLED, Frames
+from .frames import RENEWED, SETTLED, Frames
 from .kernels.residuals import recent_residuals
 from .kernels.rest import FALSE_ALARMS
 from .procrustes import followed_body
 from .resampling import extended
-from .subset import is_small
 from .tracks import Tracks
 
-# Shares of the window: a result is held for the first; twice as long as the previous one where it confirms
-# that, but at most for the second.
-_HELD_SHARE, _MOST_HELD = 0.04, 0.12
-# A fit confirms the previous one if at most this share of the trajectories changes its body.
-_CHANGED_SHARE = 0.02
+FIRST_HELD, MOST_HELD = 0.04, 0.12
+"""Shares of the window: a fit with a new body is held for the first, each later one for twice as long, but at
+most for the second, after which bodies are searched anew."""
 # Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
 _ROUND_UP = 0.45
 
@@ -37,23 +33,16 @@ _ROUND_UP = 0.45
 class Fit:
     """The result of a fit, and for how long it may be carried over.
 
-    It was fitted at `fitted_ns`, when `judged` trajectories were old enough (:func:`judged`). New bodies were
-    last searched at `checked_ns`, and are again after the share `holds` of the window.
+    It was fitted at `fitted_ns`, when `judged` trajectories were old enough (:func:`judged`), and is held for
+    the share `holds` of the window at most.
     """
 
     tracks: Tracks
     frames: Frames
     result: SearchResult
     fitted_ns: int
-    checked_ns: int
     judged: int
-    holds: float = _HELD_SHARE
-
-    @property
-    def due(self) -> bool:
-        """Whether new bodies are to be searched."""
-        stamps = self.frames.stamps
-        return bool(stamps[-1] >= self.checked_ns + self.holds * (stamps[-1] - stamps[0]))
+    holds: float
 
 
 def held(
@@ -69,9 +58,7 @@ def held(
         int64 [n], ascending, keys of trajectories that are known to be unexplained.
     """
     frames = last.frames
-    # In a large scene a few of each body are searched before.
-    share = last.holds if is_small(frames) else SELDOM
-    longest_ns = share * (frames.stamps[-1] - frames.stamps[0])
+    longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
     if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
         return None
     tracks = last.tracks.joined(now)
@@ -100,19 +87,6 @@ def held(
 def judged(frames: Frames, config: RigidConfig) -> int:
     """Number of trajectories that were observed for long enough to be searched for hypotheses."""
     return int(np.count_nonzero(frames.life >= config.min_life))
-
-
-def holding(last: Fit | None, frames: Frames, labels: Ints) -> float:
-    """Share of the window for which a new fit may be held, by its labels intp [N] and the last fit."""
-    if last is None:
-        return _HELD_SHARE
-    index = find(frames.key, last.frames.key)
-    old_labels, new_labels = last.result.assignment.labels[index[index >= 0]], labels[index >= 0]
-    count = new_labels.max(initial=-1) + 1
-    heirs = continued(old_labels, new_labels, count, largest_total)
-    same = old_labels == np.append([heirs.get(k, OUTLIER) for k in range(count)], OUTLIER)[new_labels]
-    confirmed = np.count_nonzero(~same) <= _CHANGED_SHARE * len(same)
-    return min(2 * last.holds, _MOST_HELD) if confirmed else _HELD_SHARE
 
 
 def _lost(labels: Ints, tracks: Tracks) -> bool:

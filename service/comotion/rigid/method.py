@@ -20,7 +20,6 @@ noise or to the extent of the scene, so that no parameter has a scale. The steps
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,9 +39,9 @@ from ..partition import (
 from ..trajectories.window import Window
 from .assignment import SearchResult, posterior, same_body
 from .belief import Belief
-from .continuation import Fit, held, holding, judged
+from .continuation import FIRST_HELD, MOST_HELD, Fit, held, judged
 from .fits import Fits
-from .frames import RENEWED, Frames
+from .frames import RENEWED, SELDOM, Frames
 from .motions import anchored_motions, describe_bodies
 from .noise import NoiseEstimates
 from .registration import Registration
@@ -138,13 +137,16 @@ class RigidMethod(Method):
             return None
         outlying_keys = np.array(sorted(self._searched_for), np.int64)
         fit = held(self._last, window, now, stamp_ns, outlying_keys, self._config)
-        if fit is None or not (fit.due and self.searching):
+        if fit is None or not (self.searching and self._long_ago(fit.frames)):
             return fit
         hypotheses = np.where(
             fit.tracks.stop > fit.tracks.start, previous.labels[fit.tracks.slot], NO_HYPOTHESIS
         )
         scene = self._scene(fit.tracks, fit.frames, hypotheses, previous)
-        return None if has_news(scene, fit.result, self._config) else replace(fit, checked_ns=stamp_ns)
+        if has_news(scene, fit.result, self._config):
+            return None
+        self._searched_ns = stamp_ns
+        return fit
 
     def _scene(self, tracks: Tracks, frames: Frames, hypotheses: Labels, previous: Previous) -> Scene:
         static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
@@ -156,24 +158,26 @@ class RigidMethod(Method):
         spans = window.span_ns, window.gap_ns
         frames = make_frames(tracks, self._noise, stamp_ns, *spans, self._config)  # 3, 4
         scene = self._scene(tracks, frames, previous.labels[tracks.slot], previous)
-        result, due = self._grouped(scene)  # 5 to 9
-        if due:
+        result, news = self._grouped(scene)  # 5 to 9
+        if self.searching:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        holds = holding(self._last, frames, result.assignment.labels)
-        return Fit(tracks, frames, result, stamp_ns, stamp_ns, judged(frames, self._config), holds)
+        longest = MOST_HELD if scene.small else SELDOM
+        holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, longest)
+        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config), holds)
 
     def _learn(self, previous: Previous) -> None:
         if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
             self._belief.learn(self._last.result, self._last.frames, previous.ids)
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
-        """The bodies and their trajectories, and whether new bodies were searched."""
+        """The bodies and their trajectories, and whether there are new bodies."""
         fits = Fits(scene.frames, self._config)
         followed = follow(scene, fits, self._config)
         outlying = unexplained(scene, followed, self._config)
-        if self.searching and self._due(scene, scene.frames.key[outlying]):
-            return search(scene, fits, followed, outlying, self._config), True
-        return followed, False
+        if not (self.searching and self._due(scene, scene.frames.key[outlying])):
+            return followed, False
+        result = search(scene, fits, followed, outlying, self._config)
+        return result, result is not followed
 
     def _due(self, scene: Scene, outlying_keys: Stamps) -> bool:
         """Whether to search for new bodies: if a trajectory is newly unexplained, and else now and then.
@@ -184,12 +188,17 @@ class RigidMethod(Method):
         stamps, searched = scene.frames.stamps, self._searched_for
         now_ns, span_ns = int(stamps[-1]), int(stamps[-1] - stamps[0])
         self._searched_for = {key: ns for key, ns in searched.items() if now_ns - ns < RENEWED * span_ns}
-        long_ago = now_ns - self._searched_ns >= RENEWED * span_ns
-        if long_ago or not self._searched_for.keys() >= set(outlying_keys.tolist()):
+        if self._long_ago(scene.frames) or not self._searched_for.keys() >= set(outlying_keys.tolist()):
             self._searched_ns = now_ns
             self._searched_for |= dict.fromkeys(outlying_keys.tolist(), now_ns)
             return True
         return False
+
+    def _long_ago(self, frames: Frames) -> bool:
+        """Whether bodies were last searched longer ago than a share of the window."""
+        span_ns = frames.stamps[-1] - frames.stamps[0]
+        share = MOST_HELD if self._last is None else min(self._last.holds, MOST_HELD)
+        return bool(frames.stamps[-1] - self._searched_ns >= share * span_ns)
 
     def _nothing(self) -> Partition:
         self._belief.forget()

@@ -57,8 +57,7 @@ def normal_equations(
     inward = body.R.transpose(0, 2, 1)
     design[..., :3] = np.cross((y - pivot)[:, :, None], inward)
     design[..., 3:6] = inward
-    moving = np.nan_to_num(velocity[enough]), y - body.t
-    design[..., 6:] = np.einsum("fij,knfj->nfik", inward, np.stack(moving))
+    design[..., 6:] = inward @ np.stack([np.nan_to_num(velocity[enough]), y - body.t], -1)
     design *= seen[..., None, None]
     design[:, :, frames.dim :] = 0.0
     mean = design.sum(1) / np.maximum(seen.sum(1), 1)[:, None, None]
@@ -66,7 +65,7 @@ def normal_equations(
     flat = design.reshape(-1, UNKNOWNS + 1)
     J = pose_columns(mean[..., UNKNOWNS], frames.dim) * scale
     added = (seen.T @ (J.transpose(0, 2, 1) @ J).reshape(-1, 36)).reshape(-1, 6, 6)
-    cross = np.einsum("nip,nfiq->fpq", J, design)
+    cross = np.tensordot(design, J, ((0, 2), (0, 1))).transpose(0, 2, 1)
     any_seen = seen.any(0)
     taken, fewer = _eliminated(information[any_seen], added[any_seen], cross[any_seen])
     whole = flat.T @ flat - taken
@@ -87,5 +86,5 @@ def _eliminated(information: Floats, added: Floats, cross: Floats) -> tuple[Floa
     ridge = ROUNDING * np.trace(pose, axis1=1, axis2=2) / 6
     regular = pose + ridge[:, None, None] * np.eye(6)
     solved = np.linalg.solve(regular, np.concatenate([cross, added], 2))
-    taken = np.einsum("fpq,fpr->qr", cross, solved[:, :, : UNKNOWNS + 1])
+    taken = np.tensordot(cross, solved[:, :, : UNKNOWNS + 1], ((0, 1), (0, 1)))
     return taken, float(np.trace(solved[:, :, UNKNOWNS + 1 :], axis1=1, axis2=2).sum())

@@ -23,7 +23,7 @@ _REPRESENTATIVES = 12
 
 
 class Registration:
-    """Offset of every source but the reference; estimated anew from the window after each search."""
+    """Offset of every source but the reference; estimated anew from the window after each fit."""
 
     def __init__(self) -> None:
         self.reference: int | None = None

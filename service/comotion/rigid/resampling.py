@@ -11,7 +11,7 @@ from ..config import RigidConfig
 from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
-from .kernels.resampling import mean_square, resample
+from .kernels.resampling import mean_square, resample, spread
 from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
 from .tracks import Tracks, ranges
@@ -65,10 +65,7 @@ def make_frames(
     covariance = _noise(tracks, estimates, curves, limits.gap)
     noise = _mean_variance(covariance, tracks.dim)
     y, w = _interpolated(tracks, curves, stamps, limits, noise)
-    observed = w > 0
-    seen = observed.sum(1)
-    apart = (y - y.sum(1, keepdims=True) / np.maximum(seen, 1)[:, None, None]) * observed[..., None]
-    squared = np.einsum("pfc,pfc->p", apart, apart) / np.maximum(seen, 1)
+    seen, squared = spread(y, w)
     life = np.zeros(len(tracks.key))
     np.maximum.at(life, owner, seen / config.frame_rate)
     deformation, resting = _deformation(squared, tracks.extent, config)

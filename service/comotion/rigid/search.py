@@ -38,7 +38,7 @@ def search(
     """
     subset = choose_subset(scene, outlying)
     labels, new = _first_bodies(scene, fits if scene.small else None, subset, config)
-    if not (len(new) or outlying.any()):
+    if not len(new):
         return followed
     if not scene.small:
         members = [np.isin(np.arange(len(outlying)), subset.tracks[labels == k]) for k in new]
@@ -63,8 +63,10 @@ def _first_bodies(scene: Scene, fits: Fits | None, subset: Subset, config: Rigid
     `fits` are those of the scene, if it is searched as a whole.
     """
     part = scene.of(subset.tracks) if fits is None else scene
-    fits = fits or Fits(part.frames, config)
     previous_rows, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
+    if not clusters:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    fits = fits or Fits(part.frames, config)
     fitted = fits.of(previous_rows + clusters, still=False)  # 6
     chosen, costs = select(part, fitted, fits.costs(fitted), config)  # 7, 8
     labels = without_sliders(cheapest(costs.body, costs.outlier), costs)

@@ -57,7 +57,8 @@ def difference_covariances(
         for m in range(stop[i] - 4, stop[i] - seen - 1, -step):
             if k < most and _contrast(times, positions, m, gap[i], contrasts, k):
                 k += 1
-        count[n] = k / _OVERLAP[min(step, 4) - 1]
+        # Few differences overlap less: of one, none does.
+        count[n] = k * k / max(k + (_OVERLAP[min(step, 4) - 1] - 1) * (k - 1), 1.0)
         wildest = np.zeros(k)
         for d in range(len(directions) if k > 0 else 0):
             squares = (contrasts[:k] @ directions[d]) ** 2

@@ -4,16 +4,19 @@ import numpy as np
 
 from ...arrays import Floats, Ints
 from ...compiled import compiled
+from .metric import quadratic
 
 
 @compiled()
-def distance_deviation(y: Floats, w: Floats) -> Floats:
+def distance_deviation(y: Floats, w: Floats, covariance: Floats) -> Floats:
     """Standard deviation of each pair's distance over its common frames: the root of (3.3), equal weights.
+
+    It is relative to that of the noise along the line between the two.
 
     Parameters
     ----------
-    y, w
-        float64 [n, F, 3] and [n, F] (0: unobserved).
+    y, w, covariance
+        float64 [n, F, 3], [n, F] (0: unobserved) and [n, 6], of the noise: xx, xy, xz, yy, yz, zz.
 
     Returns
     -------
@@ -23,11 +26,15 @@ def distance_deviation(y: Floats, w: Floats) -> Floats:
     deviation = np.full((n, n), np.nan)
     for i in range(n):
         for j in range(i + 1, n):
-            count, shift, total, squares = 0, 0.0, 0.0, 0.0
+            noise, count, shift, total, squares = covariance[i] + covariance[j], 0, 0.0, 0.0, 0.0
+            along, length = 0.0, 0.0
             for f in range(frames):
                 if w[i, f] > 0 and w[j, f] > 0:
                     a, b, c = y[i, f, 0] - y[j, f, 0], y[i, f, 1] - y[j, f, 1], y[i, f, 2] - y[j, f, 2]
-                    d = np.sqrt(a * a + b * b + c * c)
+                    d2 = a * a + b * b + c * c
+                    d = np.sqrt(d2)
+                    along += quadratic(noise, a, b, c)
+                    length += d2
                     # Sums about the first distance, as E[d^2] - E[d]^2 would cancel.
                     shift = d if count == 0 else shift
                     total += d - shift
@@ -35,7 +42,8 @@ def distance_deviation(y: Floats, w: Floats) -> Floats:
                     count += 1
             if count > 1:
                 variance = max(squares - total * total / count, 0.0) / (count - 1)
-                deviation[i, j] = deviation[j, i] = np.sqrt(variance)
+                # The mean over the frames: the pair may turn.
+                deviation[i, j] = deviation[j, i] = np.sqrt(variance * length / max(along, 1e-300))
     return deviation
 
 

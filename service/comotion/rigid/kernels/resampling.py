@@ -99,6 +99,27 @@ def _far_from_median(positions: Floats, own: int, variance: float) -> bool:
 
 
 @compiled()
+def spread(y: Floats, w: Floats) -> tuple[Ints, Floats]:
+    """Frames in which each row is seen, intp [P], and its mean squared distance from its mean, float64 [P].
+
+    `y` float64 [P, F, 3] is 0 where `w` [P, F] is.
+    """
+    count, squared = np.zeros(len(y), np.intp), np.zeros(len(y))
+    for i in range(len(y)):
+        m0, m1, m2 = 0.0, 0.0, 0.0
+        for f in range(y.shape[1]):
+            if w[i, f] > 0:
+                m0, m1, m2 = m0 + y[i, f, 0], m1 + y[i, f, 1], m2 + y[i, f, 2]
+                count[i] += 1
+        n = max(count[i], 1)
+        for f in range(y.shape[1]):
+            if w[i, f] > 0:
+                a, b, c = y[i, f, 0] - m0 / n, y[i, f, 1] - m1 / n, y[i, f, 2] - m2 / n
+                squared[i] += (a * a + b * b + c * c) / n
+    return count, squared
+
+
+@compiled()
 def mean_square(values: Floats, start: Ints, stop: Ints) -> Floats:
     """Mean square of values[start[i]:stop[i]] for each i, float64 [N]; NaN where one of them is."""
     mean = np.zeros(len(start))

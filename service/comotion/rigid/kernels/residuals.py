@@ -72,7 +72,9 @@ def body_costs(
             path, soft = poses[k, first:stop], deformation[0][k]
             _filter_gains(observed, noise, soft, deformation[1], mixed, gains)
             _place(observed, path, x, sums)
-            _robust_means(x, path, noise, sums)
+            # The plain mean of few frames with a gross error is far from all of them: one step is too few.
+            for _ in range(2):
+                _robust_means(x, path, noise, sums)
             _innovations(x, path, gains, mixed, cap * dim, sums)
             if soft > 0:
                 _log_ratios(x[: len(path)], rigid, gains, sums)
@@ -169,7 +171,8 @@ def _place(lanes: Floats, poses: Floats, x: Floats, sums: Floats) -> None:
 
 @compiled()
 def _robust_means(x: Floats, poses: Floats, noise: Floats, sums: Floats) -> None:
-    """Mean of points with less weight for those far from the plain mean, in its place."""
+    """Mean of points with less weight for those far from the last mean, in its place."""
+    sums[_STATE : _ROBUST + _LANES] = 0.0
     for f in range(len(poses)):
         p, row = poses[f], x[f]
         for j in range(_LANES):
