@@ -102,9 +102,9 @@ def distinct(values: NDArray[np.signedinteger[Any]]) -> tuple[Labels, Ints]:
     if span > _SPAN * (len(values) + _SPAN):
         names, rows = np.unique(values, return_inverse=True)
         return names.astype(np.int64), rows
-    present = np.zeros(span, np.bool_)
-    present[values - least] = True
-    return np.flatnonzero(present) + least, (np.cumsum(present) - 1)[values - least]
+    present, places = np.zeros(span, np.bool_), values - least
+    present[places] = True
+    return present.nonzero()[0] + least, (present.cumsum() - 1)[places]
 
 
 def ranks(groups: Labels, by: NDArray[Any]) -> Ints:

@@ -70,7 +70,10 @@ class Members(Table):
         `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
         nothing tells where a feature is that was lost before `oldest_ns`.
         """
-        if not len(self) or not (telling := find(self.keys, current) < 0).any():
+        if not len(self):
+            return self
+        telling = find(self.keys, current) < 0
+        if not telling.any():
             return self.of(slice(0))
         telling &= (self.seen >= oldest_ns) | (posed & self.lasted)
         return self if telling.all() else self.of(telling)
@@ -166,7 +169,7 @@ class Record:
         """
         rows = current.members[hypothesis]
         positions, seconds = current.positions.take(rows, 0), max(stamp_ns - self.seen_ns, 0) * 1e-9
-        centroid = np.asarray(positions.mean(0), np.float64)
+        centroid = np.asarray(positions.sum(0) / len(rows), np.float64)
         self._settle(centroid, seconds)
         previous = (self.members, self.lost) if posed == self.posed else (Members.none(), Members.none())
         self.seen_ns, self.posed = stamp_ns, posed
