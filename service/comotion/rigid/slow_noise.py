@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Ints, last_true, thinned
+from ..arrays import Bools, Floats, Ints, last_true, quantiles, thinned
 from .frames import FEWEST
 
 # Most rows of a source that are examined, evenly drawn, and nearest rows to compare each with: a median needs
@@ -87,13 +87,13 @@ def _variogram(both: Bools, apart: Floats, tolerance: Floats, frame_rate: float)
 
     Of n pairs: bool [n, F], whether both are seen; float64 [n, F], their distance; and its tolerance, [n].
     """
-    lags, usual = np.zeros(0), np.zeros(0)
+    lags, usual = [], []
     for lag in np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp)).tolist():
         seen = both[:, lag:] & both[:, :-lag]
         enough = seen.sum(1) >= FEWEST
         if enough.sum() >= FEWEST:
             change = ((apart[:, lag:] - apart[:, :-lag]) * seen)[enough]
             variogram = 0.5 * (change**2).sum(1) / seen[enough].sum(1)
-            usual = np.append(usual, np.quantile(variogram / tolerance[enough], _QUANTILE))
-            lags = np.append(lags, lag)
-    return lags, usual
+            usual += quantiles(variogram / tolerance[enough], (_QUANTILE,))
+            lags.append(float(lag))
+    return np.array(lags), np.array(usual)
