@@ -158,7 +158,7 @@ class Registry(Lifecycle):
                 continue
             centroid = record.see(stamp_ns, number, present, posed=pose is not None)
             record.static = group.static
-            described = Hypothesis(
+            described = Hypothesis.trusted(
                 id=number,
                 space=self.space,
                 size=len(present.members[number]),
