@@ -70,7 +70,7 @@ class Members(Table):
         `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
         nothing tells where a feature is that was lost before `oldest_ns`.
         """
-        if not len(self):
+        if not len(self.keys):
             return self
         telling = find(self.keys, current) < 0
         if not telling.any():
@@ -80,8 +80,8 @@ class Members(Table):
 
     def joined(self, other: "Members") -> "Members":
         """These and others, ascending."""
-        if not len(self) or not len(other):
-            return self if len(self) else other
+        if not len(self.keys) or not len(other.keys):
+            return self if len(self.keys) else other
         both = super().joined(other)
         return both.of(np.argsort(both.keys))
 
