@@ -34,8 +34,9 @@ _PLACE = 0.25
 _FIRST, _CLEAR = 1.0, 1.0
 # ns; a body has lasted once its age times its members is so much: few members take longer to be sure of.
 _LASTED_NS = 3_000_000_000
-# nat; against rest, by all members of a group: so much takes them off the background at once.
-_LEAVES_AS_ONE = 20.0
+# nat; against rest, by a group: so much takes it off the background at once. Members that count before a
+# camera that rests: what sways does so together, and that more do tells no more.
+_LEAVES_AS_ONE, _COUNTED = 20.0, 13
 # ns; a body is dropped if it is older and has not lasted, or had no member for so long.
 _GONE_NS = 1_000_000_000
 # Members without which a body that has not lasted is dropped.
@@ -198,7 +199,8 @@ class Belief:
         labels, bodies = self.labels(recent.slots), self._members(recent, stamp_ns)
         free = (labels <= BACKGROUND) & (rest < 0) & recent.seen[0]
         for group in find_groups(recent, free):
-            leaves = rest[group].sum() < -_LEAVES_AS_ONE
+            counted = len(group) if recent.tolerance.any() else min(len(group), _COUNTED)
+            leaves = rest[group].mean() * counted < -_LEAVES_AS_ONE
             members = group if leaves else group[labels[group] < 0]
             if len(members) < LEAST_MEMBERS:
                 continue

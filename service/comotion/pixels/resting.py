@@ -96,8 +96,9 @@ class RestingCamera:
         recent = self._steadying.steadied(recent, window.key, background)
         ids, counts = np.unique(own[own >= 0], return_counts=True)
         largest = own == (ids[counts.argmax()] if len(ids) else -1)
-        agree = (own >= 0) & ((rest_gain(recent) > 0) == largest)
-        self._agreed = self._agreed + 1 if agree.mean() > 1 - _DISAGREE else 0
+        # What the window has not named yet neither agrees nor disagrees.
+        agree = ((rest_gain(recent) > 0) == largest)[own >= 0]
+        self._agreed = self._agreed + 1 if agree.sum() > (1 - _DISAGREE) * len(agree) else 0
         if self._steadying.rigid:
             self._steady = _judged(recent, self._steady)
         else:
