@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import PixelsConfig
 from comotion.pixels.consensus import consensus
 from comotion.pixels.geometry import two_bodies
 from comotion.pixels.grouping import group, held_apart
@@ -24,7 +23,7 @@ def frames_of(positions, visible=None, noise=0.0):
 
 def grouped(frames):
     """Groups of trajectories that had no hypothesis before."""
-    return group(frames, PixelsConfig(), np.full(len(frames.variance), -1))
+    return group(frames, np.full(len(frames.variance), -1))
 
 
 def affine_scene(rng, sizes, frames=24, noise=0.1):
@@ -215,10 +214,10 @@ def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
 def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
     frames = scene(noise, hidden)
-    assert not two_bodies(frames, NEAR, FAR, drift=0.02)
-    assert two_bodies(frames, NEAR, OTHER, drift=0.02)
+    assert not two_bodies(frames, NEAR, FAR)
+    assert two_bodies(frames, NEAR, OTHER)
     # Too few points say nothing.
-    assert not two_bodies(frames, NEAR, OTHER[:4], drift=0.02)
+    assert not two_bodies(frames, NEAR, OTHER[:4])
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
@@ -236,5 +235,5 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
 def test_what_was_apart_stays_apart_on_little_evidence(previous, merged):
     alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
     agreed = held_apart(np.full((2, 2), 0.2), np.split(np.arange(20), 2), np.repeat(previous, 10))
-    merging = Merging(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False, 5)
+    merging = Merging(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False)
     assert len(np.unique(merging.groups())) == merged

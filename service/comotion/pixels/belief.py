@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels, Slots
-from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import BODY_SCALES, group_gain, rest_gain
@@ -71,8 +70,6 @@ class Belief:
         becomes the background, the others bodies.
     resting
         intp [n]; slots of trajectories at rest.
-    config
-        Of the method.
 
     Attributes
     ----------
@@ -80,7 +77,7 @@ class Belief:
         By column of the evidence; None for a free one. The first is the background.
     """
 
-    def __init__(self, window: Window, labels: Labels, resting: Slots, config: PixelsConfig) -> None:
+    def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
         ids = np.unique(labels[labels >= 0])
         counts = (labels[resting] == ids[:, None]).sum(axis=1)
         ids = ids[np.argsort(-counts, kind="stable")]
@@ -94,7 +91,7 @@ class Belief:
         self._seen = labels >= 0
         # And whether it was shown as one of the background, or of a body that has lasted.
         self._known = labels >= 0
-        self._together, self._structure = Together(), Structure(config)
+        self._together, self._structure = Together(), Structure()
         self._recent: Recent | None = None
 
     def step(self, window: Window, recent: Recent, stamp_ns: int, *, carried: bool) -> None:

@@ -19,12 +19,11 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
-from ..config import PixelsConfig
 from .consensus import consensus
 from .distances import distances
 from .geometry import two_bodies
 from .key_frames import KeyFrames
-from .merging import Merging
+from .merging import SMALLEST, Merging
 from .neighbour_sampling import sample_members
 from .similarity import combine, explain, preference, subspace
 
@@ -57,7 +56,7 @@ class Grouping:
     similarity: Floats32
 
 
-def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grouping:
+def group(frames: KeyFrames, previous: Labels) -> Grouping:
     """Group trajectories by motion and find the number of groups: steps 2 to 6.
 
     The draw of local motions is fixed: same input, same groups.
@@ -66,27 +65,24 @@ def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grou
     ----------
     frames
         F key frames of N ≥ 2 trajectories.
-    parameters
-        Of the method.
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
     """
     distance, local = distances(frames)
-    members = sample_members(local, parameters.local_motions, np.random.default_rng(0))  # 2
+    members = sample_members(local, np.random.default_rng(0))  # 2
     kernel = preference(explain(frames, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
-    superclusters = _superclusters(similarity, previous, parameters.smallest)  # 5
+    superclusters = _superclusters(similarity, previous)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
-    are_two = partial(two_bodies, frames, drift=parameters.drift)
-    merging = Merging(similarity, distance, superclusters, agreed, are_two, parameters.smallest)
+    merging = Merging(similarity, distance, superclusters, agreed, partial(two_bodies, frames))
     merged = merging.groups()  # 6
     _, labels = np.unique(merged[superclusters], return_inverse=True)
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
     return Grouping(labels, _confidence(mean, labels), similarity)
 
 
-def _superclusters(similarity: Floats32, previous: Labels, smallest: int) -> Ints:
+def _superclusters(similarity: Floats32, previous: Labels) -> Ints:
     """Superclusters of trajectories, intp [N], by average linkage, each of one hypothesis so far.
 
     Bodies that moved apart move alike for a while.
@@ -97,7 +93,7 @@ def _superclusters(similarity: Floats32, previous: Labels, smallest: int) -> Int
     for k in range(parts.max() + 1):
         members = np.flatnonzero((parts == k) & (previous >= 0))
         ids, counts = np.unique(previous[members], return_counts=True)
-        for name in ids[counts >= smallest][1:]:
+        for name in ids[counts >= SMALLEST][1:]:
             parts[members[previous[members] == name]] = parts.max() + 1
     return parts
 

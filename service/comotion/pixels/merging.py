@@ -7,6 +7,9 @@ import numpy as np
 from ..arrays import Floats, Floats32, Ints, median
 from .key_frames import evenly_spaced
 
+SMALLEST = 5
+"""Members below which a group joins another one without evidence."""
+
 # Members of the smaller group that are compared, each with so many of the other group and of its own.
 _COMPARED, _NEAREST = 40, 5
 # Evidence, in nat, that a consensus of 1 is for one body, beside the drop of log similarity across the
@@ -34,8 +37,6 @@ class Merging:
         float64 [P, P]; of the superclusters about epipolar geometries.
     two_bodies
         Whether two groups, intp each, contradict one another over wide baselines.
-    smallest
-        Members below which a group joins another one without evidence.
     """
 
     def __init__(
@@ -45,10 +46,9 @@ class Merging:
         superclusters: Ints,
         consensus: Floats,
         two_bodies: Callable[[Ints, Ints], bool],
-        smallest: int,
     ) -> None:
         self._similarity, self._distance = similarity, distance
-        self._two_bodies, self._smallest = two_bodies, smallest
+        self._two_bodies = two_bodies
         self._superclusters = superclusters
         one_hot = np.eye(len(consensus))[superclusters]
         self._size = one_hot.sum(axis=0)
@@ -86,7 +86,7 @@ class Merging:
     def _merges(self, a: int, b: int, consensus: float) -> bool:
         of_member = self._group[self._superclusters]
         small, large = sorted((np.flatnonzero(of_member == group) for group in (a, b)), key=len)
-        if len(small) < self._smallest:
+        if len(small) < SMALLEST:
             return True
         key = a, b, len(small), len(large)
         if key not in self._decided:

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats32, Slots
-from ..config import FusionConfig
-from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
+from ..partition import NO_HYPOTHESIS, Method, Partition, Previous
 from ..trajectories.window import Window
 from .belief import Belief
 from .describe import alone_at_rest, describe, of_moving_camera
@@ -27,19 +26,10 @@ _UNKNOWN_AFFINITY = 0.5
 
 
 class PixelMethod(Method):
-    """The method of one space in pixels.
+    """The method of one space in pixels."""
 
-    Parameters
-    ----------
-    config
-        Its group `pixels` matters here.
-    spec
-        The space.
-    """
-
-    def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
-        self._p = config.pixels
-        self._camera = RestingCamera(config.pixels)
+    def __init__(self) -> None:
+        self._camera = RestingCamera()
         no_slots: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
         self._last: tuple[Slots, Slots, Floats32] = (no_slots, no_slots, np.zeros((0, 0), np.float32))
@@ -51,12 +41,12 @@ class PixelMethod(Method):
             belief = self._camera.advance(window, window.instants, stamp_ns, previous.labels)
         if belief is not None:
             return self._believed(belief, window, current)
-        compared, frames = compared_trajectories(window, current, window.instants, self._p)  # 1
+        compared, frames = compared_trajectories(window, current, window.instants)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         labels = previous.labels[compared]
         if len(compared) > 1:
-            grouping = group(frames, self._p, labels)  # 2 to 6
+            grouping = group(frames, labels)  # 2 to 6
             resting = alone_at_rest(frames, grouping.labels)
             groups[compared] = np.where(resting, NO_HYPOTHESIS, grouping.labels)
             confidence[compared] = grouping.confidence

@@ -8,20 +8,20 @@ from ..arrays import Floats32, Ints
 # every body, and one affine motion fits two bodies. On the first 10 frames of Hopkins155 that lowered the
 # error from 4.8 to 3.9 %.
 _NEIGHBOURHOOD_DIVISOR = 4
+# Local motions.
+_LOCAL_MOTIONS = 600
 # Trajectories that each local motion is fitted to, and numbers of nearest ones that they are drawn from.
 # Each of these serves an even share of the local motions.
 _MEMBERS, _REACHES = 8, (16, 32)
 
 
-def sample_members(local: Floats32, local_motions: int, rng: np.random.Generator) -> list[Ints]:
+def sample_members(local: Floats32, rng: np.random.Generator) -> list[Ints]:
     """Members of local motions: seeds with random picks of their nearest.
 
     Parameters
     ----------
     local
         float32 [N, N]; distances in place and motion.
-    local_motions
-        How many groups are drawn.
     rng
         Source of the picks.
 
@@ -31,7 +31,7 @@ def sample_members(local: Floats32, local_motions: int, rng: np.random.Generator
         One per reach; fewer columns where there are fewer trajectories.
     """
     total = len(local)
-    share = -(-local_motions // len(_REACHES))
+    share = -(-_LOCAL_MOTIONS // len(_REACHES))
     rounds = -(-share // total)
     seeds = np.concatenate([rng.permutation(total) for _ in range(rounds)])[:share]
     distance = local[seeds]

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import Bools, Labels
-from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
 from .gains import rest_gain, steadiness
@@ -41,8 +40,7 @@ class RestingCamera:
         Whether the camera moved at the last step.
     """
 
-    def __init__(self, config: PixelsConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self.carried = False
         self._agreed = 0
         # That the camera rests, and that the background does once its motion is subtracted.
@@ -81,9 +79,7 @@ class RestingCamera:
                 if self._steady < 0 or (early and not began):
                     self._belief = None
                     continue
-            self._belief = self._belief or Belief(
-                window, labels, recent.slots[rest_gain(recent) > 0], self._config
-            )
+            self._belief = self._belief or Belief(window, labels, recent.slots[rest_gain(recent) > 0])
             self._belief.step(window, recent, instant, carried=self.carried)
         self._stamp_ns = max(last, first)
         return self._belief
