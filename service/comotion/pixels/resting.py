@@ -67,7 +67,7 @@ class RestingCamera:
         # After a gap the window begins later than the last step.
         first = max(self._stamp_ns or stamps[0], last - window.span_ns, stamps[0])
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
-        for instant in _instants(first, last, count):
+        for instant in (first + (last - first) * k // count for k in range(1, count + 1)):
             recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
             if self._belief is not None:
                 self._belief.admit(window)
@@ -93,7 +93,7 @@ class RestingCamera:
         ids, counts = np.unique(own[own >= 0], return_counts=True)
         largest = own == (ids[counts.argmax()] if len(ids) else -1)
         agree = (own >= 0) & ((rest_gain(recent) > 0) == largest)
-        self._agreed = self._agreed + 1 if agree.mean() > 1 - _DISAGREE else 0
+        self._agreed = self._agreed + 1 if agree.sum() > (1 - _DISAGREE) * len(agree) else 0
         if self._steadying.rigid:
             self._steady = _judged(recent, self._steady)
         else:
@@ -117,13 +117,7 @@ def _judged(recent: Recent, evidence: float, movers: Bools | np.bool_ = np.False
     if seen.sum() < _LEAST_TRACKS:
         return evidence
     cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    cell = cell.ravel()
+    cell = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
     share = float((np.bincount(cell, steadiness(recent)[seen]) / np.bincount(cell)).mean())
     change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
     return min(max(evidence + change, -_MOST), _MOST)
-
-
-def _instants(first: int, last: int, count: int) -> list[int]:
-    """`count` instants after the first, up to the last, evenly spaced, ns."""
-    return [first + (last - first) * k // count for k in range(1, count + 1)]
