@@ -38,18 +38,12 @@ class KeyFrames:
 
     def of(self, tracks: Ints) -> "KeyFrames":
         """The same instants for some of the trajectories, by index."""
-        return KeyFrames(
-            np.ascontiguousarray(self.positions[:, tracks]),
-            np.ascontiguousarray(self.visible[:, tracks]),
-            self.variance[tracks],
-        )
+        return KeyFrames(self.positions.take(tracks, 1), self.visible.take(tracks, 1), self.variance[tracks])
 
 
 def evenly_spaced(count: int, most: int) -> Ints:
     """Up to `most` indices below `count`, evenly spread, both ends included."""
-    if count <= most:
-        return np.arange(count)
-    return np.asarray(np.rint(np.arange(most) * ((count - 1) / max(most - 1, 1))), np.intp)
+    return np.rint(np.linspace(0, count - 1, min(count, most))).astype(np.intp)
 
 
 def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[int]) -> KeyFrames:

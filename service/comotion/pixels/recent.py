@@ -47,10 +47,10 @@ class Recent:
         return Recent(
             self.slots[tracks],
             self.position[tracks],
-            np.ascontiguousarray(self.displacement[:, tracks]),
-            np.ascontiguousarray(self.seen[:, tracks]),
+            self.displacement.take(tracks, 1),
+            self.seen.take(tracks, 1),
             self.variance[tracks],
-            np.ascontiguousarray(self.tolerance[:, tracks]),
+            self.tolerance.take(tracks, 1),
         )
 
     @cached_property
