@@ -75,6 +75,8 @@ class Belief:
     ----------
     bodies
         By column of the evidence; None for a free one. The first is the background.
+    variance
+        float64 [capacity], px²; noise of a coordinate of each slot at the last step, NaN unknown.
     """
 
     def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
@@ -92,7 +94,7 @@ class Belief:
         # And whether it was shown as one of the background, or of a body that has lasted.
         self._known = labels >= 0
         self._together, self._structure = Together(), Structure()
-        self._recent: Recent | None = None
+        self.variance = np.full(len(labels), np.nan)
 
     def step(self, window: Window, recent: Recent, stamp_ns: int, *, carried: bool) -> None:
         """Take in the motion of trajectories that were admitted up to an instant."""
@@ -114,7 +116,9 @@ class Belief:
         self._merge(window, recent, lately, stamp_ns)
         self._split(window, recent, stamp_ns)
         self._review(recent, stamp_ns)
-        self._recent, shown = recent, self.shown(recent.slots)
+        self.variance = np.full(window.capacity, np.nan)
+        self.variance[recent.slots] = recent.variance
+        shown = self.shown(recent.slots)
         self._known[recent.slots] |= (shown != NO_HYPOTHESIS) & self._lasted(shown)
 
     def labels(self, slots: Slots) -> Ints:
@@ -146,13 +150,6 @@ class Belief:
         """Probability of the body of each slot against the best other one, or none, float64 [n]."""
         evidence = np.sort(np.pad(self._evidence[slots], ((0, 0), (1, 0))), axis=1)
         return np.asarray(1 / (1 + np.exp(evidence[:, -2] - evidence[:, -1])))
-
-    def residual(self, window: Window, slots: Slots) -> Floats:
-        """Squared noise of both coordinates of each slot, px² [n]; NaN unknown."""
-        residual = np.full(window.capacity, np.nan)
-        if self._recent is not None:
-            residual[self._recent.slots] = 2 * self._recent.variance
-        return residual[slots]
 
     def admit(self, window: Window) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""

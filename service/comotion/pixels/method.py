@@ -43,19 +43,15 @@ class PixelMethod(Method):
             return self._believed(belief, window, current)
         compared, frames = compared_trajectories(window, current, window.instants)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
-        confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
-        labels = previous.labels[compared]
+        confidence, variance = np.zeros(window.capacity), np.full(window.capacity, np.nan)
+        self._last = current, compared[:0], np.zeros((0, 0), np.float32)
         if len(compared) > 1:
-            grouping = group(frames, labels)  # 2 to 6
+            grouping = group(frames, previous.labels[compared])  # 2 to 6
             resting = alone_at_rest(frames, grouping.labels)
             groups[compared] = np.where(resting, NO_HYPOTHESIS, grouping.labels)
             confidence[compared] = grouping.confidence
-            residual[compared] = 2 * frames.variance
+            variance[compared] = frames.variance
             self._last = current, compared, grouping.similarity
-        else:
-            ids = np.unique(labels[labels >= 0])
-            groups[compared] = np.where(labels >= 0, np.searchsorted(ids, labels), NO_HYPOTHESIS)
-            self._last = current, compared[:0], np.zeros((0, 0), np.float32)
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):
@@ -63,7 +59,7 @@ class PixelMethod(Method):
             groups[newborn], share = assign_newborns(window, newborn, labelled, groups[labelled])
             confidence[newborn] = share / 2
         slots = np.union1d(current, compared)
-        described = describe(window, current, groups[current], residual[current], count)
+        described = describe(window, current, groups[current], variance[current], count)
         return Partition(
             slots=slots,
             groups=groups[slots],
@@ -80,8 +76,7 @@ class PixelMethod(Method):
         labelled = current[shown >= 0]
         affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
         self._last = current, labelled, affinity
-        residual = belief.residual(window, current)
-        described = describe(window, current, shown, residual, len(belief.bodies))
+        described = describe(window, current, shown, belief.variance[current], len(belief.bodies))
         return Partition(
             slots=slots,
             groups=groups,

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Slots, Stamps
+from ..arrays import Bools, Floats, Slots, Stamps, nanmedian
 from ..trajectories.window import Window
-from .medians import nanmedian
 
 # Newest instants on which noise is estimated, and differences that the median of the source is worth.
 _INSTANTS, _POOL = 12, 20

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from ..arrays import Bools, Floats, Ints, Slots, Stamps, nanmedian
 from .gains import rest_gain
-from .medians import nanmedian
 from .recent import Recent
 
 # Trajectories of the background without which its motion is unknown.

@@ -6,12 +6,11 @@ Over seconds they turn against each other, as the grouping of a window shows (:m
 
 import numpy as np
 
-from ..arrays import Ints, thinned
+from ..arrays import Ints, nanmedian, thinned
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .grouping import group
 from .key_frames import key_frames
-from .medians import nanmedian
 from .newborns import nearest_votes
 from .recent import Recent
 
