@@ -8,7 +8,7 @@ from comotion.pixels.consensus import consensus
 from comotion.pixels.geometry import two_bodies
 from comotion.pixels.grouping import group, held_apart
 from comotion.pixels.key_frames import KeyFrames
-from comotion.pixels.merging import Merging
+from comotion.pixels.merging import merged
 from comotion_clients.metrics import misclassification
 
 from .. import builders
@@ -231,9 +231,8 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
     assert not agreement[4].any()
 
 
-@pytest.mark.parametrize(("previous", "merged"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
-def test_what_was_apart_stays_apart_on_little_evidence(previous, merged):
+@pytest.mark.parametrize(("previous", "count"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
+def test_what_was_apart_stays_apart_on_little_evidence(previous, count):
     alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
     agreed = held_apart(np.full((2, 2), 0.2), np.split(np.arange(20), 2), np.repeat(previous, 10))
-    merging = Merging(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False)
-    assert len(np.unique(merging.groups())) == merged
+    assert len(merged(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False)) == count

@@ -23,7 +23,7 @@ from .consensus import consensus
 from .distances import distances
 from .geometry import two_bodies
 from .key_frames import KeyFrames
-from .merging import SMALLEST, Merging
+from .merging import SMALLEST, merged
 from .neighbour_sampling import sample_members
 from .similarity import combine, explain, preference, subspace
 
@@ -75,9 +75,10 @@ def group(frames: KeyFrames, previous: Labels) -> Grouping:
     superclusters = _superclusters(similarity, previous)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
-    merging = Merging(similarity, distance, superclusters, agreed, partial(two_bodies, frames))
-    merged = merging.groups()  # 6
-    _, labels = np.unique(merged[superclusters], return_inverse=True)
+    labels = np.zeros(len(similarity), np.intp)
+    groups = merged(similarity, distance, superclusters, agreed, partial(two_bodies, frames))  # 6
+    for k, of_body in enumerate(groups):
+        labels[of_body] = k
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
     return Grouping(labels, _confidence(mean, labels), similarity)
 
