@@ -3,7 +3,7 @@
 The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
 local motions that explain both, and by the subspace that they span together. The steps of the method:
 
-2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`).
+2. Fit local affine motions to random groups of neighbours (:mod:`.neighbours`).
 3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters by average linkage, each within one body and one hypothesis so far.
@@ -20,11 +20,10 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
 from .consensus import consensus
-from .distances import distances
 from .geometry import two_bodies
 from .key_frames import KeyFrames
 from .merging import SMALLEST, merged
-from .neighbour_sampling import sample_members
+from .neighbours import distances, sample_members
 from .similarity import combine, explain, preference, subspace
 
 # Mean similarity down to which a group lies within one body: .15 % of the members are of another one on
