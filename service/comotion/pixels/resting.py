@@ -89,7 +89,7 @@ class RestingCamera:
         own, background = labels[recent.slots], np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
             background = self._belief.labels(recent.slots) == BACKGROUND
-        recent = self._steadying.steadied(recent, window.key, background)
+        recent = self._steadying.steadied(recent, window.key[recent.slots], background)
         ids, counts = np.unique(own[own >= 0], return_counts=True)
         largest = own == (ids[counts.argmax()] if len(ids) else -1)
         agree = (own >= 0) & ((rest_gain(recent) > 0) == largest)

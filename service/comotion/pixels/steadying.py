@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps, nanmedian
+from ..arrays import Bools, Floats, Ints, Stamps, find, nanmedian
 from .gains import rest_gain
 from .recent import Recent
 
@@ -63,7 +63,7 @@ class _Structure(NamedTuple):
 
 
 class Steadying:
-    """Follows the depth of each slot of a window.
+    """Follows the depth of each trajectory of a window.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Steadying:
     def __init__(self) -> None:
         self.rigid = False
         self._keys: Stamps = np.zeros(0, np.int64)
-        # By slot: inverse depth less a plane, in the root mean square of all, and its precision.
+        # Of each: inverse depth less a plane, in the root mean square of all, and its precision.
         self._depth, self._precision = np.zeros((2, 0))
 
     def steadied(self, recent: Recent, keys: Stamps, members: Bools) -> Recent:
@@ -85,12 +85,14 @@ class Steadying:
         recent
             Of n trajectories.
         keys
-            int64 [capacity]; stable numbers of the trajectories of all slots.
+            int64 [n], ascending; stable numbers of the trajectories.
         members
             bool [n]; the background.
         """
         lost, self.rigid = not self.rigid, False
-        depth, precision = self._carried(recent.slots, keys)
+        at = find(keys, self._keys)
+        depth = np.append(self._depth, 0.0)[at]
+        precision = np.clip(_KEPT * np.append(self._precision, 0.0)[at], _NEWBORN, _MOST)
         # Whether what came into view lately rests is for the structure to say.
         new = ~recent.seen[_LONG]
         background = members | new
@@ -105,24 +107,16 @@ class Steadying:
             fits.append(_structure(recent, views, depth, np.full(len(depth), _NEWBORN), _FIRST_ROUNDS))
         best = max(fits, key=lambda fit: np.count_nonzero(fit.rests & background))
         self.rigid = bool((best.spread[scales == _SCALE] < _RIGID_PX2).any())
-        self._keep(recent.slots, views.place, best.depth, best.precision, background)
+        self._keep(keys, views.place, best.depth, best.precision, background)
         return best.relative
 
-    def _carried(self, slots: Slots, keys: Stamps) -> tuple[Floats, Floats]:
-        extra = len(keys) - len(self._keys)
-        self._keys = np.append(self._keys, np.full(extra, -1))
-        self._depth, self._precision = (np.append(x, np.zeros(extra)) for x in (self._depth, self._precision))
-        fresh = slots[self._keys[slots] != keys[slots]]
-        self._depth[fresh], self._precision[fresh], self._keys[fresh] = 0.0, 0.0, keys[fresh]
-        return self._depth[slots], np.clip(_KEPT * self._precision[slots], _NEWBORN, _MOST)
-
-    def _keep(self, slots: Slots, place: Floats, depth: Floats, precision: Floats, members: Bools) -> None:
+    def _keep(self, keys: Stamps, place: Floats, depth: Floats, precision: Floats, members: Bools) -> None:
         """Depths up to a plane and a factor, which cameras make up for."""
         plane = np.column_stack([np.ones(len(place)), place])
         weight = np.where(members, precision / (1 + precision), 0.0)
         depth = depth - plane @ np.linalg.lstsq(plane * weight[:, None], depth * weight, rcond=None)[0]
         square = max(float((weight * depth**2).sum() / weight.sum()), 1e-12)
-        self._depth[slots], self._precision[slots] = depth / np.sqrt(square), precision * square
+        self._keys, self._depth, self._precision = keys, depth / np.sqrt(square), precision * square
 
 
 def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int) -> _Structure:
