@@ -47,10 +47,10 @@ def test_bodies_are_told_apart_without_their_number(sizes):
     rng = np.random.default_rng(5)
     positions, truth = affine_scene(rng, sizes)
     visible = rng.random(positions.shape[:2]) > 0.15
-    result = grouped(frames_of(positions, visible))
-    assert misclassification(result.labels, truth) <= 0.02
-    assert (result.confidence >= 0).all()
-    assert (result.confidence <= 1).all()
+    labels, confidence, _ = grouped(frames_of(positions, visible))
+    assert misclassification(labels, truth) <= 0.02
+    assert (confidence >= 0).all()
+    assert (confidence <= 1).all()
 
 
 def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
@@ -59,15 +59,15 @@ def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
     x[:, 20:] += [250, 0]
     moving = (np.arange(35) >= 20)[None, :, None]
     positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
-    result = grouped(frames_of(positions))
-    np.testing.assert_array_equal(result.labels == result.labels[0], np.arange(35) < 20)
+    labels = grouped(frames_of(positions))[0]
+    np.testing.assert_array_equal(labels == labels[0], np.arange(35) < 20)
 
 
 def test_noise_that_is_known_does_not_join_bodies():
     positions, truth = affine_scene(np.random.default_rng(0), (60, 50), noise=1.0)
-    assert misclassification(grouped(frames_of(positions, noise=1.0)).labels, truth) <= 0.02
+    assert misclassification(grouped(frames_of(positions, noise=1.0))[0], truth) <= 0.02
     # Taken for motion, it widens the kernel.
-    assert grouped(frames_of(positions)).labels.max() == 0
+    assert grouped(frames_of(positions))[0].max() == 0
 
 
 def image(seq, now, positions, ids=None):

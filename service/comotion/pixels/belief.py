@@ -108,8 +108,8 @@ class Belief:
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
-        least = np.where(labels[:, None] > BACKGROUND, -_MOST, -_MOST_AGAINST)
-        least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
+        fully = (labels[:, None] > BACKGROUND) | (np.arange(len(self.bodies)) == BACKGROUND)
+        least = np.where(fully, -_MOST, -_MOST_AGAINST)
         self._evidence[recent.slots] = np.maximum(evidence, least)
         lately = rest_gain(recent, BODY_SCALES)
         self._propose(recent, rest, lately, stamp_ns)
@@ -158,8 +158,7 @@ class Belief:
         if extra:
             self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-np.inf)
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
-            self._seen = np.pad(self._seen, (0, extra), constant_values=False)
-            self._known = np.pad(self._known, (0, extra), constant_values=False)
+            self._seen, self._known = np.pad([self._seen, self._known], ((0, 0), (0, extra)))
         fresh = slots[self._keys[slots] != window.key[slots]]
         self._evidence[fresh], self._seen[fresh], self._known[fresh] = -np.inf, False, False
         self._keys[fresh] = window.key[fresh]

@@ -11,7 +11,6 @@ local motions that explain both, and by the subspace that they span together. Th
    objects (:mod:`.merging`, :mod:`.consensus`, :mod:`.geometry`).
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -36,26 +35,7 @@ _HELD_APART = 0.1875
 _RIVAL = 0.0075
 
 
-@dataclass(frozen=True)
-class Grouping:
-    """Groups of N trajectories.
-
-    Attributes
-    ----------
-    labels
-        intp [N], 0 to K − 1.
-    confidence
-        float64 [N], 0..1; similarity to the own group over that to the own and the best other.
-    similarity
-        float32 [N, N], 0..1; what the groups were found from.
-    """
-
-    labels: Ints
-    confidence: Floats
-    similarity: Floats32
-
-
-def group(frames: KeyFrames, previous: Labels) -> Grouping:
+def group(frames: KeyFrames, previous: Labels) -> tuple[Ints, Floats, Floats32]:
     """Group trajectories by motion and find the number of groups: steps 2 to 6.
 
     The draw of local motions is fixed: same input, same groups.
@@ -66,6 +46,11 @@ def group(frames: KeyFrames, previous: Labels) -> Grouping:
         F key frames of N ≥ 2 trajectories.
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
+
+    Returns
+    -------
+    Groups intp [N], 0 to K − 1; confidence float64 [N], 0..1: similarity to the own group over that to the
+    own and the best other; similarity float32 [N, N], 0..1: what the groups were found from.
     """
     distance, local = distances(frames)
     members = sample_members(local, np.random.default_rng(0))  # 2
@@ -79,7 +64,7 @@ def group(frames: KeyFrames, previous: Labels) -> Grouping:
     for k, of_body in enumerate(groups):
         labels[of_body] = k
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
-    return Grouping(labels, _confidence(mean, labels), similarity)
+    return labels, _confidence(mean, labels), similarity
 
 
 def _superclusters(similarity: Floats32, previous: Labels) -> Ints:

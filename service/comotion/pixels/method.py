@@ -46,12 +46,10 @@ class PixelMethod(Method):
         confidence, variance = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         self._last = current, compared[:0], np.zeros((0, 0), np.float32)
         if len(compared) > 1:
-            grouping = group(frames, previous.labels[compared])  # 2 to 6
-            resting = alone_at_rest(frames, grouping.labels)
-            groups[compared] = np.where(resting, NO_HYPOTHESIS, grouping.labels)
-            confidence[compared] = grouping.confidence
+            labels, confidence[compared], similarity = group(frames, previous.labels[compared])  # 2 to 6
+            groups[compared] = np.where(alone_at_rest(frames, labels), NO_HYPOTHESIS, labels)
             variance[compared] = frames.variance
-            self._last = current, compared, grouping.similarity
+            self._last = current, compared, similarity
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):

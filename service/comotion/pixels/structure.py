@@ -91,6 +91,6 @@ class Structure:
             return np.zeros(len(rows), np.intp)
         labels = np.full(len(rows), NO_HYPOTHESIS)
         none_before = np.full(len(compared), NO_HYPOTHESIS)
-        labels[compared] = group(frames.of(compared), none_before).labels
+        labels[compared] = group(frames.of(compared), none_before)[0]
         votes = nearest_votes(recent.position[rows], labels, int(labels.max()) + 1, np.inf)
         return np.where(labels >= 0, labels, votes.argmax(axis=1))
