@@ -57,7 +57,7 @@ def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[
     return KeyFrames(positions, visible, variance.astype(np.float32))
 
 
-def compared_trajectories(window: Window, current: Slots, stamps: Sequence[int]) -> tuple[Slots, KeyFrames]:
+def compared_trajectories(window: Window, current: Slots) -> tuple[Slots, KeyFrames]:
     """Choose key frames and the trajectories that are compared on them.
 
     Ended trajectories of the window are compared too: they connect those that came after them. Current ones
@@ -70,14 +70,12 @@ def compared_trajectories(window: Window, current: Slots, stamps: Sequence[int])
         Store of all trajectories.
     current
         Slots intp [n] of the current ones.
-    stamps
-        ns, ascending; instants at which something was observed.
 
     Returns
     -------
     Slots intp [N], by age of the trajectories, and their key frames.
     """
-    slots = window.slots()
+    slots, stamps = window.slots(), window.instants
     frames = key_frames(window, slots, noise_variance(window, slots, stamps), stamps)
     seen, ended = frames.visible.sum(axis=0), ~np.isin(slots, current)
     ready = np.flatnonzero(seen >= _LEAST_SEEN)

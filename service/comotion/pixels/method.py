@@ -36,12 +36,10 @@ class PixelMethod(Method):
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories, and the ended ones that were compared with them."""
-        belief = None
-        if window.instants:
-            belief = self._camera.advance(window, window.instants, stamp_ns, previous.labels)
+        belief = self._camera.advance(window, stamp_ns, previous.labels) if window.instants else None
         if belief is not None:
             return self._believed(belief, window, current)
-        compared, frames = compared_trajectories(window, current, window.instants)  # 1
+        compared, frames = compared_trajectories(window, current)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, variance = np.zeros(window.capacity), np.full(window.capacity, np.nan)
         self._last = current, compared[:0], np.zeros((0, 0), np.float32)

@@ -3,9 +3,6 @@
 Before a camera that moves it is made to rest first, where it moves smoothly (:mod:`.steadying`).
 """
 
-from bisect import bisect_right
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arrays import Bools, Labels
@@ -49,33 +46,32 @@ class RestingCamera:
         self._stamp_ns: int | None = None
         self._belief: Belief | None = None
 
-    def advance(self, window: Window, stamps: Sequence[int], stamp_ns: int, labels: Labels) -> Belief | None:
+    def advance(self, window: Window, stamp_ns: int, labels: Labels) -> Belief | None:
         """Take in what was observed up to an instant; the belief, None while nothing shows a background.
 
         Parameters
         ----------
         window
-            Store of all trajectories.
-        stamps
-            ns, ascending; instants at which something was observed, one at least.
+            Store of all trajectories, in which something was observed.
         stamp_ns
             The watermark.
         labels
             int64 [capacity]; hypotheses of the slots so far, negative for none: a belief begins with them.
         """
-        last = min(stamp_ns, stamps[-1])
+        begin = window.instants[0]
+        last = min(stamp_ns, window.instants[-1])
         # After a gap the window begins later than the last step.
-        first = max(self._stamp_ns or stamps[0], last - window.span_ns, stamps[0])
+        first = max(self._stamp_ns or begin, last - window.span_ns, begin)
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in (first + (last - first) * k // count for k in range(1, count + 1)):
-            recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
+            recent = recent_motion(window, instant)
             if self._belief is not None:
                 self._belief.admit(window)
             self._evidence = _judged(recent, self._evidence, self._known_movers(recent, instant))
             began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent, labels)
-                early = self._agreed < _AGREED_STEPS and instant - stamps[0] < _LONG_NS
+                early = self._agreed < _AGREED_STEPS and instant - begin < _LONG_NS
                 if self._steady < 0 or (early and not began):
                     self._belief = None
                     continue
