@@ -65,9 +65,12 @@ class RestingCamera:
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
         for instant in (first + (last - first) * k // count for k in range(1, count + 1)):
             recent = recent_motion(window, instant)
+            movers: Bools | np.bool_ = np.False_
             if self._belief is not None:
                 self._belief.admit(window)
-            self._evidence = _judged(recent, self._evidence, self._known_movers(recent, instant))
+                known = self._belief.older_than(instant - _BEGINS_NS)
+                movers = np.isin(self._belief.labels(recent.slots), known)
+            self._evidence = _judged(recent, self._evidence, movers)
             began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent, labels)
@@ -96,18 +99,12 @@ class RestingCamera:
             self._steady = max(self._steady + _FALL, -_MOST)
         return recent
 
-    def _known_movers(self, recent: Recent, instant: int) -> Bools:
-        """Whether each trajectory, bool [n], is of a body that moved before the camera may have begun to."""
-        if self._belief is None:
-            return np.zeros(len(recent.slots), np.bool_)
-        return np.isin(self._belief.labels(recent.slots), self._belief.older_than(instant - _BEGINS_NS))
-
 
 def _judged(recent: Recent, evidence: float, movers: Bools | np.bool_ = np.False_) -> float:
     """The evidence that the camera rests, with what a step adds by the share of the picture that rests.
 
-    Not by that of the trajectories: a person before bare walls has most of them. `movers`, bool [n], do not
-    count.
+    Not by that of the trajectories: a person before bare walls has most of them. `movers`, bool [n], of
+    bodies that moved before the camera may have begun to, do not count.
     """
     seen = recent.seen.any(axis=0) & ~movers
     if seen.sum() < _LEAST_TRACKS:
