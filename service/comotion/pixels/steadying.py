@@ -52,16 +52,6 @@ class _Views(NamedTuple):
     extent: float
 
 
-class _Structure(NamedTuple):
-    """Depths [n], precisions [n]; displacements relative to it, their variance [S]; what rests, bool [n]."""
-
-    depth: Floats
-    precision: Floats
-    relative: Recent
-    spread: Floats
-    rests: Bools
-
-
 class Steadying:
     """Follows the depth of each trajectory of a window.
 
@@ -94,21 +84,19 @@ class Steadying:
         depth = np.append(self._depth, 0.0)[at]
         precision = np.clip(_KEPT * np.append(self._precision, 0.0)[at], _NEWBORN, _MOST)
         # Whether what came into view lately rests is for the structure to say.
-        new = ~recent.seen[_LONG]
-        background = members | new
+        background = members | ~recent.seen[_LONG]
         scales = np.flatnonzero((recent.seen & background).sum(axis=1) >= _LEAST_BACKGROUND)
         if not len(scales):
             return replace(recent, tolerance=np.full(recent.seen.shape, np.inf))
         views = _views(recent, scales, background)
-        fits = [] if lost else [_structure(recent, views, depth, precision, 1)]
-        if lost or np.count_nonzero(new & recent.seen[0] & ~fits[0].rests) >= _LEAST_BACKGROUND:
-            # Before a plane any epipole was as good: another one may explain what came into view as well.
+        if lost:
             depth = np.random.default_rng(0).standard_normal(len(depth))
-            fits.append(_structure(recent, views, depth, np.full(len(depth), _NEWBORN), _FIRST_ROUNDS))
-        best = max(fits, key=lambda fit: np.count_nonzero(fit.rests & background))
-        self.rigid = bool((best.spread[scales == _SCALE] < _RIGID_PX2).any())
-        self._keep(keys, views.place, best.depth, best.precision, background)
-        return best.relative
+            precision = np.full(len(depth), _NEWBORN)
+        rounds = _FIRST_ROUNDS if lost else 1
+        depth, precision, relative, spread = _structure(recent, views, depth, precision, rounds)
+        self.rigid = bool((spread[scales == _SCALE] < _RIGID_PX2).any())
+        self._keep(keys, views.place, depth, precision, background)
+        return relative
 
     def _keep(self, keys: Stamps, place: Floats, depth: Floats, precision: Floats, members: Bools) -> None:
         """Depths up to a plane and a factor, which cameras make up for."""
@@ -119,8 +107,10 @@ class Steadying:
         self._keys, self._depth, self._precision = keys, depth / np.sqrt(square), precision * square
 
 
-def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int) -> _Structure:
-    """Cameras and depths in turns."""
+def _structure(
+    recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int
+) -> tuple[Floats, Floats, Recent, Floats]:
+    """Depths [n] and precisions [n], with cameras in turns; motion relative to it, and its variance [S]."""
     depth, weight = prior, views.used.astype(np.float64)
     for _ in range(rounds):
         cameras, weight, typical = _cameras(views, depth, weight)
@@ -138,8 +128,7 @@ def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, 
     known = rests | (rounds > 1)
     depth, precision = np.where(known, depth, prior), np.where(known, information, precision)
     displacement[views.scales] = _departure(views, cameras, depth)
-    relative = replace(recent, displacement=displacement, tolerance=tolerance)
-    return _Structure(depth, precision, relative, spread, rests)
+    return depth, precision, replace(recent, displacement=displacement, tolerance=tolerance), spread
 
 
 def _departure(views: _Views, cameras: Floats, depth: Floats) -> Floats:
