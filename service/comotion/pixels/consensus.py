@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Floats, Ints
 from .kernels.epipolar import epipolar_misfits
-from .key_frames import KeyFrames, evenly_spaced, frame_pairs
+from .key_frames import STEPS, KeyFrames, evenly_spaced, frame_pairs
 
 # Frame pairs of each length; geometries that are drawn in each, from so many points.
 _PAIRS, _DRAWN, _PICKED = 5, 100, 12
@@ -32,7 +32,7 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         Source of the draws.
     """
     total, count = np.zeros((2, len(groups), len(groups)))
-    for first, second in frame_pairs(len(frames.positions), _PAIRS).tolist():
+    for first, second in frame_pairs(len(frames.positions), STEPS, _PAIRS).tolist():
         seen = frames.visible[first] & frames.visible[second]
         members = [group[seen[group]] for group in groups]
         shown = np.array([k for k in range(len(groups)) if len(members[k]) >= _LEAST_MEMBERS], np.intp)

@@ -7,9 +7,11 @@ local motions that explain both, and by the subspace that they span together. Th
 3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters by average linkage, each within one body and one hypothesis so far.
-6. Merge superclusters while boundary contrast and consensus about epipolar geometries allow it; this decides
-   the number of objects (:mod:`.merging`, :mod:`.consensus`).
+6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
+   objects (:mod:`.merging`, :mod:`.consensus`, :mod:`.geometry`).
 """
+
+from functools import partial
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -17,6 +19,7 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
 from .consensus import consensus
+from .geometry import two_bodies
 from .key_frames import KeyFrames
 from .merging import SMALLEST, merged
 from .neighbours import distances, sample_members
@@ -57,7 +60,7 @@ def group(frames: KeyFrames, previous: Labels) -> tuple[Ints, Floats, Floats32]:
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
     labels = np.zeros(len(similarity), np.intp)
-    groups = merged(similarity, distance, superclusters, agreed)  # 6
+    groups = merged(similarity, distance, superclusters, agreed, partial(two_bodies, frames))  # 6
     for k, of_body in enumerate(groups):
         labels[of_body] = k
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)

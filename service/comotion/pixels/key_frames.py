@@ -14,8 +14,8 @@ _KEY_FRAMES, _LEAST_SEEN, _MOST_TRACKS = 24, 4, 1200
 # Most ended trajectories that are compared, as a share of the current ones; and the number of compared ones
 # up to which that sets no limit.
 _ENDED_SHARE, _FEW_TRACKS = 0.5, 400
-# Key frames; lengths of the frame pairs in which motion is measured.
-_LENGTHS = (1, 4, 12)
+STEPS = (1, 4, 12)
+"""Key frames; lengths of the frame pairs in which motion is measured."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,7 @@ def compared_trajectories(window: Window, current: Slots) -> tuple[Slots, KeyFra
     return slots[chosen], frames.of(chosen)
 
 
-def frame_pairs(count: int, most: int) -> Ints:
-    """Pairs of `count` key frames near and far, up to `most` of each length, evenly spread, intp [Q, 2]."""
-    starts = [evenly_spaced(max(count - length, 0), most) for length in _LENGTHS]
-    return np.concatenate(
-        [start[:, None] + [0, length] for start, length in zip(starts, _LENGTHS, strict=True)]
-    )
+def frame_pairs(count: int, steps: tuple[int, ...], most: int) -> Ints:
+    """Pairs of `count` key frames (t, t + s), up to `most` for each step s, evenly spread, intp [Q, 2]."""
+    starts = [evenly_spaced(max(count - step, 0), most) for step in steps]
+    return np.concatenate([start[:, None] + [0, step] for start, step in zip(starts, steps, strict=True)])

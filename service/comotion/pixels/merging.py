@@ -1,5 +1,7 @@
 """Merges superclusters to one group per object. This decides the number of objects."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, median
@@ -18,12 +20,18 @@ _CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
 _SIMILARITY_IN_ORDER = 0.05
 
 
-def merged(similarity: Floats32, distance: Floats32, superclusters: Ints, consensus: Floats) -> list[Ints]:
+def merged(
+    similarity: Floats32,
+    distance: Floats32,
+    superclusters: Ints,
+    consensus: Floats,
+    two_bodies: Callable[[Ints, Ints], bool],
+) -> list[Ints]:
     """Groups of trajectories, intp each, ascending: the superclusters that are of one body.
 
     The pair of most consensus about epipolar geometries comes first. Two groups merge if there is consensus
-    and similarity does not drop across their boundary; one can make up for the other. Groups that are too
-    small join whatever comes first.
+    and similarity does not drop across their boundary; one can make up for the other. Epipolar geometry
+    over wide baselines can overrule that. Groups that are too small join whatever comes first.
 
     Parameters
     ----------
@@ -33,6 +41,8 @@ def merged(similarity: Floats32, distance: Floats32, superclusters: Ints, consen
         intp [N], 0 to P - 1.
     consensus
         float64 [P, P]; of the superclusters about epipolar geometries.
+    two_bodies
+        Whether two groups, intp each, contradict one another over wide baselines.
     """
     groups = [np.flatnonzero(superclusters == k) for k in range(len(consensus))]
     one_hot = np.eye(len(groups))[superclusters]
@@ -49,7 +59,7 @@ def merged(similarity: Floats32, distance: Floats32, superclusters: Ints, consen
         key = int(small[0]), len(small), int(large[0]), len(large)
         if key not in decided:
             evidence = _CONSENSUS_WEIGHT * agreed + _contrast(similarity, distance, small, large)
-            decided[key] = evidence >= _LEAST_EVIDENCE
+            decided[key] = evidence >= _LEAST_EVIDENCE and not two_bodies(small, large)
         return decided[key]
 
     while True:

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..arrays import Floats, Floats32, Ints
 from .kernels.affine import fit_local_motions, total_residuals
-from .key_frames import KeyFrames, frame_pairs
+from .key_frames import STEPS, KeyFrames, frame_pairs
 
 # px² per member; regularisation of the affine motion of a group. px²; squared residual from which on it costs
 # no more.
@@ -35,7 +35,7 @@ def explain(frames: KeyFrames, groups: list[Ints]) -> Floats32:
     groups
         Members of local motions, each intp [H_r, M_r].
     """
-    first, second = frame_pairs(len(frames.positions), len(frames.positions)).T
+    first, second = frame_pairs(len(frames.positions), STEPS, len(frames.positions)).T
     seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
     start = frames.positions[first]
     masked = np.stack([start, frames.positions[second] - start]) * seen[..., None]

@@ -18,14 +18,14 @@ def epipolar_misfits(first: Floats, second: Floats, starts: Ints, picks: Ints) -
     """
     misfits = np.zeros((len(picks), len(starts) - 1))
     for h in range(len(picks)):
-        squares = _sampson(_fundamental(first[picks[h]], second[picks[h]]), first, second)
+        squares = sampson(fundamental(first[picks[h]], second[picks[h]]), first, second)
         for g in range(len(starts) - 1):
             misfits[h, g] = squares[starts[g] : starts[g + 1]].mean()
     return misfits
 
 
 @compiled()
-def _sampson(f: Floats, first: Floats, second: Floats) -> Floats:
+def sampson(f: Floats, first: Floats, second: Floats) -> Floats:
     """Squared Sampson distances of points [n, 2] in both frames under a fundamental matrix, px² [n]."""
     squares = np.empty(len(first))
     for i in range(len(first)):
@@ -40,7 +40,7 @@ def _sampson(f: Floats, first: Floats, second: Floats) -> Floats:
 
 
 @compiled()
-def _fundamental(first: Floats, second: Floats) -> Floats:
+def fundamental(first: Floats, second: Floats) -> Floats:
     """Fundamental matrix [3, 3] of points [m, 2] in both frames, by the eight-point method (Hartley 1997)."""
     left, right = _normalising(first), _normalising(second)
     normal, row = np.zeros((9, 9)), np.ones(9)
