@@ -99,6 +99,16 @@ def quantiles(values: Floats, shares: tuple[float, ...]) -> list[float]:
     return [float(value) for value in np.interp(wanted, np.arange(last + 1), np.sort(values))]
 
 
+def nanmedian(values: Floats, axis: int) -> Floats:
+    """Median along an axis, NaN left out; NaN where all are, without a warning."""
+    # NaN come last.
+    ranked, count = np.sort(values, axis=axis), np.isfinite(values).sum(axis=axis, keepdims=True)
+    middle = np.concatenate(
+        [np.maximum(count - 1, 0) // 2, np.minimum(count // 2, values.shape[axis] - 1)], axis
+    )
+    return np.asarray(np.take_along_axis(ranked, middle, axis=axis).mean(axis=axis))
+
+
 def distinct(values: NDArray[np.signedinteger[Any]]) -> tuple[Labels, Ints]:
     """The distinct ones of integers [n], int64 ascending, and which of them each is, intp [n].
 

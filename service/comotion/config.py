@@ -1,7 +1,6 @@
 """Every parameter of the fusion, nested by method, with unit, default and bounds; reads them from people.
 
-Numbers that nobody has a reason to set are constants beside the code that uses them. Those of the pixel
-method were chosen together on public sequences, as docs/research/pixels.md says.
+Numbers that nobody has a reason to set are constants beside the code that uses them.
 """
 
 import math
@@ -19,8 +18,6 @@ Method = Literal["comotion", "thesis"]
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Above = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 Share = Annotated[float, Field(gt=0, le=1)]
 # s, up to a day.
@@ -76,21 +73,6 @@ class RigidConfig(Group):
     """nat; most that the spatial prior may cost (log density of each hypothesis' members)"""
     min_life: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     """s of observation from which on a trajectory takes part in finding hypotheses"""
-
-
-class PixelsConfig(Group):
-    """Parameters of grouping in pixel space."""
-
-    key_frames: Annotated[int, Field(ge=2, le=1000)] = 24
-    """instants of the window that trajectories are compared at"""
-    most_tracks: Count = 1200
-    """most trajectories that are compared; the others follow their neighbours"""
-    local_motions: Count = 600
-    """number of local affine motions"""
-    drift: Weight = 0.02
-    """share of a motion in the image by which features drift or a lens distorts it"""
-    smallest: Count = 5
-    """members below which a group dissolves"""
 
 
 class HypothesesConfig(Group):
@@ -222,8 +204,6 @@ class FusionConfig(Group):
     """the method of the thesis, in spaces of either unit"""
     rigid: RigidConfig = RigidConfig()
     """the default method in spaces of unit m"""
-    pixels: PixelsConfig = PixelsConfig()
-    """the default method in spaces of unit px"""
     hypotheses: HypothesesConfig = HypothesesConfig()
     """confirmation and memory, for all methods"""
     linking: LinkingConfig = LinkingConfig()

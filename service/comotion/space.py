@@ -166,7 +166,7 @@ def make_method(config: FusionConfig, spec: SpaceSpec) -> Method:
     """Build the method of `config.method` for one space."""
     # Pixels with a third coordinate (a disparity) are no image plane: rigid motion is the better model.
     if config.method == "comotion" and spec.unit == "px" and spec.dim == 2:
-        return PixelMethod(config, spec)
+        return PixelMethod()
     if config.method == "comotion":
         return RigidMethod(config, spec)
     # Its clustering imports scikit-learn, which takes half a second that the others do not need.

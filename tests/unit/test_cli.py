@@ -117,10 +117,10 @@ def test_what_makes_no_sense_is_refused(content, words):
 
 
 def test_a_parameter_of_a_group_can_be_set_and_read_again(capsys, tmp_path):
-    arguments = ("--set", "rigid.looseness=0.4", "--set", "pixels.drift=0.05")
+    arguments = ("--set", "rigid.looseness=0.4", "--set", "thesis.v_move=0.05")
     expected = effective(capsys, *arguments)
     assert expected["rigid"]["looseness"] == 0.4
-    assert expected["pixels"]["drift"] == 0.05
+    assert expected["thesis"]["v_move"] == 0.05
     assert run(["config", *arguments]) == 0
     (tmp_path / "c.toml").write_text(capsys.readouterr().out)
     assert effective(capsys, "--config", str(tmp_path / "c.toml")) == expected

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import PixelsConfig
 from comotion.pixels.consensus import consensus
 from comotion.pixels.geometry import two_bodies
 from comotion.pixels.grouping import group, held_apart
 from comotion.pixels.key_frames import KeyFrames
-from comotion.pixels.merging import Merging
+from comotion.pixels.merging import merged
 from comotion_clients.metrics import misclassification
 
 from .. import builders
@@ -24,7 +23,7 @@ def frames_of(positions, visible=None, noise=0.0):
 
 def grouped(frames):
     """Groups of trajectories that had no hypothesis before."""
-    return group(frames, PixelsConfig(), np.full(len(frames.variance), -1))
+    return group(frames, np.full(len(frames.variance), -1))
 
 
 def affine_scene(rng, sizes, frames=24, noise=0.1):
@@ -48,10 +47,10 @@ def test_bodies_are_told_apart_without_their_number(sizes):
     rng = np.random.default_rng(5)
     positions, truth = affine_scene(rng, sizes)
     visible = rng.random(positions.shape[:2]) > 0.15
-    result = grouped(frames_of(positions, visible))
-    assert misclassification(result.labels, truth) <= 0.02
-    assert (result.confidence >= 0).all()
-    assert (result.confidence <= 1).all()
+    labels, confidence, _ = grouped(frames_of(positions, visible))
+    assert misclassification(labels, truth) <= 0.02
+    assert (confidence >= 0).all()
+    assert (confidence <= 1).all()
 
 
 def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
@@ -60,15 +59,15 @@ def test_few_trajectories_of_two_bodies_are_not_one_affine_motion():
     x[:, 20:] += [250, 0]
     moving = (np.arange(35) >= 20)[None, :, None]
     positions = x + 2.0 * np.arange(16)[:, None, None] * moving + rng.normal(0, 0.1, (16, 35, 2))
-    result = grouped(frames_of(positions))
-    np.testing.assert_array_equal(result.labels == result.labels[0], np.arange(35) < 20)
+    labels = grouped(frames_of(positions))[0]
+    np.testing.assert_array_equal(labels == labels[0], np.arange(35) < 20)
 
 
 def test_noise_that_is_known_does_not_join_bodies():
     positions, truth = affine_scene(np.random.default_rng(0), (60, 50), noise=1.0)
-    assert misclassification(grouped(frames_of(positions, noise=1.0)).labels, truth) <= 0.02
+    assert misclassification(grouped(frames_of(positions, noise=1.0))[0], truth) <= 0.02
     # Taken for motion, it widens the kernel.
-    assert grouped(frames_of(positions)).labels.max() == 0
+    assert grouped(frames_of(positions))[0].max() == 0
 
 
 def image(seq, now, positions, ids=None):
@@ -215,10 +214,10 @@ def scene(noise, hidden=0.0, drive=(0.05, 0.01, 0.03)):
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.1, 0.1)])
 def test_parts_of_one_body_share_a_geometry_and_bodies_do_not(noise, hidden):
     frames = scene(noise, hidden)
-    assert not two_bodies(frames, NEAR, FAR, drift=0.02)
-    assert two_bodies(frames, NEAR, OTHER, drift=0.02)
+    assert not two_bodies(frames, NEAR, FAR)
+    assert two_bodies(frames, NEAR, OTHER)
     # Too few points say nothing.
-    assert not two_bodies(frames, NEAR, OTHER[:4], drift=0.02)
+    assert not two_bodies(frames, NEAR, OTHER[:4])
 
 
 @pytest.mark.parametrize(("noise", "hidden"), [(0.1, 0.0), (0.5, 0.0), (0.1, 0.3)])
@@ -232,9 +231,8 @@ def test_parts_of_one_body_rank_epipolar_geometries_alike(noise, hidden):
     assert not agreement[4].any()
 
 
-@pytest.mark.parametrize(("previous", "merged"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
-def test_what_was_apart_stays_apart_on_little_evidence(previous, merged):
+@pytest.mark.parametrize(("previous", "count"), [([-1, -1], 1), ([3, 3], 1), ([3, -1], 1), ([3, 4], 2)])
+def test_what_was_apart_stays_apart_on_little_evidence(previous, count):
     alike, near = np.full((2, 20, 20), [[[0.5]], [[1.0]]], np.float32)
     agreed = held_apart(np.full((2, 2), 0.2), np.split(np.arange(20), 2), np.repeat(previous, 10))
-    merging = Merging(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False, 5)
-    assert len(np.unique(merging.groups())) == merged
+    assert len(merged(alike, near, np.repeat([0, 1], 10), agreed, lambda *_: False)) == count

@@ -237,8 +237,9 @@ def test_a_window_may_grow_before_a_carried_camera():
     assert not fusion.timeline.faults.take()
 
 
-def test_a_camera_may_be_silent_for_longer_than_the_window():
+@pytest.mark.parametrize(("camera", "silent_s"), [(Scene, 20), (Carried, 5)])
+def test_a_camera_may_be_silent(camera, silent_s):
     fusion = Fusion()
-    play(fusion, Scene(), path(45, 0))
-    play(fusion, Scene(), path(30, 0), first=45 + 20 * RATE)
+    for first in (0, 90 + silent_s * RATE):
+        play(fusion, camera(), path(90, 0), first)
     assert not fusion.timeline.faults.take()

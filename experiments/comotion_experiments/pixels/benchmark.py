@@ -6,8 +6,7 @@ from collections.abc import Sequence as Rows
 import numpy as np
 from numpy.typing import NDArray
 
-from comotion import FusionConfig
-from comotion.partition import Previous, SpaceSpec
+from comotion.partition import Previous
 from comotion.pixels.method import PixelMethod
 from comotion.trajectories.window import Window
 
@@ -61,7 +60,7 @@ def engine(sequence: Sequence) -> tuple[NDArray[np.int64], float]:
     """
     stamps = np.round((sequence.times - sequence.times[0]) * 1e9).astype(np.int64)
     window = Window(2, int(stamps[-1]) + 1, _GAP_NS)
-    core = PixelMethod(FusionConfig(), SpaceSpec("camera/pixels", "px", 2))
+    core = PixelMethod()
     slots = window.open(sequence.positions.shape[1], 0)
     for stamp, x in zip(stamps.tolist(), sequence.positions, strict=True):
         seen = np.flatnonzero(np.isfinite(x).all(axis=1))

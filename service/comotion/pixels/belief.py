@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels, Slots
-from ..config import PixelsConfig
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .gains import BODY_SCALES, group_gain, rest_gain
@@ -72,16 +71,16 @@ class Belief:
         becomes the background, the others bodies.
     resting
         intp [n]; slots of trajectories at rest.
-    config
-        Of the method.
 
     Attributes
     ----------
     bodies
         By column of the evidence; None for a free one. The first is the background.
+    variance
+        float64 [capacity], px²; noise of a coordinate of each slot at the last step, NaN unknown.
     """
 
-    def __init__(self, window: Window, labels: Labels, resting: Slots, config: PixelsConfig) -> None:
+    def __init__(self, window: Window, labels: Labels, resting: Slots) -> None:
         ids = np.unique(labels[labels >= 0])
         counts = (labels[resting] == ids[:, None]).sum(axis=1)
         ids = ids[np.argsort(-counts, kind="stable")]
@@ -95,8 +94,8 @@ class Belief:
         self._seen = labels >= 0
         # And whether it was shown as one of the background, or of a body that has lasted.
         self._known = labels >= 0
-        self._together, self._structure = Together(), Structure(config)
-        self._recent: Recent | None = None
+        self._together, self._structure = Together(), Structure()
+        self.variance = np.full(len(labels), np.nan)
 
     def step(self, window: Window, recent: Recent, stamp_ns: int, *, carried: bool) -> None:
         """Take in the motion of trajectories that were admitted up to an instant."""
@@ -110,15 +109,17 @@ class Belief:
         self._seen[recent.slots] |= recent.seen[0]
         evidence = self._evidence[recent.slots] + gain
         evidence -= np.maximum(evidence.max(axis=1, keepdims=True) - _MOST, 0)
-        least = np.where(labels[:, None] > BACKGROUND, -_MOST, -_MOST_AGAINST)
-        least = np.where(np.arange(len(self.bodies)) == BACKGROUND, -_MOST, least)
+        fully = (labels[:, None] > BACKGROUND) | (np.arange(len(self.bodies)) == BACKGROUND)
+        least = np.where(fully, -_MOST, -_MOST_AGAINST)
         self._evidence[recent.slots] = np.maximum(evidence, least)
         lately = rest_gain(recent, BODY_SCALES)
         self._propose(recent, rest, lately, stamp_ns)
         self._merge(window, recent, lately, stamp_ns)
         self._split(window, recent, stamp_ns)
         self._review(recent, stamp_ns)
-        self._recent, shown = recent, self.shown(recent.slots)
+        self.variance = np.full(window.capacity, np.nan)
+        self.variance[recent.slots] = recent.variance
+        shown = self.shown(recent.slots)
         self._known[recent.slots] |= (shown != NO_HYPOTHESIS) & self._lasted(shown)
 
     def labels(self, slots: Slots) -> Ints:
@@ -151,13 +152,6 @@ class Belief:
         evidence = np.sort(np.pad(self._evidence[slots], ((0, 0), (1, 0))), axis=1)
         return np.asarray(1 / (1 + np.exp(evidence[:, -2] - evidence[:, -1])))
 
-    def residual(self, window: Window, slots: Slots) -> Floats:
-        """Squared noise of both coordinates of each slot, px² [n]; NaN unknown."""
-        residual = np.full(window.capacity, np.nan)
-        if self._recent is not None:
-            residual[self._recent.slots] = 2 * self._recent.variance
-        return residual[slots]
-
     def admit(self, window: Window) -> None:
         """Extend the columns to every slot, and reset those that have a new trajectory."""
         slots = window.slots()
@@ -165,8 +159,7 @@ class Belief:
         if extra:
             self._evidence = np.pad(self._evidence, ((0, extra), (0, 0)), constant_values=-np.inf)
             self._keys = np.pad(self._keys, (0, extra), constant_values=-1)
-            self._seen = np.pad(self._seen, (0, extra), constant_values=False)
-            self._known = np.pad(self._known, (0, extra), constant_values=False)
+            self._seen, self._known = np.pad([self._seen, self._known], ((0, 0), (0, extra)))
         fresh = slots[self._keys[slots] != window.key[slots]]
         self._evidence[fresh], self._seen[fresh], self._known[fresh] = -np.inf, False, False
         self._keys[fresh] = window.key[fresh]

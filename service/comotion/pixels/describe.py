@@ -24,15 +24,15 @@ _GATE, _DRIFT_PX = 9.0, 0.15
 _MOST_AT_REST = 0.5
 
 
-def describe(window: Window, current: Slots, groups: Ints, residual: Floats, count: int) -> list[Group]:
+def describe(window: Window, current: Slots, groups: Ints, variance: Floats, count: int) -> list[Group]:
     """Describe groups 0 to `count` - 1 of the current trajectories.
 
     Parameters
     ----------
     current, groups
         Slots intp [n] and their groups intp [n], negative for none.
-    residual
-        float64 [n], px²; squared residual of each, NaN unknown.
+    variance
+        float64 [n], px²; noise of a coordinate of each, NaN unknown.
     """
     position = window.newest(current)
     step, span = window.recent_steps(current, _VELOCITY_NS)
@@ -40,13 +40,12 @@ def describe(window: Window, current: Slots, groups: Ints, residual: Floats, cou
     for k in range(count):
         members = np.flatnonzero(groups == k)
         steady = members[span[members] >= _LEAST_HISTORY_NS]
-        residuals = residual[members][np.isfinite(residual[members])]
+        known = variance[members][np.isfinite(variance[members])]
         described.append(
             Group(
                 state=_state(step[steady], len(members)),
                 twist=_twist(position[steady], step[steady] / (span[steady, None] * 1e-9)),
-                # Two coordinates share a squared residual.
-                noise=float(np.sqrt(median(residuals) / 2)) if len(residuals) else None,
+                noise=float(np.sqrt(median(known))) if len(known) else None,
             )
         )
     return described

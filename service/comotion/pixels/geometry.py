@@ -19,11 +19,13 @@ _LEAST_FRAMES, _WIDE_PAIRS = 13, 3
 _PARAMETERS = 7
 # Median of a squared standard normal deviate; px² that are added to a typical squared distance.
 _CHI2_MEDIAN_1D, _LEAST_PX2 = 0.455, 1e-6
+# Share of a motion by which features drift or a lens distorts it.
+_DRIFT = 0.02
 # nat; log ratio of two groups' joint residual to noise and drift, above which they are two bodies.
 _CONTRADICTION = 0.8
 
 
-def two_bodies(frames: KeyFrames, first: Ints, second: Ints, drift: float) -> bool:
+def two_bodies(frames: KeyFrames, first: Ints, second: Ints) -> bool:
     """Whether no fundamental matrix explains two groups together to within noise and drift.
 
     Parameters
@@ -32,15 +34,13 @@ def two_bodies(frames: KeyFrames, first: Ints, second: Ints, drift: float) -> bo
         Key frames of all trajectories.
     first, second
         intp, indices of trajectories.
-    drift
-        Share of a motion by which features drift or a lens distorts it.
     """
     excess, count = [], len(frames.positions)
     if count < _LEAST_FRAMES:
         return False
     for pair in frame_pairs(count, (count // 2, count - 1), _WIDE_PAIRS):
         views = [_view(frames, group, pair) for group in (first, second)]
-        large = [(view, _expected(view, drift)) for view in views if view.shape[1] >= _LEAST_MEMBERS]
+        large = [(view, _expected(view)) for view in views if view.shape[1] >= _LEAST_MEMBERS]
         if len(large) == len(views):
             joint = fundamental(*np.concatenate(views, axis=1))
             ratios = [median(sampson(joint, *view)) / expected for view, expected in large]
@@ -55,9 +55,9 @@ def _view(frames: KeyFrames, group: Ints, pair: Ints) -> Floats:
     return frames.positions[np.ix_(pair, chosen)].astype(np.float64)
 
 
-def _expected(view: Floats, drift: float) -> float:
+def _expected(view: Floats) -> float:
     """Typical squared distance of points [2, n, 2] of one body under a matrix of several, px²."""
     start, end = view
     square = median(sampson(fundamental(start, end), start, end)) * len(start) / (len(start) - _PARAMETERS)
-    drifted = drift * median(np.linalg.norm(end - start, axis=1))
+    drifted = _DRIFT * median(np.linalg.norm(end - start, axis=1))
     return float(square + _CHI2_MEDIAN_1D * drifted**2 + _LEAST_PX2)

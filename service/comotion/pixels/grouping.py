@@ -3,7 +3,7 @@
 The distance of two features of one rigid body changes in the image. Here two trajectories are compared by the
 local motions that explain both, and by the subspace that they span together. The steps of the method:
 
-2. Fit local affine motions to random groups of neighbours (:mod:`.neighbour_sampling`).
+2. Fit local affine motions to random groups of neighbours (:mod:`.neighbours`).
 3. Compute the preference kernel: do the same local motions explain two trajectories (:mod:`.similarity`)?
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters by average linkage, each within one body and one hypothesis so far.
@@ -11,7 +11,6 @@ local motions that explain both, and by the subspace that they span together. Th
    objects (:mod:`.merging`, :mod:`.consensus`, :mod:`.geometry`).
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,13 +18,11 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
-from ..config import PixelsConfig
 from .consensus import consensus
-from .distances import distances
 from .geometry import two_bodies
 from .key_frames import KeyFrames
-from .merging import Merging
-from .neighbour_sampling import sample_members
+from .merging import SMALLEST, merged
+from .neighbours import distances, sample_members
 from .similarity import combine, explain, preference, subspace
 
 # Mean similarity down to which a group lies within one body: .15 % of the members are of another one on
@@ -38,26 +35,7 @@ _HELD_APART = 0.1875
 _RIVAL = 0.0075
 
 
-@dataclass(frozen=True)
-class Grouping:
-    """Groups of N trajectories.
-
-    Attributes
-    ----------
-    labels
-        intp [N], 0 to K − 1.
-    confidence
-        float64 [N], 0..1; similarity to the own group over that to the own and the best other.
-    similarity
-        float32 [N, N], 0..1; what the groups were found from.
-    """
-
-    labels: Ints
-    confidence: Floats
-    similarity: Floats32
-
-
-def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grouping:
+def group(frames: KeyFrames, previous: Labels) -> tuple[Ints, Floats, Floats32]:
     """Group trajectories by motion and find the number of groups: steps 2 to 6.
 
     The draw of local motions is fixed: same input, same groups.
@@ -66,27 +44,30 @@ def group(frames: KeyFrames, parameters: PixelsConfig, previous: Labels) -> Grou
     ----------
     frames
         F key frames of N ≥ 2 trajectories.
-    parameters
-        Of the method.
     previous
         int64 [N]; hypotheses of the trajectories at the previous update, negative for none.
+
+    Returns
+    -------
+    Groups intp [N], 0 to K − 1; confidence float64 [N], 0..1: similarity to the own group over that to the
+    own and the best other; similarity float32 [N, N], 0..1: what the groups were found from.
     """
     distance, local = distances(frames)
-    members = sample_members(local, parameters.local_motions, np.random.default_rng(0))  # 2
+    members = sample_members(local, np.random.default_rng(0))  # 2
     kernel = preference(explain(frames, members), frames.variance)  # 3
     similarity = combine(kernel, subspace(frames))  # 4
-    superclusters = _superclusters(similarity, previous, parameters.smallest)  # 5
+    superclusters = _superclusters(similarity, previous)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
-    are_two = partial(two_bodies, frames, drift=parameters.drift)
-    merging = Merging(similarity, distance, superclusters, agreed, are_two, parameters.smallest)
-    merged = merging.groups()  # 6
-    _, labels = np.unique(merged[superclusters], return_inverse=True)
+    labels = np.zeros(len(similarity), np.intp)
+    groups = merged(similarity, distance, superclusters, agreed, partial(two_bodies, frames))  # 6
+    for k, of_body in enumerate(groups):
+        labels[of_body] = k
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
-    return Grouping(labels, _confidence(mean, labels), similarity)
+    return labels, _confidence(mean, labels), similarity
 
 
-def _superclusters(similarity: Floats32, previous: Labels, smallest: int) -> Ints:
+def _superclusters(similarity: Floats32, previous: Labels) -> Ints:
     """Superclusters of trajectories, intp [N], by average linkage, each of one hypothesis so far.
 
     Bodies that moved apart move alike for a while.
@@ -97,7 +78,7 @@ def _superclusters(similarity: Floats32, previous: Labels, smallest: int) -> Int
     for k in range(parts.max() + 1):
         members = np.flatnonzero((parts == k) & (previous >= 0))
         ids, counts = np.unique(previous[members], return_counts=True)
-        for name in ids[counts >= smallest][1:]:
+        for name in ids[counts >= SMALLEST][1:]:
             parts[members[previous[members] == name]] = parts.max() + 1
     return parts
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bools, Floats, Floats32, Ints, Slots
-from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .noise import gross_errors, noise_variance
 
-# Key frames that a trajectory must be seen in to be compared.
-_LEAST_SEEN = 4
+# Key frames, and how many of them a trajectory must be seen in to be compared; most trajectories that are.
+_KEY_FRAMES, _LEAST_SEEN, _MOST_TRACKS = 24, 4, 1200
 # Most ended trajectories that are compared, as a share of the current ones; and the number of compared ones
 # up to which that sets no limit.
 _ENDED_SHARE, _FEW_TRACKS = 0.5, 400
@@ -39,34 +38,26 @@ class KeyFrames:
 
     def of(self, tracks: Ints) -> "KeyFrames":
         """The same instants for some of the trajectories, by index."""
-        return KeyFrames(
-            np.ascontiguousarray(self.positions[:, tracks]),
-            np.ascontiguousarray(self.visible[:, tracks]),
-            self.variance[tracks],
-        )
+        return KeyFrames(self.positions.take(tracks, 1), self.visible.take(tracks, 1), self.variance[tracks])
 
 
 def evenly_spaced(count: int, most: int) -> Ints:
     """Up to `most` indices below `count`, evenly spread, both ends included."""
-    if count <= most:
-        return np.arange(count)
-    return np.asarray(np.rint(np.arange(most) * ((count - 1) / max(most - 1, 1))), np.intp)
+    return np.rint(np.linspace(0, count - 1, min(count, most))).astype(np.intp)
 
 
-def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[int], most: int) -> KeyFrames:
-    """Trajectories (slots intp [N]) on up to `most` of some instants (ns, ascending), less gross errors.
+def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[int]) -> KeyFrames:
+    """Trajectories (slots intp [N]) on key frames, of some instants (ns, ascending), less gross errors.
 
     `variance` float64 [N], px², is the noise of a coordinate.
     """
-    states = window.states_at(slots, np.array(stamps, np.int64)[evenly_spaced(len(stamps), most)])
+    states = window.states_at(slots, np.array(stamps, np.int64)[evenly_spaced(len(stamps), _KEY_FRAMES)])
     visible = states.held & ~gross_errors(states.position, states.held, variance)
     positions = np.where(visible[..., None], states.position, 0.0).astype(np.float32)
     return KeyFrames(positions, visible, variance.astype(np.float32))
 
 
-def compared_trajectories(
-    window: Window, current: Slots, stamps: Sequence[int], p: PixelsConfig
-) -> tuple[Slots, KeyFrames]:
+def compared_trajectories(window: Window, current: Slots) -> tuple[Slots, KeyFrames]:
     """Choose key frames and the trajectories that are compared on them.
 
     Ended trajectories of the window are compared too: they connect those that came after them. Current ones
@@ -79,20 +70,18 @@ def compared_trajectories(
         Store of all trajectories.
     current
         Slots intp [n] of the current ones.
-    stamps
-        ns, ascending; instants at which something was observed.
 
     Returns
     -------
     Slots intp [N], by age of the trajectories, and their key frames.
     """
-    slots = window.slots()
-    frames = key_frames(window, slots, noise_variance(window, slots, stamps), stamps, p.key_frames)
+    slots, stamps = window.slots(), window.instants
+    frames = key_frames(window, slots, noise_variance(window, slots, stamps), stamps)
     seen, ended = frames.visible.sum(axis=0), ~np.isin(slots, current)
     ready = np.flatnonzero(seen >= _LEAST_SEEN)
     many = round((1 + _ENDED_SHARE) * np.count_nonzero(~ended[ready]))
     rank = np.lexsort((-seen[ready], ended[ready]))
-    chosen = np.sort(ready[rank[: min(p.most_tracks, max(_FEW_TRACKS, many))]])
+    chosen = np.sort(ready[rank[: min(_MOST_TRACKS, max(_FEW_TRACKS, many))]])
     return slots[chosen], frames.of(chosen)
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats32, Slots
-from ..config import FusionConfig
-from ..partition import NO_HYPOTHESIS, Method, Partition, Previous, SpaceSpec
+from ..partition import NO_HYPOTHESIS, Method, Partition, Previous
 from ..trajectories.window import Window
 from .belief import Belief
 from .describe import alone_at_rest, describe, of_moving_camera
@@ -27,45 +26,28 @@ _UNKNOWN_AFFINITY = 0.5
 
 
 class PixelMethod(Method):
-    """The method of one space in pixels.
+    """The method of one space in pixels."""
 
-    Parameters
-    ----------
-    config
-        Its group `pixels` matters here.
-    spec
-        The space.
-    """
-
-    def __init__(self, config: FusionConfig, spec: SpaceSpec) -> None:  # noqa: ARG002
-        self._p = config.pixels
-        self._camera = RestingCamera(config.pixels)
+    def __init__(self) -> None:
+        self._camera = RestingCamera()
         no_slots: Slots = np.zeros(0, np.intp)
         # Of the last update: current slots, compared slots, and the similarity of these.
         self._last: tuple[Slots, Slots, Floats32] = (no_slots, no_slots, np.zeros((0, 0), np.float32))
 
     def partition(self, window: Window, current: Slots, stamp_ns: int, previous: Previous) -> Partition:
         """Group the current trajectories, and the ended ones that were compared with them."""
-        belief = None
-        if window.instants:
-            belief = self._camera.advance(window, window.instants, stamp_ns, previous.labels)
+        belief = self._camera.advance(window, stamp_ns, previous.labels) if window.instants else None
         if belief is not None:
             return self._believed(belief, window, current)
-        compared, frames = compared_trajectories(window, current, window.instants, self._p)  # 1
+        compared, frames = compared_trajectories(window, current)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
-        confidence, residual = np.zeros(window.capacity), np.full(window.capacity, np.nan)
-        labels = previous.labels[compared]
+        confidence, variance = np.zeros(window.capacity), np.full(window.capacity, np.nan)
+        self._last = current, compared[:0], np.zeros((0, 0), np.float32)
         if len(compared) > 1:
-            grouping = group(frames, self._p, labels)  # 2 to 6
-            resting = alone_at_rest(frames, grouping.labels)
-            groups[compared] = np.where(resting, NO_HYPOTHESIS, grouping.labels)
-            confidence[compared] = grouping.confidence
-            residual[compared] = 2 * frames.variance
-            self._last = current, compared, grouping.similarity
-        else:
-            ids = np.unique(labels[labels >= 0])
-            groups[compared] = np.where(labels >= 0, np.searchsorted(ids, labels), NO_HYPOTHESIS)
-            self._last = current, compared[:0], np.zeros((0, 0), np.float32)
+            labels, confidence[compared], similarity = group(frames, previous.labels[compared])  # 2 to 6
+            groups[compared] = np.where(alone_at_rest(frames, labels), NO_HYPOTHESIS, labels)
+            variance[compared] = frames.variance
+            self._last = current, compared, similarity
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):
@@ -73,7 +55,7 @@ class PixelMethod(Method):
             groups[newborn], share = assign_newborns(window, newborn, labelled, groups[labelled])
             confidence[newborn] = share / 2
         slots = np.union1d(current, compared)
-        described = describe(window, current, groups[current], residual[current], count)
+        described = describe(window, current, groups[current], variance[current], count)
         return Partition(
             slots=slots,
             groups=groups[slots],
@@ -90,8 +72,7 @@ class PixelMethod(Method):
         labelled = current[shown >= 0]
         affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
         self._last = current, labelled, affinity
-        residual = belief.residual(window, current)
-        described = describe(window, current, shown, residual, len(belief.bodies))
+        described = describe(window, current, shown, belief.variance[current], len(belief.bodies))
         return Partition(
             slots=slots,
             groups=groups,

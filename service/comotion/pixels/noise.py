@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Slots, Stamps
+from ..arrays import Bools, Floats, Slots, Stamps, median, nanmedian
 from ..trajectories.window import Window
-from .medians import nanmedian
 
 # Newest instants on which noise is estimated, and differences that the median of the source is worth.
 _INSTANTS, _POOL = 12, 20
@@ -74,25 +73,22 @@ def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
 def _estimated(window: Window, slots: Slots, stamps: Stamps) -> Floats:
     """Variance of a coordinate from third divided differences, px² [n]."""
     square = _squared_differences(window, slots, stamps)
-    count = np.isfinite(square).sum(axis=0)
-    is_known = count > 0
-    own = np.zeros(len(slots))
-    if len(square):
-        own[is_known] = (nanmedian(square, 0) / _CHI2_MEDIAN)[is_known]
+    count, own = np.isfinite(square).sum(axis=0), np.nan_to_num(nanmedian(square, 0) / _CHI2_MEDIAN)
     variance = np.zeros(len(slots))
     for source in np.unique(window.source[slots]).tolist():
         rows = window.source[slots] == source
-        pooled = float(np.median(own[rows & is_known])) if (rows & is_known).any() else 0.0
+        known = own[rows & (count > 0)]
+        pooled = float(median(known)) if len(known) else 0.0
         variance[rows] = (_POOL * pooled + count[rows] * own[rows]) / (_POOL + count[rows])
     return variance
 
 
 def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats:
-    """Squared third divided differences at unit noise, px² [T - 3, n]; NaN where one is missing."""
+    """Squared third divided differences at unit noise, px² [T - 3, n] or [1, n]; NaN where one is missing."""
     states = window.states_at(slots, stamps)
     place = np.where(states.observed[..., None], states.position, np.nan)
-    difference = np.full((max(len(stamps) - 3, 0), len(slots), 2), np.nan)
-    for k in range(len(difference)):
+    difference = np.full((max(len(stamps) - 3, 1), len(slots), 2), np.nan)
+    for k in range(len(stamps) - 3):
         times = (stamps[k : k + 4] - stamps[k]) * 1e-9
         intervals = times[:, None] - times + np.eye(4)
         weight = 1 / intervals.prod(axis=1)

@@ -1,6 +1,6 @@
 """Measures how far the trajectories of a window have moved over several time scales, and their noise."""
 
-from collections.abc import Sequence
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -47,10 +47,10 @@ class Recent:
         return Recent(
             self.slots[tracks],
             self.position[tracks],
-            np.ascontiguousarray(self.displacement[:, tracks]),
-            np.ascontiguousarray(self.seen[:, tracks]),
+            self.displacement.take(tracks, 1),
+            self.seen.take(tracks, 1),
             self.variance[tracks],
-            np.ascontiguousarray(self.tolerance[:, tracks]),
+            self.tolerance.take(tracks, 1),
         )
 
     @cached_property
@@ -59,19 +59,17 @@ class Recent:
         return float(np.hypot(*np.ptp(self.position, axis=0))) / 8 if len(self.position) else 0.0
 
 
-def recent_motion(window: Window, stamps: Sequence[int], stamp_ns: int) -> Recent:
+def recent_motion(window: Window, stamp_ns: int) -> Recent:
     """Displacements up to an instant.
 
     Parameters
     ----------
     window
         Store of all trajectories.
-    stamps
-        ns, ascending; instants at which something was observed, up to `stamp_ns`.
     stamp_ns
         The instant.
     """
-    slots = window.slots()
+    slots, stamps = window.slots(), window.instants[: bisect_right(window.instants, stamp_ns)]
     states = window.states_at(slots, np.array([stamp_ns], np.int64))
     present = np.flatnonzero(states.held[0])
     slots, position = slots[present], states.position[0, present]

@@ -3,13 +3,9 @@
 Before a camera that moves it is made to rest first, where it moves smoothly (:mod:`.steadying`).
 """
 
-from bisect import bisect_right
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arrays import Bools, Labels
-from ..config import PixelsConfig
 from ..trajectories.window import Window
 from .belief import BACKGROUND, Belief
 from .gains import rest_gain, steadiness
@@ -41,8 +37,7 @@ class RestingCamera:
         Whether the camera moved at the last step.
     """
 
-    def __init__(self, config: PixelsConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self.carried = False
         self._agreed = 0
         # That the camera rests, and that the background does once its motion is subtracted.
@@ -51,39 +46,39 @@ class RestingCamera:
         self._stamp_ns: int | None = None
         self._belief: Belief | None = None
 
-    def advance(self, window: Window, stamps: Sequence[int], stamp_ns: int, labels: Labels) -> Belief | None:
+    def advance(self, window: Window, stamp_ns: int, labels: Labels) -> Belief | None:
         """Take in what was observed up to an instant; the belief, None while nothing shows a background.
 
         Parameters
         ----------
         window
-            Store of all trajectories.
-        stamps
-            ns, ascending; instants at which something was observed, one at least.
+            Store of all trajectories, in which something was observed.
         stamp_ns
             The watermark.
         labels
             int64 [capacity]; hypotheses of the slots so far, negative for none: a belief begins with them.
         """
-        last = min(stamp_ns, stamps[-1])
+        begin = window.instants[0]
+        last = min(stamp_ns, window.instants[-1])
         # After a gap the window begins later than the last step.
-        first = max(self._stamp_ns or stamps[0], last - window.span_ns, stamps[0])
+        first = max(self._stamp_ns or begin, last - window.span_ns, begin)
         count = max(round((last - first) / _STEP_NS), int(self._stamp_ns is None or last > first))
-        for instant in _instants(first, last, count):
-            recent = recent_motion(window, stamps[: bisect_right(stamps, instant)], instant)
+        for instant in (first + (last - first) * k // count for k in range(1, count + 1)):
+            recent = recent_motion(window, instant)
+            movers: Bools | np.bool_ = np.False_
             if self._belief is not None:
                 self._belief.admit(window)
-            self._evidence = _judged(recent, self._evidence, self._known_movers(recent, instant))
+                known = self._belief.older_than(instant - _BEGINS_NS)
+                movers = np.isin(self._belief.labels(recent.slots), known)
+            self._evidence = _judged(recent, self._evidence, movers)
             began, self.carried = self.carried and self._belief is not None, self._evidence < 0
             if self.carried:
                 recent = self._steadied(window, recent, labels)
-                early = self._agreed < _AGREED_STEPS and instant - stamps[0] < _LONG_NS
+                early = self._agreed < _AGREED_STEPS and instant - begin < _LONG_NS
                 if self._steady < 0 or (early and not began):
                     self._belief = None
                     continue
-            self._belief = self._belief or Belief(
-                window, labels, recent.slots[rest_gain(recent) > 0], self._config
-            )
+            self._belief = self._belief or Belief(window, labels, recent.slots[rest_gain(recent) > 0])
             self._belief.step(window, recent, instant, carried=self.carried)
         self._stamp_ns = max(last, first)
         return self._belief
@@ -93,7 +88,7 @@ class RestingCamera:
         own, background = labels[recent.slots], np.ones(len(recent.slots), np.bool_)
         if self._belief is not None:
             background = self._belief.labels(recent.slots) == BACKGROUND
-        recent = self._steadying.steadied(recent, window.key, background)
+        recent = self._steadying.steadied(recent, window.key[recent.slots], background)
         ids, counts = np.unique(own[own >= 0], return_counts=True)
         largest = own == (ids[counts.argmax()] if len(ids) else -1)
         # What the window has not named yet neither agrees nor disagrees.
@@ -105,30 +100,18 @@ class RestingCamera:
             self._steady = max(self._steady + _FALL, -_MOST)
         return recent
 
-    def _known_movers(self, recent: Recent, instant: int) -> Bools:
-        """Whether each trajectory, bool [n], is of a body that moved before the camera may have begun to."""
-        if self._belief is None:
-            return np.zeros(len(recent.slots), np.bool_)
-        return np.isin(self._belief.labels(recent.slots), self._belief.older_than(instant - _BEGINS_NS))
-
 
 def _judged(recent: Recent, evidence: float, movers: Bools | np.bool_ = np.False_) -> float:
     """The evidence that the camera rests, with what a step adds by the share of the picture that rests.
 
-    Not by that of the trajectories: a person before bare walls has most of them. `movers`, bool [n], do not
-    count.
+    Not by that of the trajectories: a person before bare walls has most of them. `movers`, bool [n], of
+    bodies that moved before the camera may have begun to, do not count.
     """
     seen = recent.seen.any(axis=0) & ~movers
     if seen.sum() < _LEAST_TRACKS:
         return evidence
     cells = (recent.position[seen] / max(recent.reach, 1.0)).astype(int)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    cell = cell.ravel()
+    cell = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
     share = float((np.bincount(cell, steadiness(recent)[seen]) / np.bincount(cell)).mean())
     change = min(max(_WEIGHT * (share - _LEAST_SHARE), _FALL), _RISE)
     return min(max(evidence + change, -_MOST), _MOST)
-
-
-def _instants(first: int, last: int, count: int) -> list[int]:
-    """`count` instants after the first, up to the last, evenly spaced, ns."""
-    return [first + (last - first) * k // count for k in range(1, count + 1)]

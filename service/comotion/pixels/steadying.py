@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ..arrays import Bools, Floats, Ints, Slots, Stamps
+from ..arrays import Bools, Floats, Ints, Stamps, find, nanmedian
 from .gains import rest_gain
-from .medians import nanmedian
 from .recent import Recent
 
 # Trajectories of the background without which its motion is unknown.
@@ -53,18 +52,8 @@ class _Views(NamedTuple):
     extent: float
 
 
-class _Structure(NamedTuple):
-    """Depths [n], precisions [n]; displacements relative to it, their variance [S]; what rests, bool [n]."""
-
-    depth: Floats
-    precision: Floats
-    relative: Recent
-    spread: Floats
-    rests: Bools
-
-
 class Steadying:
-    """Follows the depth of each slot of a window.
+    """Follows the depth of each trajectory of a window.
 
     Attributes
     ----------
@@ -75,7 +64,7 @@ class Steadying:
     def __init__(self) -> None:
         self.rigid = False
         self._keys: Stamps = np.zeros(0, np.int64)
-        # By slot: inverse depth less a plane, in the root mean square of all, and its precision.
+        # Of each: inverse depth less a plane, in the root mean square of all, and its precision.
         self._depth, self._precision = np.zeros((2, 0))
 
     def steadied(self, recent: Recent, keys: Stamps, members: Bools) -> Recent:
@@ -86,48 +75,42 @@ class Steadying:
         recent
             Of n trajectories.
         keys
-            int64 [capacity]; stable numbers of the trajectories of all slots.
+            int64 [n], ascending; stable numbers of the trajectories.
         members
             bool [n]; the background.
         """
         lost, self.rigid = not self.rigid, False
-        depth, precision = self._carried(recent.slots, keys)
+        at = find(keys, self._keys)
+        depth = np.append(self._depth, 0.0)[at]
+        precision = np.clip(_KEPT * np.append(self._precision, 0.0)[at], _NEWBORN, _MOST)
         # Whether what came into view lately rests is for the structure to say.
-        new = ~recent.seen[_LONG]
-        background = members | new
+        background = members | ~recent.seen[_LONG]
         scales = np.flatnonzero((recent.seen & background).sum(axis=1) >= _LEAST_BACKGROUND)
         if not len(scales):
             return replace(recent, tolerance=np.full(recent.seen.shape, np.inf))
         views = _views(recent, scales, background)
-        fits = [] if lost else [_structure(recent, views, depth, precision, 1)]
-        if lost or np.count_nonzero(new & recent.seen[0] & ~fits[0].rests) >= _LEAST_BACKGROUND:
-            # Before a plane any epipole was as good: another one may explain what came into view as well.
+        if lost:
             depth = np.random.default_rng(0).standard_normal(len(depth))
-            fits.append(_structure(recent, views, depth, np.full(len(depth), _NEWBORN), _FIRST_ROUNDS))
-        best = max(fits, key=lambda fit: np.count_nonzero(fit.rests & background))
-        self.rigid = bool((best.spread[scales == _SCALE] < _RIGID_PX2).any())
-        self._keep(recent.slots, views.place, best.depth, best.precision, background)
-        return best.relative
+            precision = np.full(len(depth), _NEWBORN)
+        rounds = _FIRST_ROUNDS if lost else 1
+        depth, precision, relative, spread = _structure(recent, views, depth, precision, rounds)
+        self.rigid = bool((spread[scales == _SCALE] < _RIGID_PX2).any())
+        self._keep(keys, views.place, depth, precision, background)
+        return relative
 
-    def _carried(self, slots: Slots, keys: Stamps) -> tuple[Floats, Floats]:
-        extra = len(keys) - len(self._keys)
-        self._keys = np.append(self._keys, np.full(extra, -1))
-        self._depth, self._precision = (np.append(x, np.zeros(extra)) for x in (self._depth, self._precision))
-        fresh = slots[self._keys[slots] != keys[slots]]
-        self._depth[fresh], self._precision[fresh], self._keys[fresh] = 0.0, 0.0, keys[fresh]
-        return self._depth[slots], np.clip(_KEPT * self._precision[slots], _NEWBORN, _MOST)
-
-    def _keep(self, slots: Slots, place: Floats, depth: Floats, precision: Floats, members: Bools) -> None:
+    def _keep(self, keys: Stamps, place: Floats, depth: Floats, precision: Floats, members: Bools) -> None:
         """Depths up to a plane and a factor, which cameras make up for."""
         plane = np.column_stack([np.ones(len(place)), place])
         weight = np.where(members, precision / (1 + precision), 0.0)
         depth = depth - plane @ np.linalg.lstsq(plane * weight[:, None], depth * weight, rcond=None)[0]
         square = max(float((weight * depth**2).sum() / weight.sum()), 1e-12)
-        self._depth[slots], self._precision[slots] = depth / np.sqrt(square), precision * square
+        self._keys, self._depth, self._precision = keys, depth / np.sqrt(square), precision * square
 
 
-def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int) -> _Structure:
-    """Cameras and depths in turns."""
+def _structure(
+    recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int
+) -> tuple[Floats, Floats, Recent, Floats]:
+    """Depths [n] and precisions [n], with cameras in turns; motion relative to it, and its variance [S]."""
     depth, weight = prior, views.used.astype(np.float64)
     for _ in range(rounds):
         cameras, weight, typical = _cameras(views, depth, weight)
@@ -145,8 +128,7 @@ def _structure(recent: Recent, views: _Views, prior: Floats, precision: Floats, 
     known = rests | (rounds > 1)
     depth, precision = np.where(known, depth, prior), np.where(known, information, precision)
     displacement[views.scales] = _departure(views, cameras, depth)
-    relative = replace(recent, displacement=displacement, tolerance=tolerance)
-    return _Structure(depth, precision, relative, spread, rests)
+    return depth, precision, replace(recent, displacement=displacement, tolerance=tolerance), spread
 
 
 def _departure(views: _Views, cameras: Floats, depth: Floats) -> Floats:

@@ -6,13 +6,11 @@ Over seconds they turn against each other, as the grouping of a window shows (:m
 
 import numpy as np
 
-from ..arrays import Ints, thinned
-from ..config import PixelsConfig
+from ..arrays import Ints, nanmedian, thinned
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
 from .grouping import group
 from .key_frames import key_frames
-from .medians import nanmedian
 from .newborns import nearest_votes
 from .recent import Recent
 
@@ -28,8 +26,7 @@ _LEAST_MOTION_PX, _SCALES = 4.0, 3
 class Structure:
     """Follows which bodies consist of parts."""
 
-    def __init__(self, config: PixelsConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._looked_ns = 0
         # By body: when it was looked at last, and for how long a part has differed, ns.
         self._seen: dict[int, tuple[int, int]] = {}
@@ -88,12 +85,12 @@ class Structure:
         """Piece of each row, intp [m]; those that were seen too shortly are where their neighbours are."""
         slots = recent.slots[rows]
         stamps = [stamp for stamp in window.instants if stamp_ns - _SPAN_NS < stamp <= stamp_ns]
-        frames = key_frames(window, slots, recent.variance[rows], stamps, self._config.key_frames)
+        frames = key_frames(window, slots, recent.variance[rows], stamps)
         compared = thinned(np.flatnonzero(frames.visible.sum(axis=0) >= _LEAST_SEEN), _MOST_COMPARED)
         if len(compared) < 2:
             return np.zeros(len(rows), np.intp)
         labels = np.full(len(rows), NO_HYPOTHESIS)
         none_before = np.full(len(compared), NO_HYPOTHESIS)
-        labels[compared] = group(frames.of(compared), self._config, none_before).labels
+        labels[compared] = group(frames.of(compared), none_before)[0]
         votes = nearest_votes(recent.position[rows], labels, int(labels.max()) + 1, np.inf)
         return np.where(labels >= 0, labels, votes.argmax(axis=1))

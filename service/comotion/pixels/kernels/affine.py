@@ -60,19 +60,11 @@ def total_residuals(
     """Sums of squared residuals of motions [Q, H, 6], each capped (0: the motion does not count), [H, N]."""
     pairs, count, _ = motions.shape
     total = np.zeros((count, start.shape[2]), np.float32)
-    # Two motions at a time: fetching the trajectories takes the time. An odd last one goes twice.
-    for first in range(0, count, 2):
-        second = min(first + 1, count - 1)
-        r, s = np.zeros((2, start.shape[2]), np.float32)
+    for h in range(count):
         for q in range(pairs):
             x, y, u, v, w = start[q, 0], start[q, 1], displacement[q, 0], displacement[q, 1], seen[q]
-            a, b, c, d, e, f = motions[q, first]
-            g, h, j, k, m, n = motions[q, second]
-            most, limit = caps[q, first], caps[q, second]
+            a, b, c, d, e, f = motions[q, h]
             for i in range(len(x)):
                 ru, rv = u[i] - a * x[i] - b * y[i] - e, v[i] - c * x[i] - d * y[i] - f
-                su, sv = u[i] - g * x[i] - h * y[i] - m, v[i] - j * x[i] - k * y[i] - n
-                r[i] += min((ru * ru + rv * rv) * w[i], most)
-                s[i] += min((su * su + sv * sv) * w[i], limit)
-        total[first], total[second] = r, s
+                total[h, i] += min((ru * ru + rv * rv) * w[i], caps[q, h])
     return total
