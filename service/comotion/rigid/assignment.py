@@ -149,24 +149,21 @@ def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labe
     position = newest.copy()
     ended = ~frames.current & (labels > 0)
     # The first row of a trajectory is its position, or the end of its first arm.
-    rows = np.flatnonzero(ended[frames.owner])
-    tracks, first = np.unique(frames.owner[rows], return_index=True)
+    all_rows = np.flatnonzero(ended[frames.owner])
+    owners, first = np.unique(frames.owner[all_rows], return_index=True)
     for k, body in enumerate(bodies):
-        members = labels[tracks] == k
-        if members.any() and body.posed.any():
-            _carry(frames, rows[first[members]], tracks[members], body, position)
+        members = labels[owners] == k
+        if not (members.any() and body.posed.any()):
+            continue
+        rows, tracks = all_rows[first[members]], owners[members]
+        both = (frames.w[rows] > 0) & body.posed
+        last = last_true(both)
+        held = both[np.arange(len(last)), last]
+        rows, tracks, last = rows[held], tracks[held], last[held]
+        inside = np.einsum("nji,nj->ni", body.R[last], frames.y[rows, last] - body.t[last])
+        now = np.flatnonzero(body.posed)[-1]
+        position[tracks] = inside @ body.R[now].T + body.t[now]
     return position
-
-
-def _carry(frames: Frames, rows: Ints, tracks: Ints, body: Body, position: Floats) -> None:
-    """Move `tracks`, with a row each, by their body from where they were last seen to now, in `position`."""
-    both = (frames.w[rows] > 0) & body.posed
-    last = last_true(both)
-    held = both[np.arange(len(last)), last]
-    rows, tracks, last = rows[held], tracks[held], last[held]
-    inside = np.einsum("nji,nj->ni", body.R[last], frames.y[rows, last] - body.t[last])
-    now = np.flatnonzero(body.posed)[-1]
-    position[tracks] = inside @ body.R[now].T + body.t[now]
 
 
 def posterior(cost: Floats) -> Floats:
