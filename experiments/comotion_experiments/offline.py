@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from comotion import Fusion, FusionConfig
 from comotion.config import ThesisConfig
-from comotion.event_time.faults import warn_of
 from comotion.library.compiling import compile_ahead
 from comotion_clients.metrics import Score, Truth
 from comotion_clients.scoring import Scoring
@@ -158,7 +157,7 @@ def run_offline(
         run.ingest(core, arrived.batch, spread=spread)
     if run.due_ns <= end_ns:
         on_update(*run.update(core))
-    warn_of(core.faults.take(), stacklevel=2)
+    core.timeline.faults.warn(stacklevel=2)
     if not run.scores:
         raise KnownError(f"{duration:g} s are too short for an update every {period:g} s")
     return run

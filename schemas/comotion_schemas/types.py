@@ -218,12 +218,14 @@ class Record:
             raise reject("length", f"{', '.join(self._spatial)} differ in dimension")
 
     @classmethod
-    def trusted(cls, **numbers: list[float] | float) -> Self:
-        """Build a record whose numbers are known to be of the right count; checks that they are finite."""
-        if not all(math.isfinite(sum(n) if isinstance(n, list) else n) for n in numbers.values()):
-            raise reject("non-finite", "numbers must be finite")
+    def trusted(cls, **values: Any) -> Self:
+        """Build a record of values that are known to be valid; checks only that numbers are finite."""
+        for value in values.values():
+            number = sum(value) if isinstance(value, list) else value
+            if isinstance(number, float) and not math.isfinite(number):
+                raise reject("non-finite", "numbers must be finite")
         record = object.__new__(cls)
-        vars(record).update(numbers)
+        vars(record).update(values)
         return record
 
 

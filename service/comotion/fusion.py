@@ -10,7 +10,7 @@ with the time that it takes for now.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,15 @@ class AffinitySnapshot:
     matrix: NDArray[np.float32]
 
 
+class Capture(NamedTuple):
+    """A copy of the state of a fusion, which shares nothing with it."""
+
+    next_id: int
+    """The least id that no hypothesis has had."""
+    pieces: Callable[[], list[Any]]
+    """Serialises it: gives the snapshot as a list of buffers."""
+
+
 class Fusion:
     """Fuses observation batches of any number of sources into hypotheses of rigid bodies.
 
@@ -62,12 +71,13 @@ class Fusion:
 
     Attributes
     ----------
-    config, scene, session
+    config
         As above.
-    stats, faults
-        The counters of Status, and errors of the fusion itself.
+    stats
+        The counters of Status.
     timeline
-        Event time: the watermark, the sources, the accounts of their sessions, and what sources do wrong.
+        Event time: the watermark, the sources, the accounts of their sessions, what sources do wrong, and
+        errors of the fusion itself.
 
     Raises
     ------
@@ -84,15 +94,13 @@ class Fusion:
         first_id: int = 1,
     ) -> None:
         self.config = FusionConfig() if config is None else config
-        self.scene = Keys(scene).scene
-        self.session = session
+        self._scene, self._session = Keys(scene).scene, session
         self.stats = Stats()
         self.timeline = Timeline(self.config, self.stats)
-        self.faults = self.timeline.faults
         self._ids = IdAllocator(first_id)
         self._spaces = Spaces(self.config, self._ids, self.timeline)
-        self._assembly = Assembly(self.config, self.faults)
-        self._published, self._effort = PublishedIds(), FULL
+        self._assembly = Assembly(self.config, self.timeline.faults)
+        self._published = PublishedIds()
         self._latest: HypothesisUpdate | None = None
         self._seq = 0
 
@@ -101,16 +109,10 @@ class Fusion:
         """Names of the spaces that have been observed, sorted, and how many rows :meth:`affinity` has."""
         return dict(sorted((space.spec.name, space.size) for space in self._spaces))
 
-    @property
-    def next_id(self) -> int:
-        """The least id that no hypothesis has had."""
-        published = self._published.ids
-        return max(self._ids.following, 0 if published is None else published.following)
-
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
         refusal: RejectionReason | None = "defect"
-        with self.faults.guard("checking a batch", batch):
+        with self.timeline.faults.guard("checking a batch", batch):
             refusal = self._spaces.refusal(batch)
             stamps, refused = batch.stamps_ns, refusal is not None
             oldest = batch.stamp_ns if stamps is None or not len(stamps) else int(stamps.min())
@@ -126,7 +128,7 @@ class Fusion:
         """
         self.timeline.advance(now_ns, at_ns, self._spaces.store, self._spaces.end_session)
 
-    def update(self, now_ns: int, at_ns: int | None = None) -> HypothesisUpdate:
+    def update(self, now_ns: int, at_ns: int | None = None, *, level: int = 0) -> HypothesisUpdate:
         """Fuse what the watermark has passed and group every current trajectory. Raises nothing.
 
         Parameters
@@ -135,20 +137,22 @@ class Fusion:
             The caller's clock, nanoseconds since the Unix epoch, with which stamps are compared.
         at_ns
             A clock that is never set, in ns, for the time between arrivals; None: `now_ns`.
+        level
+            Of the work that is left out, as :mod:`comotion.shedding` says; 0: none.
         """
         self.advance(now_ns, at_ns)
-        timeline = self.timeline
-        watermark, shift_ns = timeline.watermark_ns, timeline.steps.shift_ns
+        timeline, effort = self.timeline, Effort.at(level)
+        watermark, shift_ns = timeline.watermark_ns, timeline.clock.shift_ns
         # Nothing has set a watermark yet: report its lower bound, so that stamps stay monotonic.
         stamp = now_ns - to_ns(self.config.max_lag) if watermark is None else watermark
-        updates = self._spaces.update(stamp, self._effort)
+        updates = self._spaces.update(stamp, effort)
         in_use = self._spaces.sessions()
         timeline.forget_idle(in_use)
         self._spaces.tidy(in_use | set(timeline.sessions))
         live = bool(timeline.sources.sending(timeline.at_ns))
         header = {
-            "scene": self.scene,
-            "session": self.session,
+            "scene": self._scene,
+            "session": self._session,
             "seq": self._seq,
             "stamp_ns": stamp,
             "published_ns": now_ns,
@@ -157,8 +161,8 @@ class Fusion:
         }
         self._seq += 1
         self.stats.updates += 1
-        self.stats.shed += self._effort != FULL
-        update = self._assembly.message(header, updates, timeline.sessions, self._effort, self._spaces.open)
+        self.stats.shed += effort != FULL
+        update = self._assembly.message(header, updates, timeline.sessions, effort, self._spaces.open)
         if not live and any(source.heard_ns is not None for source in timeline.sources.values()):
             update = at_rest(update)
         self._latest = moved(update, shift_ns) if shift_ns else update
@@ -175,10 +179,6 @@ class Fusion:
             The same for what updates of spaces cost, where that counts otherwise; None: `clock`.
         """
         self.timeline.budget.clock, self._spaces.turns.budget.clock = clock, grouping or clock
-
-    def shed(self, level: int) -> None:
-        """Leave out work from the next update on, as :mod:`comotion.shedding` says; 0: nothing."""
-        self._effort = Effort.at(level)
 
     def follow(self, published: HypothesisUpdate) -> None:
         """Take over the ids and births of what another service of the scene publishes.
@@ -228,27 +228,23 @@ class Fusion:
         Batches that wait for the watermark are not kept. `clean` says that no update follows: ids may
         then continue without a gap.
         """
-        return b"".join(self.capture(clean=clean)())
+        return b"".join(self.capture(clean=clean).pieces())
 
-    def capture(self, *, clean: bool = False) -> Callable[[], list[Any]]:
-        """Copy the state of :meth:`snapshot`, to be serialised later or by another thread.
-
-        Returns
-        -------
-        Callable
-            Gives the snapshot as a list of buffers; it shares nothing with the fusion.
-        """
+    def capture(self, *, clean: bool = False) -> Capture:
+        """Copy the state of :meth:`snapshot`, to be serialised later or by another thread."""
+        own, published = self._ids.following, self._published.ids
         state = {
             "method": self.config.method,
-            "scene": self.scene,
-            "session": self.session,
-            "next_id": self._ids.following + (0 if clean else ID_GAP),
+            "scene": self._scene,
+            "session": self._session,
+            "next_id": own + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
             "assembly": plain(self._assembly),
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
-        return partial(pieces, state)
+        next_id = max(own, 0 if published is None else published.following)
+        return Capture(next_id, partial(pieces, state))
 
     @classmethod
     def restore(cls, config: FusionConfig, data: bytes, *, session: str | None = None) -> Self:

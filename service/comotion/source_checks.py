@@ -177,8 +177,8 @@ class ExtentCheck:
         if session in self._views and (not numbers or (len(numbers) == 1 and session < numbers[0])):
             numbers = [session]
         views = [self._views[number] for number in numbers]
-        centre = np.asarray(np.median([middle for middle, _ in views], axis=0), np.float64)
-        reach = float(np.median([_reach(own, centre) for _, own in views]))
+        centre = np.asarray(median(np.array([middle for middle, _ in views])), np.float64)
+        reach = float(median(np.array([_reach(own, centre) for _, own in views])))
         return centre, max(reach, _MIN_EXTENT[self.unit])
 
 

@@ -166,7 +166,7 @@ class Tracks:
 
     def sessions(self) -> set[int]:
         """Numbers of the sessions that have a trajectory here."""
-        return set(np.flatnonzero(np.bincount(self._window.source[self._window.used])).tolist())
+        return set(np.bincount(self._window.source[self._window.used]).nonzero()[0].tolist())
 
     def displace(self, session: int, count: int) -> int:
         """Forget the youngest trajectories of a session number, `count` at most; returns how many."""

@@ -4,7 +4,9 @@ from itertools import count
 
 import zenoh
 
-from comotion.event_time.stats import Ledger, Stats
+from comotion.config import FusionConfig
+from comotion.event_time.stats import Stats
+from comotion.event_time.timeline import Timeline
 from comotion.runtime.intake import Intake, Statuses, Tokens
 from comotion.runtime.queues import OTHERS
 from comotion_schemas import Keys, encode
@@ -25,9 +27,9 @@ class Reader:
     """Polls an intake until enough has come; the event to wait for is what comes in."""
 
     def __init__(self, session, **options):
-        self.stats = Stats()
-        self.ledger = Ledger(self.stats)
-        self.intake = Intake(session, KEYS, self.ledger, **options)
+        timeline = Timeline(FusionConfig(), Stats())
+        self.stats, self.ledger = timeline.stats, timeline.ledger
+        self.intake = Intake(session, KEYS, timeline, **options)
         self.got: list[tuple[str, int]] = []
 
     def poll(self, now_ns=0):

@@ -88,10 +88,7 @@ def over_rmw_zenoh(session):
     return {"malformed": 1}
 
 
-INPUTS = {
-    over_zenoh: ("--joints", "ur"),
-    over_rmw_zenoh: ("--ros", "/ur/joint_states", "--ros-domain", "3"),
-}
+INPUTS = {over_zenoh: ("--joints", "ur"), over_rmw_zenoh: ("--ros", "/ur/joint_states", "--ros-domain", "3")}
 
 
 @pytest.mark.parametrize(("send", "words"), INPUTS.items(), ids=lambda value: getattr(value, "__name__", ""))

@@ -71,12 +71,12 @@ class TestInstants:
     @pytest.mark.parametrize("spenders", ["a", "abc"])
     def test_a_pause_of_the_machine_mutes_nobody_for_long(self, spenders):
         budget = Budget(0.5, 100 * MS, clock := Clock())
-        budget.begin(0, spenders)
+        next(budget.rounds(0, lambda: spenders))
         clock.spend(budget, "a", 60 * S)
         rounds = 0
         while not budget.allows("a"):
             rounds += 1
-            budget.begin(rounds * 100 * MS, spenders)
+            next(budget.rounds(rounds * 100 * MS, lambda: spenders))
         assert rounds <= 5
 
 

@@ -103,33 +103,52 @@ def test_each_event_follows_from_the_one_before(updates):
             last[one] = event.kind
 
 
-def test_an_id_that_has_merged_does_not_come_back_with_features_that_were_hidden():
+def updates_of(count):
+    """What follows features into groups: gives the ids shown, and the merged events."""
     window, allocator = Window(3, 20 * S, S), IdAllocator()
     registry = Registry(HypothesesConfig(), space="world", allocator=allocator)
-    slots, places = window.open(10, 0), np.random.default_rng(0).normal(size=(10, 3))
+    slots, places = window.open(count, 0), np.random.default_rng(0).normal(size=(count, 3))
 
-    def update(k, groups, current):
-        stamp_ns = (k + 1) * S // 10
+    def update(k, groups, current, gone=0):
+        """`groups` of the first features, which are `gone`, and of the current ones."""
+        stamp_ns, grouped = (k + 1) * S // 10, np.append(np.arange(gone), current)
         window.insert(slots[current], stamp_ns, places[current], np.full(len(current), np.nan), None)
-        partition = Partition(
-            slots[current],
-            groups,
-            np.ones(len(current), bool),
-            np.ones(len(current)),
-            places[current],
-            [Group()] * 2,
-        )
+        deciding, sure = np.ones(len(grouped), bool), np.ones(len(current))
+        partition = Partition(slots[grouped], groups, deciding, sure, places[current], [Group()] * 2)
         _, listed, events = registry.update(window, partition, slots[current], stamp_ns)
-        return {h.id for h in listed}, [e for e in events if e.kind == "merged"]
+        return {h.id: h.size for h in listed}, [e for e in events if e.kind == "merged"]
 
-    apart, everyone = np.repeat([0, 1], 5), np.arange(10)
+    return update
+
+
+APART, EVERYONE = np.repeat([0, 1], 5), np.arange(10)
+
+
+def test_an_id_that_has_merged_does_not_come_back_with_features_that_were_hidden():
+    update, seen = updates_of(10), EVERYONE[2:]
     for k in range(30):
-        update(k, apart, everyone)
-    seen = everyone[2:]
+        update(k, APART, EVERYONE)
     merged = [event for k in range(30, 80) for event in update(k, np.ones(8, int), seen)[1]]
     assert [event.others for event in merged] == [[1]]
-    ids = {one for k in range(80, 90) for one in update(k, np.repeat([0, 1], [2, 8]), everyone)[0]}
+    ids = {one for k in range(80, 90) for one in update(k, np.repeat([0, 1], [2, 8]), EVERYONE)[0]}
     assert ids == {2, 3}
+
+
+def test_an_id_that_vanished_before_it_was_confirmed_is_not_given_again():
+    update = updates_of(10)
+    shown = [
+        update(k, groups, seen)[0]
+        for k, (groups, seen) in enumerate([(APART, EVERYONE), (APART[:5], EVERYONE[:5])])
+    ]
+    assert [*shown, update(2, APART, EVERYONE)[0]] == [{1: 5, 2: 5}, {1: 5}, {1: 5, 3: 5}]
+
+
+def test_who_is_gone_has_no_say_in_whose_the_id_is():
+    update = updates_of(20)
+    for k in range(30):
+        assert update(k, np.zeros(20, int), np.arange(20))[0] == {1: 20}
+    # Six that have gone are grouped with the smaller part of those that are seen.
+    assert update(31, np.repeat([1, 0, 1], [6, 8, 6]), np.arange(6, 20), gone=6)[0] == {1: 8, 2: 6}
 
 
 CORNERS = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])

@@ -44,7 +44,7 @@ def test_the_same_ids_in_two_spaces_are_refused_in_the_second_one():
 
 def test_stamps_at_the_ends_of_their_range_and_places_beyond_all_measure_are_refused():
     fusion = Fusion()
-    fusion.timeline.steps.replays = True
+    fusion.timeline.replay()
     for seq, (stamp, scale) in enumerate(((-(2**63), 1), (2**63 - 1, 1), (T0, 1), (T0, 1e38))):
         fusion.ingest(batch("odd", seq, stamp, scale * POINTS))
         fusion.update(T0)
@@ -59,7 +59,7 @@ def test_a_space_that_fails_is_built_anew_and_keeps_its_hypotheses(monkeypatch):
     monkeypatch.setattr(space._method, "partition", lambda *_: 1 / 0)
     after = run(fusion, 40, 60)
     assert {h.id for h in after.hypotheses} == {h.id for h in before.hypotheses}
-    (fault,) = fusion.faults.take()
+    (fault,) = fusion.timeline.faults.take()
     assert "world" in fault.doing
     assert isinstance(fault.error, ZeroDivisionError)
     assert fusion.stats.faults == 1
@@ -75,7 +75,7 @@ def test_a_batch_that_fails_is_set_aside_and_no_id_is_used_again(monkeypatch, ca
     assert fusion.stats.rejected == {"defect": 1}
     assert len(after.track_id) == 12
     assert min(h.id for h in after.hypotheses) > max(h.id for h in before.hypotheses)
-    fault = fusion.faults.take()[0]
+    fault = fusion.timeline.faults.take()[0]
     for _ in range(2):
         log_defect(fault)
     assert "storing a batch: ZeroDivisionError; please report this (source cam, " in caplog.text

@@ -31,9 +31,7 @@ def settled(start):
 
 fleets = st.builds(
     lambda scenes, capacities, draining: fleet(
-        scenes,
-        {f"a{k}": c for k, c in enumerate(capacities)},
-        draining={f"a{k}" for k in draining},
+        scenes, {f"a{k}": c for k, c in enumerate(capacities)}, draining={f"a{k}" for k in draining}
     ),
     st.lists(st.integers(1, 2), max_size=8),
     st.lists(st.integers(1, 6), max_size=4),

@@ -13,6 +13,7 @@ import pytest
 
 from comotion import Fusion, FusionConfig
 from comotion.config import LimitsConfig
+from comotion.event_time.faults import Faults
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
 from comotion.runtime import output
 from comotion.runtime.health import Problems
@@ -64,10 +65,9 @@ def test_what_shows_it_is_there(what, tests):
 
 def test_accounts_of_the_sessions_seen_last_are_kept_and_the_totals_hold_all():
     ledger = Ledger(Stats())
-    ledger.arrive(("waits", ""))
+    ledger.book(("waits", ""), {"batches": 1, "waiting": 1})
     for k in range(MAX_ACCOUNTS + 10):
-        ledger.arrive(key := ("cam", f"{k:016x}"))
-        ledger.settle(key, "limit")
+        ledger.book(("cam", f"{k:016x}"), {"batches": 1, "limit": 1})
     accounts = ledger.accounts
     assert len(accounts) == MAX_ACCOUNTS
     assert ("waits", "") in accounts
@@ -119,7 +119,7 @@ class TestQueries:
         self.waiting = {"config": 3, "schema": 1}
         monkeypatch.setattr(output, "declare_publisher", lambda *_: None)
         component = SimpleNamespace(session=self, keys=Keys())
-        declared = Output(component, None, {"config": handler, "schema": handler})
+        declared = Output(component, None, {"config": handler, "schema": handler}, Faults(Stats()))
         declared._switch(0)
         return declared
 
@@ -140,11 +140,10 @@ class TestQueries:
     def __exit__(self, *_):
         pass
 
-    def reply(self, key, payload, encoding):
-        self.replies.append(payload)
+    def reply(self, *key_and_payload, encoding):
+        self.replies.append(key_and_payload[-1])
 
-    def reply_err(self, payload, encoding):
-        self.replies.append(payload)
+    reply_err = reply
 
     def test_one_is_answered_in_any_case_and_the_names_have_turns(self, monkeypatch):
         queryables = self.declared(lambda _: (b"done", "text/plain"), monkeypatch)
@@ -161,10 +160,12 @@ class TestQueries:
         self.declared(None, monkeypatch)
         assert rings == [64, 64]
 
-    def test_a_reply_that_is_too_large_is_an_error_that_says_so(self, monkeypatch):
+    def test_a_reply_that_is_too_large_and_a_defect_are_errors_that_say_so(self, monkeypatch):
         monkeypatch.setattr(output, "MAX_BYTES", 3)
         self.declared(lambda _: (b"done", "text/plain"), monkeypatch).answer(10**9)
         assert set(self.replies) == {b"the answer has 4 bytes, the limit is 3"}
+        self.declared(lambda _: 1 / 0, monkeypatch).answer(10**9)
+        assert set(self.replies) == {b"internal error: ZeroDivisionError('division by zero')"}
 
     def test_affinities_of_too_many_trajectories_are_refused_before_they_are_computed(self, monkeypatch):
         fusion = Fusion()

@@ -233,11 +233,11 @@ def test_a_body_before_a_carried_camera_is_found_and_kept_where_it_stops():
 def test_a_window_may_grow_before_a_carried_camera():
     fusion, known = Fusion(), np.arange(WALL + HAND)
     play(fusion, Carried(), path(180, 0), ids=lambda number: known + 100 * (max(number - 130, 0) // 20))
-    assert not fusion.faults.take()
+    assert not fusion.timeline.faults.take()
 
 
 def test_a_camera_may_be_silent_for_longer_than_the_window():
     fusion = Fusion()
     play(fusion, Scene(), path(45, 0))
     play(fusion, Scene(), path(30, 0), first=45 + 20 * RATE)
-    assert not fusion.faults.take()
+    assert not fusion.timeline.faults.take()

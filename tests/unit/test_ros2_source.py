@@ -59,11 +59,7 @@ def test_frames_of_tf_are_features_that_keep_their_ids():
     converter = Converter("cup*")
     (first,) = converter.convert(TF, tf(transform("cup1", 1.0), transform("robot", 9.0)), 0)
     (second,) = converter.convert(TF, tf(transform("cup2", 2.0), transform("cup1", 1.5)), 0)
-    assert (first[0], first[1]["stamp_ns"], first[1]["ids"].tolist()) == (
-        "world",
-        5_000_000_007,
-        [0],
-    )
+    assert (first[0], first[1]["stamp_ns"], first[1]["ids"].tolist()) == ("world", 5_000_000_007, [0])
     assert dict(zip(second[1]["ids"].tolist(), second[1]["positions"][:, 0].tolist(), strict=True)) == {
         1: 2.0,
         0: 1.5,

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import LimitsConfig, ThesisConfig
 from comotion.hypotheses.registry import Registry
 from comotion.joints.joints import Joints
 from comotion.linking.linker import Linker
@@ -20,15 +19,14 @@ from comotion_tools.bench import SceneSpec, messages
 
 SECOND = 10**9
 PERIOD = SECOND // 10
-
-
 CROWD = SceneSpec(features=500, bodies=2, sources=1, rate=20.0, churn=0.1)
 
 
-def shed(level):
-    """A fusion that leaves out work."""
-    fusion = Fusion(FusionConfig())
-    fusion.shed(level)
+def shed(level, full=0, config=None):
+    """A fusion that leaves out work after so many full updates."""
+    fusion, levels = Fusion(config), chain(repeat(0, full), repeat(level))
+    update = fusion.update
+    fusion.update = lambda now_ns: update(now_ns, level=next(levels))
     return fusion
 
 
@@ -39,9 +37,8 @@ def simulated(name):
 class TestObservations:
     @pytest.mark.parametrize(("method", "least"), [("comotion", 0.97), ("thesis", 0.7)])
     def test_of_a_large_space_some_are_grouped_and_new_ones_join_by_place_and_motion(self, method, least):
-        fusion = Fusion(FusionConfig(method=method, thesis=ThesisConfig(sigma_switch=0.02)))
-        levels = chain(repeat(0, 30), repeat(MOST))
-        run = run_offline(messages(CROWD, 5.0), fusion, on_update=lambda *_: fusion.shed(next(levels)))
+        fusion = shed(MOST, 31, FusionConfig(method=method, thesis={"sigma_switch": 0.02}))
+        run = run_offline(messages(CROWD, 5.0), fusion)
         assert len(fusion.affinity("world").tracks) == 200
         assert run.nmi[30:].min() > least
         assert run.scores[-1].singletons == 0
@@ -61,16 +58,8 @@ class TestObservations:
         assert run.scores[-1].hypotheses == 2
 
 
-@pytest.mark.parametrize(
-    ("level", "done"),
-    [
-        (0, {"judging": True, "deciding": True, "boxes": True}),
-        (1, {"judging": False, "deciding": True, "boxes": True}),
-        (2, {"judging": False, "deciding": True, "boxes": False}),
-        (3, {"judging": False, "deciding": False, "boxes": False}),
-    ],
-)
-def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, monkeypatch):
+@pytest.mark.parametrize("level", range(4))
+def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, monkeypatch):
     options_of_work = {}
 
     def spied(plain):
@@ -84,7 +73,7 @@ def test_the_first_levels_leave_out_joints_then_boxes_then_links(level, done, mo
         monkeypatch.setattr(place, name, spied(getattr(place, name)))
     fusion = shed(level)
     run_offline(simulated("3d_2"), fusion, duration=0.2)
-    assert options_of_work == done
+    assert options_of_work == {"judging": level < 1, "boxes": level < 2, "deciding": level < 3}
     assert fusion.stats.shed == (2 if level else 0)
 
 
@@ -133,12 +122,10 @@ class TestOverload:
         assert len(caplog.messages) == 2
 
     @pytest.mark.parametrize("shedding", [True, False])
-    def test_switched_off_it_leaves_out_nothing(self, shedding, monkeypatch):
-        fusion = Fusion(FusionConfig(limits=LimitsConfig(shedding=shedding)))
-        levels: list[int] = []
-        monkeypatch.setattr(fusion, "shed", levels.append)
+    def test_switched_off_it_leaves_out_nothing(self, shedding):
+        fusion = Fusion(FusionConfig(limits={"shedding": shedding}))
         loop = SimpleNamespace(
             _fusion=fusion, _overload=Overload(PERIOD), _took_ns=10 * PERIOD, _spent_ns=PERIOD
         )
         Loop._judge(loop, 3)
-        assert (levels, fusion.stats.overruns) == ([8] if shedding else [], 3)
+        assert (loop._overload.level, fusion.stats.overruns) == (8 if shedding else 0, 3)

@@ -92,10 +92,7 @@ WRONG = [
     ("source klt video.avi --tracker windw=3", "unknown tracker parameter 'windw'; one of birth_sigma"),
     ("source klt video.avi --tracker window=1000", "tracker parameter window: "),
     ("source external-camera video.avi --marker-size 0.1", "an external camera needs its extrinsics"),
-    (
-        "source external-camera video.avi --marker-size 1 --extrinsics identity",
-        "the camera's intrinsics",
-    ),
+    ("source external-camera video.avi --marker-size 1 --extrinsics identity", "the camera's intrinsics"),
     ("source external-camera video.avi --marker-size 1 --dictionary 9x9", "'9x9'; one of 4x4_100"),
     ("record take.txt", "ends in .mcap"),
     ("record --out x.mcap", "--out needs"),

@@ -117,11 +117,7 @@ WRONG = {
         (b"time,lift\n1e200,1\n", "line 2: stamp"),
         (b"time,lift,lift\n1,1,1\n", "line 2: a joint is named twice"),
     ],
-    "poses.txt": [
-        (b"", "poses"),
-        (b"a b c d e f g h", "poses"),
-        (b"nan 0 0 0 0 0 0 1", "poses"),
-    ],
+    "poses.txt": [(b"", "poses"), (b"a b c d e f g h", "poses"), (b"nan 0 0 0 0 0 0 1", "poses")],
 }
 READERS = {
     "camera": read_calibration,

@@ -1,9 +1,9 @@
 """Event time: puts the batches of many sources in time order, and keeps their accounts.
 
-Event time is one state machine, :class:`.timeline.Timeline`. It reads no clock: both its clocks come from the
-caller. `now_ns` is what stamps are compared with. `at_ns` is when something arrived; it must never be set.
-Without `at_ns`, `now_ns` is taken for it. The rules are those of docs/protocol.md, "Time"; the accounts are
-those of Status (:mod:`.stats`).
+Event time is one state machine, :class:`.timeline.Timeline`: what is found about a batch (:data:`Event`)
+leads it from :class:`Stage` to stage, as :data:`TABLE` says. Both its clocks come from the caller: `now_ns`
+is what stamps are compared with; `at_ns` is when something arrived, and must never be set. The rules are
+those of docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
 
 A batch comes in (`receive`):
 
@@ -13,7 +13,7 @@ A batch comes in (`receive`):
 
 The time is given (`advance`). Each batch that has come in since is judged, in the order of arrival:
 
-3. One whose stamp is far from now may have to wait until it is clear whose clock is wrong (:mod:`.steps`).
+3. One whose stamp is far from now may have to wait until it is clear whose clock is wrong (:mod:`.clocks`).
 4. Rejected, and moves nothing: a stamp more than 1 s ahead of now (`future`); one older than the window
    while there is no watermark yet (`past`); one source too many (`limit`).
 5. A source has one session at a time. Batches of another one wait; it takes over once the first has been
@@ -31,7 +31,6 @@ Then the watermark moves and releases:
 9. What is stamped <= W comes out in stamp order, ties by source name and then by arrival; newer data waits.
 10. Right before the first instant of a new session comes out, the one before ends.
     Nothing of an ended session comes out any more: what still waits is dropped as `late`.
-
 11. What a source's instants cost is charged to it; those that have sent for less than a second have one
     share together. One that has spent its share waits for its next one, and comes out behind the watermark
     then. After a second behind it, its batches there are dropped (`over-budget`). See :mod:`.budget`.
@@ -42,3 +41,45 @@ The following is forgotten:
 13. A session is forgotten when it is not its source's and has no trajectory left, and a source when it has
     been silent for `limits.expiry` (`forget_idle`). One source too many displaces the one silent for longest.
 """
+
+from enum import Enum
+from typing import Literal
+
+from comotion_schemas import RejectionReason
+
+
+class Stage(Enum):
+    """A stage of a batch on its way; the last five are its end, by the name of its account."""
+
+    ARRIVED = "arrived"
+    CLOCK, NAME, WATERMARK = "clock", "name", "watermark"
+    """It waits until it is clear whose clock is wrong, who has the name, and for the watermark."""
+    FUSED, PARTLY_LATE, LATE, DUPLICATE, REJECTED = "fused", "partly_late", "late", "duplicates", "rejected"
+
+
+Event = Literal["repeated", "far", "rival", "own", "late", "partly_late", "fused"] | RejectionReason
+"""What is found about a batch, such as that it is far from now, or of a rival; why it is rejected, too."""
+
+TABLE: dict[tuple[Stage, Event], Stage] = {
+    (Stage.ARRIVED, "repeated"): Stage.DUPLICATE,  # rule 1
+    (Stage.ARRIVED, "far"): Stage.CLOCK,  # 3
+    (Stage.ARRIVED, "late"): Stage.LATE,  # 5
+    (Stage.ARRIVED, "rival"): Stage.NAME,
+    (Stage.ARRIVED, "own"): Stage.WATERMARK,
+    (Stage.CLOCK, "repeated"): Stage.DUPLICATE,
+    (Stage.CLOCK, "late"): Stage.LATE,
+    (Stage.CLOCK, "rival"): Stage.NAME,
+    (Stage.CLOCK, "own"): Stage.WATERMARK,
+    (Stage.NAME, "own"): Stage.WATERMARK,
+    (Stage.WATERMARK, "late"): Stage.LATE,  # 7 and 10
+    (Stage.WATERMARK, "partly_late"): Stage.PARTLY_LATE,
+    (Stage.WATERMARK, "fused"): Stage.FUSED,  # 9
+}
+"""The stage that follows; what is not in the table is a defect, and costs the batch."""
+_REJECTED: dict[Stage, tuple[RejectionReason, ...]] = {
+    Stage.ARRIVED: ("space-mismatch", "range", "limit", "future", "past", "defect"),  # 2 and 4
+    Stage.CLOCK: ("limit", "future", "past", "defect"),
+    Stage.NAME: ("duplicate-name", "defect"),  # 5
+    Stage.WATERMARK: ("space-mismatch", "range", "limit", "over-budget", "defect"),  # 9 and 11
+}
+TABLE |= {(stage, why): Stage.REJECTED for stage, reasons in _REJECTED.items() for why in reasons}

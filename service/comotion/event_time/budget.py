@@ -57,9 +57,14 @@ class Budget:
     # Reading of the clock at the end of the last charge.
     _clock_ns: int | None = None
 
-    def begin(self, at_ns: int, spenders: Collection[str], new: Collection[str] = ()) -> None:
-        """Begin a round at a time on the clock of arrivals; `spenders` have work, of which some are `new`."""
-        self._new = new
+    def rounds(
+        self, at_ns: int, waiting: Callable[[], Collection[str]], new: Collection[str] = ()
+    ) -> Iterator[None]:
+        """Begin a round at a time on the clock of arrivals, and yield as long as any of it is left.
+
+        It is shared among the sources that are `waiting`, of which some are `new`.
+        """
+        self._new, spenders = new, waiting()
         elapsed = self.period_ns if self._at_ns is None else at_ns - self._at_ns
         self._at_ns = at_ns
         most = min(max(elapsed, 0), self.period_ns)
@@ -71,15 +76,7 @@ class Budget:
         self._share(spenders)
         self.share_ns = round(self.share * most) // self._parties
         # A source without work saves no time for later.
-        self._credit = {
-            name: credit for name, credit in self._credit.items() if credit < 0 or name in spenders
-        }
-
-    def rounds(
-        self, at_ns: int, waiting: Callable[[], Collection[str]], new: Collection[str] = ()
-    ) -> Iterator[None]:
-        """Begin a round, and yield while sources wait and there is any of it left to share among them."""
-        self.begin(at_ns, waiting(), new)
+        self._credit = {n: credit for n, credit in self._credit.items() if credit < 0 or n in spenders}
         while waiting():
             yield
             if self.clock is None or self._left < _LEAST_REST_NS:
@@ -99,9 +96,8 @@ class Budget:
 
     def allows(self, name: str) -> bool:
         """Whether a source may go on."""
-        if self.clock is None:
-            return True
-        return self._credit.get(name, 0) > 0 and (name not in self._new or self._left_to_new > 0)
+        left = self._credit.get(name, 0) > 0 and (name not in self._new or self._left_to_new > 0)
+        return self.clock is None or left
 
     @contextmanager
     def charge(self, shares: Mapping[str, float]) -> Iterator[None]:

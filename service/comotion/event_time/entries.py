@@ -1,4 +1,4 @@
-"""A batch on its way through event time, the stages of that way, and the instants that come out."""
+"""A batch on its way through event time, and the instants that come out."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -7,20 +7,17 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from comotion_schemas import ObservationBatch, RejectionReason
+from comotion_schemas import ObservationBatch
 from comotion_schemas.types import Unit
 
 from ..arrays import Bools, Floats, Floats32, Ids, Ints, Stamps
-from .stats import Fate, Key
+from . import Event, Stage
+from .stats import Key
 
 Rank = tuple[int, str, int]
 """First stamp, source, and order of arrival."""
 # Python objects of a batch.
 _OBJECT_BYTES = 1500
-
-
-Verdict = Literal["clock", "name", "watermark"] | Fate
-"""What a batch waits for, or its end."""
 
 
 @dataclass(eq=False)
@@ -29,6 +26,7 @@ class Entry:
 
     batch: ObservationBatch
     """What came in."""
+    stage: Stage = Stage.ARRIVED
     repeated: bool = False
     """Whether its sequence number was seen before."""
     at_ns: int = 0
@@ -41,10 +39,9 @@ class Entry:
     generation: int = 0
     order: int = 0
     """Number of the session of its source that sent it, and its own number in the order of arrival."""
-    fused: bool = False
     late: bool = False
-    refused: RejectionReason | None = None
-    """Whether some of its instants were fused, some were too late, and why some were refused."""
+    outcome: Event = "late"
+    """Whether some of its instants were too late, and what has become of it so far."""
 
     def __post_init__(self) -> None:
         # Bytes that it holds.
@@ -74,13 +71,6 @@ class Entry:
         taken = Instants(self.stamps[:stop], self.rows[:stop], session, self.batch, last)
         self.stamps, self.rows = self.stamps[stop:], self.rows[stop:]
         return taken
-
-    @property
-    def fate(self) -> Fate:
-        """Its fate, once none of its rows waits."""
-        if self.fused:
-            return "partly_late" if self.late else "fused"
-        return self.refused or "late"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import warnings
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -30,11 +30,13 @@ class Faults:
         self._unread: deque[Fault] = deque(maxlen=_MOST_FAULTS)
 
     @contextmanager
-    def guard(self, doing: str, batch: ObservationBatch | None = None) -> Iterator[None]:
-        """Go on behind a block that does `doing` if it fails: the one place that catches any exception."""
+    def guard(self, doing: str, batch: ObservationBatch | None = None) -> Iterator[list[Exception]]:
+        """Go on behind a block that does `doing` if it fails; yields a list that gets the exception."""
+        failed: list[Exception] = []
         try:
-            yield
+            yield failed
         except Exception as error:
+            failed.append(error)
             self._stats.faults += 1
             if batch is not None:
                 rows = f"{len(batch.ids)} rows, space {batch.space!r}"
@@ -47,9 +49,8 @@ class Faults:
         self._unread.clear()
         return faults
 
-
-def warn_of(faults: Iterable[Fault], stacklevel: int) -> None:
-    """Warn of each fault, for callers without a log; `stacklevel` is that of :func:`warnings.warn` there."""
-    for fault in faults:
-        text = f"a defect of comotion, please report it: {fault.doing}: {fault.error!r}"
-        warnings.warn(text, RuntimeWarning, stacklevel=stacklevel + 1)
+    def warn(self, stacklevel: int) -> None:
+        """Warn of each of those, for callers without a log; `stacklevel` is that of a warning there."""
+        for fault in self.take():
+            text = f"a defect of comotion, please report it: {fault.doing}: {fault.error!r}"
+            warnings.warn(text, RuntimeWarning, stacklevel=stacklevel + 1)

@@ -8,16 +8,17 @@ from collections.abc import Callable
 
 from comotion_schemas import RejectionReason
 
+from . import Event
 from .budget import Budget
 from .entries import Entry, Instants
 from .sources import Source, Sources
-from .stats import Fate, Key
+from .stats import Key
 from .troubles import Troubles
 
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
-Settle = Callable[[Entry, Fate], None]
-"""Books the fate of a batch."""
+Move = Callable[[Entry, Event], None]
+"""Moves a batch to its next stage."""
 Store = Callable[[Instants], RejectionReason | None]
 """Fuses instants that come out, or says why they are refused."""
 End = Callable[[int], None]
@@ -56,14 +57,14 @@ class Load:
 class Release:
     """The batches that wait, and the numbers of the sessions whose instants have come out.
 
-    `settle` is called with the fate of a batch once all its instants have come out. The budget says which
-    sources may have instants released, and is charged with what they cost. `sessions` are (source, session)
-    by number, of every session that is current or has trajectories; the next one gets `next_number`.
+    `move` is called with what has become of a batch once all its instants have come out. The budget says
+    which sources may have instants released, and is charged with what they cost. `sessions` are (source,
+    session) by number, of every session that is current or has trajectories; the next one gets `next_number`.
     """
 
-    def __init__(self, sources: Sources, settle: Settle, budget: Budget, troubles: Troubles) -> None:
+    def __init__(self, sources: Sources, move: Move, budget: Budget, troubles: Troubles) -> None:
         self._sources = sources
-        self._settle = settle
+        self._move = move
         self._budget = budget
         self._troubles = troubles
         self._behind_ns: dict[str, int] = {}
@@ -77,19 +78,17 @@ class Release:
         entry.order = self._order
         heapq.heappush(self._sources[entry.batch.source].waiting, entry)
 
-    def until(self, watermark_ns: int | None, at_ns: int, store: Store, end: End) -> None:
+    def until(self, watermark_ns: int, at_ns: int, store: Store, end: End) -> None:
         """Release what is stamped at or before the watermark, by rule 9, as far as the budget goes."""
-        if watermark_ns is None:
-            return
         due = {name for name, source in self._sources.items() if source.is_due(watermark_ns)}
         new = {name for name, source in self._sources.items() if source.is_new}
         for _ in self._budget.rounds(at_ns, lambda: due, new):
             self._turn(due, watermark_ns, store, end)
         # Sources that have long been behind because of their costs lose what is due.
-        self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in due}
+        self._behind_ns = {name: self._behind_ns.get(name, at_ns) for name in sorted(due)}
         for name in [name for name, since_ns in self._behind_ns.items() if at_ns - since_ns > _PATIENCE_NS]:
             while self._sources[name].is_due(watermark_ns):
-                self._settle(heapq.heappop(self._sources[name].waiting), "over-budget")
+                self._move(heapq.heappop(self._sources[name].waiting), "over-budget")
             del self._behind_ns[name]
             self._troubles.note("over-budget", name)
 
@@ -101,26 +100,24 @@ class Release:
             _, name, _ = heapq.heappop(heads)
             if not self._budget.allows(name):
                 continue
-            source, instants = self._sources[name], None
+            source = self._sources[name]
             entry = heapq.heappop(source.waiting)
             if self._begins(entry, source, end):
                 others = [*heads[:1], *(other.rank for other in source.waiting[:1])]
                 instants = entry.take(watermark_ns, others, source.number)
                 if not instants.last:
                     heapq.heappush(source.waiting, entry)
+                with self._budget.charge({name: 1.0}):
+                    self._book(entry, instants, store(instants))
             if source.is_due(watermark_ns):
                 heapq.heappush(heads, source.waiting[0].rank)
             else:
                 due.discard(name)
-            if instants is not None:
-                with self._budget.charge({name: 1.0}):
-                    self._book(entry, instants, store(instants))
 
     def _begins(self, entry: Entry, source: Source, end: End) -> bool:
         """Whether a batch comes out: its session is not over. The first of a session ends the one before."""
         if entry.generation < source.released:
-            entry.late = True
-            self._settle(entry, entry.fate)
+            self._move(entry, "partly_late" if entry.outcome == "fused" else entry.outcome)
             return False
         if entry.generation > source.released:
             if source.released >= 0:
@@ -131,10 +128,10 @@ class Release:
         return True
 
     def _book(self, entry: Entry, instants: Instants, refused: RejectionReason | None) -> None:
-        if refused is not None:
-            entry.refused = refused
         # Of a batch that is late as a whole, only its ended trajectories have come out.
-        elif len(instants.rows) or not entry.late:
-            entry.fused = True
+        if refused is None and (len(instants.rows) or not entry.late):
+            entry.outcome = "partly_late" if entry.late else "fused"
+        elif refused is not None and entry.outcome not in ("partly_late", "fused"):
+            entry.outcome = refused
         if instants.last:
-            self._settle(entry, entry.fate)
+            self._move(entry, entry.outcome)

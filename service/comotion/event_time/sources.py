@@ -1,14 +1,11 @@
 """The sources of a scene: which are live, send and agree."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
 
-from comotion_schemas import ObservationBatch
-
 from ..saving import NOT_KEPT
-from .entries import Entry, Verdict
+from .entries import Entry
 from .stats import Key
 
 # A median over so many gaps follows a new rate within a second at 15 Hz and ignores single outliers.
@@ -18,12 +15,8 @@ _PAST_SESSIONS = 64
 # A source is silent, and hands its name over, after so many of its periods.
 PERIODS = 3
 _NEVER_NS = 2**62
-# ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
-_LEAST_HANDOVER_NS = 200_000_000
 # ns over which a source must have sent to have a share of its own; until then all such have one together.
 _NEW_NS = 1_000_000_000
-# Batches of rivals that wait for the name.
-_MAX_RIVALS = 256
 
 
 @dataclass
@@ -68,7 +61,7 @@ class Source:
         return int(median(self.gaps_ns or [0]))
 
     @property
-    def _silence_ns(self) -> int:
+    def silence_ns(self) -> int:
         """Three median times between its recent arrivals; 0 until there are two."""
         return PERIODS * int(median(self.arrivals_ns or [0]))
 
@@ -101,10 +94,6 @@ class Source:
             self.arrivals_ns.append(at_ns - self.heard_ns)
         self.heard_ns = at_ns
 
-    def is_sending(self, at_ns: int, timeout_ns: int) -> bool:
-        """Whether it was heard within the timeout, or three of its periods if longer."""
-        return self.idle_ns(at_ns) <= max(timeout_ns, self._silence_ns)
-
     def is_due(self, watermark_ns: int) -> bool:
         """Whether a batch of it waits that the watermark has passed."""
         return bool(self.waiting) and self.waiting[0].rank[0] <= watermark_ns
@@ -113,30 +102,6 @@ class Source:
         """How long it has not been heard."""
         return _NEVER_NS if self.heard_ns is None else at_ns - self.heard_ns
 
-    def settled_rivals(
-        self, at_ns: int, timeout_ns: int, scene_time: Callable[[ObservationBatch], int]
-    ) -> Iterator[tuple[Entry, Verdict]]:
-        """Yield the rivals that wait no more.
-
-        The session of the first one gets the name once this one is silent. It is refused where it has waited
-        for as long, or too many wait.
-        """
-        while self.rivals:
-            first, stamp_ns = self.rivals[0], scene_time(self.rivals[0].batch)
-            limit_ns = min(max(_LEAST_HANDOVER_NS, self._silence_ns), timeout_ns)
-            # Batches that are looked at together have no times of arrival of their own.
-            if (max(self.idle_ns(at_ns), 0) or stamp_ns - self.newest_ns) >= limit_ns:
-                admitted = [entry for entry in self.rivals if entry.key == first.key]
-                self.rivals = [entry for entry in self.rivals if entry.key != first.key]
-                self.start(first.batch.session, stamp_ns, at_ns)
-                for entry in admitted:
-                    self.observe(scene_time(entry.batch), at_ns)
-                    yield entry, "watermark"
-            elif at_ns - first.at_ns >= limit_ns or len(self.rivals) > _MAX_RIVALS:
-                yield self.rivals.pop(0), "duplicate-name"
-            else:
-                return
-
 
 class Sources(dict[str, Source]):
     """Sources by name, which hold the watermark for so long without data."""
@@ -144,11 +109,6 @@ class Sources(dict[str, Source]):
     def __init__(self, timeout_ns: int) -> None:
         super().__init__()
         self.timeout_ns = timeout_ns
-
-    @property
-    def newest_ns(self) -> int | None:
-        """Largest stamp that was accepted, on the time scale of the scene; None before any."""
-        return max((source.newest_ns for source in self.values()), default=None)
 
     def sender(self, key: Key) -> Source | None:
         """The source of a (source, session), where it is of that session now."""
@@ -160,5 +120,5 @@ class Sources(dict[str, Source]):
         return max((s.agreed_ns for s in self.values() if s.agreed_ns is not None), default=None)
 
     def sending(self, at_ns: int) -> dict[str, Source]:
-        """Sources whose batches still come."""
-        return {name: s for name, s in self.items() if s.is_sending(at_ns, self.timeout_ns)}
+        """Sources that were heard within the timeout, or three of their periods if longer."""
+        return {n: s for n, s in self.items() if s.idle_ns(at_ns) <= max(self.timeout_ns, s.silence_ns)}

@@ -27,8 +27,6 @@ _BEYOND = {
     "limit": "batches are beyond a bound of `limits`; see docs/limits.md",
 }
 
-Fate = Literal["fused", "partly_late", "late", "duplicates"] | RejectionReason
-"""The end of a batch that was read."""
 Key = tuple[str, str]
 
 
@@ -108,27 +106,19 @@ class Ledger:
     # Of each source, batches that came in unread before the next one that is read.
     _unread: dict[str, int] = field(default_factory=dict, metadata=NOT_KEPT)
 
-    def arrive(self, key: Key) -> None:
-        """A batch has come in: it waits."""
-        self._book(key, {"batches": 1, "waiting": 1})
-
-    def settle(self, key: Key, fate: Fate) -> None:
-        """A batch that was waiting has come to its end."""
-        self._book(key, {"waiting": -1, fate: 1})
-
     def unread(self, source: str, fate: RejectionReason | Literal["overflow"], count: int = 1) -> None:
         """Batches of a source were refused or displaced before their sequence numbers were known.
 
         The source is empty where the name of none is valid.
         """
-        self._book((source, ""), {"batches": count, fate: count})
+        self.book((source, ""), {"batches": count, fate: count})
         if source:
             self._unread[source] = self._unread.pop(source, 0) + count
             if len(self._unread) > MAX_ACCOUNTS:
                 del self._unread[next(iter(self._unread))]
 
-    def _book(self, key: Key, counts: Mapping[str, int]) -> None:
-        """Add to the account of a session and to the totals."""
+    def book(self, key: Key, counts: Mapping[str, int]) -> None:
+        """Add to the account of a session and to the totals, by counter or by reason of a rejection."""
         own = self.accounts.pop(key, None) or Account()
         self.accounts[key] = own
         if len(self.accounts) > MAX_ACCOUNTS:
@@ -147,7 +137,7 @@ class Ledger:
         lost, order = self.sequences.sight(*key, seq)
         lost -= max(min(self._unread.pop(key[0], 0), lost), 0)
         if lost:
-            self._book(key, {"lost": lost})
+            self.book(key, {"lost": lost})
         return order
 
     def claim(self, key: Key, count: int, at_ns: int) -> None:
@@ -162,14 +152,13 @@ class Ledger:
         for key, claims in list(self._claims.items()):
             while claims and at_ns - claims[0][0] >= _GRACE_NS:
                 if lost := self.sequences.expect(*key, claims.popleft()[1]):
-                    self._book(key, {"lost": lost})
+                    self.book(key, {"lost": lost})
             if not claims:
                 del self._claims[key]
 
     def state(self) -> dict[str, Any]:
         """Accounts and totals as plain values; batches that wait do not survive and are lost."""
-        state: dict[str, Any] = plain(self)
-        return state | {"total": plain(self.total)}
+        return {**plain(self), "total": plain(self.total)}
 
     def load(self, state: dict[str, Any]) -> None:
         """Take up :meth:`state`; raises AttributeError, KeyError, TypeError or ValueError if it is none."""

@@ -78,8 +78,7 @@ class Troubles:
 
     def lately(self) -> dict[ProblemKind, dict[str, Any]]:
         """Evidence of the troubles seen within 3 s, by kind and source."""
-        by_kind = {kind: self._of(kind) for kind in self._seen}
-        return {kind: sources for kind, sources in by_kind.items() if sources}
+        return {kind: sources for kind in self._seen if (sources := self._of(kind))}
 
     def _of(self, kind: ProblemKind) -> dict[str, Any]:
         seen, least = self._seen.get(kind, {}), _REPORTED_AFTER.get(kind, 1)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Labels, Slots, Stamps, find, ranks
 from ..partition import NO_HYPOTHESIS
+from ..rigid.procrustes import pose_columns
 from ..trajectories.window import Window
 
 # ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow
@@ -224,9 +225,8 @@ def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:
     dim = len(centre)
     arm = np.zeros((len(places), 3))
     arm[:, :dim] = places - centre
-    turn = np.cross(np.eye(3)[6 - 2 * dim :], arm[:, None])[:, :, :dim].transpose(0, 2, 1)
-    shift = np.broadcast_to(np.eye(dim), (len(arm), dim, dim))
-    return np.concatenate([turn, shift, speeds[:, :, None]], 2)
+    turn_and_shift = pose_columns(arm, 3)[:, :dim, 6 - 2 * dim : 3 + dim]
+    return np.concatenate([turn_and_shift, speeds[:, :, None]], 2)
 
 
 def _least_cost(e: Floats, J: Floats) -> float:

@@ -58,7 +58,7 @@ def box_of(record: Record, *, seek: bool = True) -> Box:
 
 def _points(record: Record) -> Floats:
     """Points of the body, float64 [m, dim] in its axes: its members, and those that were lost."""
-    lost = np.flatnonzero(record.lost.lasted)
+    lost = record.lost.lasted.nonzero()[0]
     points = record.lost.points
     if len(lost) > _MAX_POINTS:
         apart = apart_of(points[lost])

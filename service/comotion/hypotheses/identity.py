@@ -25,7 +25,7 @@ _TENURE_NS = 2_000_000_000
 # others have as many for the latter. The first part settles it, the second one keeps two halves from trading
 # an id.
 _ESTABLISHED_VOTES, _VOTES = 3, 1
-# So many established members of other sources must there be, as many as confirm a hypothesis by default.
+# With so many current established members others have no say, as many as confirm a hypothesis by default.
 _ENOUGH_ESTABLISHED = 3
 # A crash may come after ids were given out that nobody else has seen; ids are never reused.
 ID_GAP = 1000
@@ -64,6 +64,7 @@ class IdAllocator:
 def named(
     window: Window,
     partition: Partition,
+    current: Slots,
     allocate: Callable[[], int],
     stamp_ns: int,
     *,
@@ -79,7 +80,7 @@ def named(
     # Whose the votes are does not matter in the method of the thesis.
     _, sources = distinct(window.source[slots] * (not by_thesis))
     if not by_thesis:
-        vote = vote & ~_overruled(window, partition, sources)
+        vote = vote & ~_overruled(window, partition, current, sources)
     last, voters, sources = window.label[slots], groups[vote], sources[vote]
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
@@ -101,17 +102,19 @@ def named(
     return ids
 
 
-def _overruled(window: Window, partition: Partition, sources: Ints) -> Bools:
-    """Late members that have no say in which hypothesis a group continues, bool [N], by sources intp [N].
+def _overruled(window: Window, partition: Partition, current: Slots, sources: Ints) -> Bools:
+    """Members that have no say in which hypothesis a group continues, bool [N], by sources intp [N].
 
-    Their source has no established member in the hypothesis, and those of others are enough. So a crowd of a
-    new source does not take the id of a body along.
+    Current established members of the hypothesis are enough, and these are not current, so that nothing new
+    is known of them, or new of a source that has none of those. So neither a crowd of a new source takes the
+    id of a body along, nor what is left of a source that has gone.
     """
     established = window.established[partition.slots] != NO_HYPOTHESIS
-    deciding = established & partition.deciding & (partition.groups >= 0)
+    seen = np.isin(partition.slots, current)
+    deciding = established & seen & partition.deciding & (partition.groups >= 0)
     row, counts = _counts(window.label[partition.slots], sources, deciding)
-    left_to_others = (counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (counts[row, sources] == 0)
-    return np.asarray(~established & left_to_others)
+    new = ~established & (counts[row, sources] == 0)
+    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (~seen | new))
 
 
 def balanced(labels: Labels, sources: Ints) -> Floats:

@@ -70,15 +70,18 @@ class Members(Table):
         `current` int64 [n], ascending: the keys of what is seen, in whatever hypothesis. Without a pose
         nothing tells where a feature is that was lost before `oldest_ns`.
         """
-        if not len(self) or not (telling := find(self.keys, current) < 0).any():
+        if not len(self.keys):
+            return self
+        telling = find(self.keys, current) < 0
+        if not telling.any():
             return self.of(slice(0))
         telling &= (self.seen >= oldest_ns) | (posed & self.lasted)
         return self if telling.all() else self.of(telling)
 
     def joined(self, other: "Members") -> "Members":
         """These and others, ascending."""
-        if not len(self) or not len(other):
-            return self if len(self) else other
+        if not len(self.keys) or not len(other.keys):
+            return self if len(self.keys) else other
         both = super().joined(other)
         return both.of(np.argsort(both.keys))
 
@@ -166,7 +169,7 @@ class Record:
         """
         rows = current.members[hypothesis]
         positions, seconds = current.positions.take(rows, 0), max(stamp_ns - self.seen_ns, 0) * 1e-9
-        centroid = np.asarray(positions.mean(0), np.float64)
+        centroid = np.asarray(positions.sum(0) / len(rows), np.float64)
         self._settle(centroid, seconds)
         previous = (self.members, self.lost) if posed == self.posed else (Members.none(), Members.none())
         self.seen_ns, self.posed = stamp_ns, posed

@@ -11,7 +11,6 @@ What is known of each is one record (:mod:`.records`).
 """
 
 from dataclasses import dataclass, field, replace
-from itertools import chain
 
 import numpy as np
 
@@ -65,7 +64,7 @@ class Registry(Lifecycle):
         """
         previous = window.label[current]
         allocate, by_thesis = self.allocator.next, self.by_thesis
-        self.ids = named(window, partition, allocate, stamp_ns, by_thesis=by_thesis)  # 1
+        self.ids = named(window, partition, current, allocate, stamp_ns, by_thesis=by_thesis)  # 1
         since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
         present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2
@@ -76,11 +75,10 @@ class Registry(Lifecycle):
         heirs = self._heirs(present, supported(window, current))
         sizes = {number: len(rows) for number, rows in members.items()}
         events = self.advance(stamp_ns, sizes, self._least(present), origins, heirs)  # 3
-        # Nobody votes for any other hypothesis any more: an id that has ended does not come back, nor with
-        # features that are out of sight.
-        window.established[~np.isin(window.established, list(self.records))] = NO_HYPOTHESIS
-        ends = [event.others or [event.hypothesis] for event in events if event.kind in ("merged", "ended")]
-        relabel((window.label, self.ids), dict.fromkeys(chain(*ends), NO_HYPOTHESIS))
+        # Nobody votes for any other hypothesis any more: an id that has ended, or vanished unconfirmed, does
+        # not come back, nor with features that are out of sight.
+        for column in (window.label, window.established, self.ids):
+            column[~np.isin(column, list(self.records))] = NO_HYPOTHESIS
         listed = self._described(stamp_ns, partition, present, boxes)  # 4
         for number, heir in self._heirs(present, present.labels).items():
             last = self.records[number].description
@@ -160,7 +158,7 @@ class Registry(Lifecycle):
                 continue
             centroid = record.see(stamp_ns, number, present, posed=pose is not None)
             record.static = group.static
-            described = Hypothesis(
+            described = Hypothesis.trusted(
                 id=number,
                 space=self.space,
                 size=len(present.members[number]),

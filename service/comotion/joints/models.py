@@ -25,7 +25,7 @@ from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats
 from ..rigid.kernels.rotation import rotation_matrix
-from .states import States, skew, turned, turns_between
+from .states import States, skew, turns_between
 
 KINDS: tuple[JointKind, ...] = ("fixed", "prismatic", "revolute")
 PARAMETERS: dict[JointKind, int] = {"fixed": 6, "prismatic": 8, "revolute": 9}
@@ -80,7 +80,8 @@ class Model:
         moved = q[:, None] * self.u
         if self.kind != "revolute":
             return np.eye(3), self.R0, self.p0 + moved
-        E = turned(np.eye(3), moved)
+        axis = skew(self.u[None])
+        E = np.eye(3) + np.sin(q)[:, None, None] * axis + (1 - np.cos(q))[:, None, None] * (axis @ axis)
         return E, E @ self.R0, self.c + E @ (self.p0 - self.c)
 
     def positions(self, states: States) -> Floats:
@@ -214,8 +215,8 @@ def _derivatives(states: States, model: Model, q: Floats, sides: Floats) -> Floa
     elif model.kind == "revolute":
         arm = -skew(p - model.c)
         J[:, :3, _POSITION], J[:, 3:, _POSITION] = u, arm @ u
-        J[:, :3, _AXIS] = J[:, 3:, _POINT] = sides - E @ sides
-        J[:, 3:, _AXIS] = (E @ skew((model.p0 - model.c)[None]) + arm) @ sides
+        J[:, :3, _AXIS] = J[:, 3:, _POINT] = bend = sides - E @ sides
+        J[:, 3:, _AXIS] = arm @ bend
     return J
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from comotion_schemas import Joint
 from comotion_schemas.hypotheses import JointKind
 
-from ..arrays import Floats, Stamps
+from ..arrays import Floats, Stamps, quantiles
 from ..partition import BodyMotion
 from .models import KINDS, Fit, Model, joint_position, judge, principal
-from .states import States, averaged, key_states, quantiles, relative_states, turns_between
+from .states import States, averaged, key_states, relative_states, turns_between
 
 # s; a joint has broken where the states of so long do not fit it: by so much per degree of freedom in the
 # median, and by so many times more than the states before. With lasting errors the variance of a state is

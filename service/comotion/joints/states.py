@@ -109,13 +109,6 @@ def turns_between(R: Floats, reference: Floats) -> Floats:
     return rotation_vectors(np.ascontiguousarray(R @ np.swapaxes(reference, -1, -2)))
 
 
-def quantiles(values: Floats, shares: tuple[float, ...]) -> list[float]:
-    """Quantiles of n > 0 values by linear interpolation, as ``np.quantile`` at a tenth of its cost."""
-    last = len(values) - 1
-    wanted = np.array(shares) * last
-    return [float(value) for value in np.interp(wanted, np.arange(last + 1), np.sort(values))]
-
-
 def key_states(states: States, radius: float) -> States:
     """At most :data:`_MAX_STATES` of the states, those that differ most; of two alike the later one remains.
 

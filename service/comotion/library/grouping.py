@@ -18,7 +18,6 @@ from comotion_schemas.types import Unit
 from ..arrays import Floats, Labels, last_true
 from ..config import FusionConfig, to_ns
 from ..event_time.entries import batch_of
-from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
 from .given import (
@@ -131,7 +130,7 @@ def _updates(batches: Sequence[ObservationBatch], config: FusionConfig) -> Itera
         due = max(due, last + 1)
         fusion.ingest(batch)
     yield fusion.update(start_ns + due * period_ns)
-    warn_of(fusion.faults.take(), stacklevel=4)
+    fusion.timeline.faults.warn(stacklevel=4)
     if fusion.stats.refused_rows:
         warnings.warn(
             f"{counted(fusion.stats.refused_rows, 'observation')} refused, with the label -1: far "

@@ -21,7 +21,6 @@ from comotion_schemas.types import Unit, is_name
 
 from ..config import FusionConfig, to_ns
 from ..event_time.entries import batch_of
-from ..event_time.faults import warn_of
 from ..fusion import Fusion
 from .compiling import compile_ahead
 from .given import Parameters, config_of, longest_step_s
@@ -181,7 +180,7 @@ class Scene:
             raise KnownError("nothing has been pushed")
         now = max(self._newest.values()) if t is None else round(instant(t) * 1e9)
         self._update = self.fusion.update(now)
-        warn_of(self.fusion.faults.take(), stacklevel=2)
+        self.fusion.timeline.faults.warn(stacklevel=2)
         self._unread.append(self._update)
         self._due_ns = now + self._period_ns
         return self._update

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 from ..arrays import Floats, Ints, last_true, thinned
 from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
-from .costs import Costs, updated
+from .costs import Costs, stacked, updated
 from .frames import DRAWN, SETTLED, Frames
 from .kernels.rotation import ROUNDING
 from .procrustes import Body
@@ -57,8 +57,8 @@ class SearchResult:
     def gains(self) -> Floats:
         """By how much members of each body are cheaper under it than under each, float64 [K, K], nat."""
         body, labels = self.evidence.body, self.assignment.labels
-        members = [np.ascontiguousarray(body[labels == k].T) for k in range(body.shape[1])]
-        return np.stack([(costs - costs[k]).sum(1) for k, costs in enumerate(members)])
+        paid = (labels == np.arange(body.shape[1])[:, None]) @ body
+        return np.asarray(paid - paid.diagonal()[:, None], np.float64)
 
 
 def without_sliders(labels: Ints, costs: Costs) -> Ints:
@@ -149,20 +149,16 @@ def predicted_positions(frames: Frames, newest: Floats, bodies: list[Body], labe
     position = newest.copy()
     ended = ~frames.current & (labels > 0)
     # The first row of a trajectory is its position, or the end of its first arm.
-    all_rows = np.flatnonzero(ended[frames.owner])
-    owners, first = np.unique(frames.owner[all_rows], return_index=True)
-    for k, body in enumerate(bodies):
-        members = labels[owners] == k
-        if not (members.any() and body.posed.any()):
-            continue
-        rows, tracks = all_rows[first[members]], owners[members]
-        both = (frames.w[rows] > 0) & body.posed
-        last = last_true(both)
-        held = both[np.arange(len(last)), last]
-        rows, tracks, last = rows[held], tracks[held], last[held]
-        inside = np.einsum("nji,nj->ni", body.R[last], frames.y[rows, last] - body.t[last])
-        now = np.flatnonzero(body.posed)[-1]
-        position[tracks] = inside @ body.R[now].T + body.t[now]
+    rows = np.flatnonzero(ended[frames.owner])
+    tracks, first = np.unique(frames.owner[rows], return_index=True)
+    poses, rows, k = stacked(bodies), rows[first], labels[tracks]
+    both = (frames.w[rows] > 0) & (poses[k, :, 12] > 0)
+    held, last = both.any(1), last_true(both)
+    tracks, rows, k, last = tracks[held], rows[held], k[held], last[held]
+    then, now = poses[k, last], poses[np.arange(len(bodies)), last_true(poses[:, :, 12] > 0)][k]
+    # From where they were last seen to now.
+    inside = ((frames.y[rows, last] - then[:, 9:12])[:, None] @ then[:, :9].reshape(-1, 3, 3))[:, 0]
+    position[tracks] = (now[:, :9].reshape(-1, 3, 3) @ inside[:, :, None])[:, :, 0] + now[:, 9:12]
     return position
 
 
@@ -187,36 +183,30 @@ def _weight(frames: Frames) -> Floats:
 def _place_costs(
     x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float, config: RigidConfig
 ) -> Floats:
-    """Cost of each body at x[points], nat [n, K]: minus the log density of its members, beyond the least."""
-    log_density, labels = np.full((len(points), bodies), -np.inf), np.where(weight > 0, labels, OUTLIER)
-    for k in range(bodies):
-        members = np.flatnonzero(labels == k)
-        if len(members):
-            log_density[:, k] = _log_density(x, points, members, weight[members], spacing)
+    """Cost of each body at x[points], nat [n, K]: minus the log density of its members, beyond the least.
+
+    The density is by kernels that have the shape of the members' covariance, with the scene's spacing added
+    where they are few, and the bandwidth n^(-1/(dim + 4)) of Scott (1992). None counts at its own place.
+    """
+    dim, log_density = x.shape[1], np.full((len(points), bodies), -np.inf)
+    counted = weight * (labels == np.arange(bodies)[:, None])
+    total = counted.sum(1)
+    own = x - (counted @ x / np.maximum(total, 1e-300)[:, None])[labels]
+    spread = (counted @ (own[:, :, None] * own[:, None]).reshape(len(x), -1)).reshape(-1, dim, dim)
+    # Coincident features on a line or plane have no spacing: the kernel must stay above rounding.
+    least = np.maximum(spacing, ROUNDING * np.trace(spread, axis1=1, axis2=2))
+    scale = np.maximum(total, 1.0) ** (-2 / (dim + 4)) / (total + dim)
+    bandwidth = (spread + least[:, None, None] * np.eye(dim)) * scale[:, None, None]
+    whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
+    for k in np.flatnonzero(total).tolist():
+        members = thinned(np.flatnonzero(counted[k]), DRAWN)
+        near = np.exp(-0.5 * cdist(x[points] @ whiten[k].T, x[members] @ whiten[k].T, "sqeuclidean"))
+        near[points[:, None] == members] = 0.0
+        sums = near @ (weight[members] * (total[k] / weight[members].sum()))
+        log_density[:, k] = np.log(sums + 1e-300) + np.log(whiten[k].diagonal()).sum()
     top = log_density.max(1, keepdims=True, initial=-np.inf)
     cost = np.where(np.isfinite(top), np.where(np.isfinite(top), top, 0.0) - log_density, 0.0)
     return np.minimum(cost, config.prior_floor)
-
-
-def _log_density(x: Floats, points: Ints, members: Ints, weight: Floats, spacing: float) -> Floats:
-    """Log of the kernel density of members at x[points]; none counts at its own place. Float64 [n].
-
-    The kernel has the shape of the members' covariance, with the scene's spacing added where they are few,
-    and the bandwidth n^(-1/(dim + 4)) of Scott (1992).
-    """
-    dim, total, own = x.shape[1], weight.sum(), x.take(members, 0)
-    z = own - (weight[:, None] * own).sum(0) / total
-    spread = (weight[:, None] * z).T @ z
-    # Coincident features on a line or plane have no spacing: the kernel must stay above rounding.
-    spread += max(spacing, ROUNDING * spread.trace()) * np.eye(dim)
-    spread /= total + dim
-    bandwidth = spread * max(total, 1.0) ** (-2 / (dim + 4))
-    whiten = np.linalg.inv(np.linalg.cholesky(bandwidth))
-    own, members, weight = (thinned(values, DRAWN) for values in (own, members, weight))
-    near = np.exp(-0.5 * cdist(x[points] @ whiten.T, own @ whiten.T, "sqeuclidean"))
-    near[points[:, None] == members] = 0.0
-    sums = near @ (weight * (total / weight.sum()))
-    return np.asarray(np.log(sums + 1e-300) + np.log(whiten.diagonal()).sum())
 
 
 def _spacing(x: Floats) -> float:

@@ -174,5 +174,5 @@ def centroid_of(body: Body, newest: Floats) -> Floats:
         return np.zeros(3)
     if not len(newest) or not body.posed.any():
         return np.asarray(body.template.mean(0))
-    last = np.flatnonzero(body.posed)[-1]
-    return np.asarray((newest.mean(0) - body.t[last]) @ body.R[last])
+    last = body.posed.nonzero()[0][-1]
+    return np.asarray((newest.sum(0) / len(newest) - body.t[last]) @ body.R[last])

@@ -55,8 +55,7 @@ def normal_equations(
     # The last column is the residual.
     design = np.zeros((*seen.shape, 3, UNKNOWNS + 1))
     inward = body.R.transpose(0, 2, 1)
-    design[..., :3] = np.cross((y - pivot)[:, :, None], inward)
-    design[..., 3:6] = inward
+    design[..., :6] = inward @ pose_columns((y - pivot).reshape(-1, 3), 3).reshape(*seen.shape, 3, 6)
     design[..., 6:] = inward @ np.stack([np.nan_to_num(velocity[enough]), y - body.t], -1)
     design *= seen[..., None, None]
     design[:, :, frames.dim :] = 0.0

@@ -59,12 +59,12 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     """Cost of each row as a slider on a body, float64 [n], nat; inf where it cannot be one."""
     seen, w = (frames.w[rows] > 0).sum(1), frames.w[rows] * host.posed
     held, cap = (w > 0).sum(1), config.residual_cap * frames.dim
-    x = np.einsum("fji,nfj->nfi", host.R, frames.y[rows] - host.t)
+    x = np.ascontiguousarray(((frames.y[rows] - host.t).swapaxes(0, 1) @ host.R).swapaxes(0, 1))
     total = np.maximum(w.sum(1), 1e-300)
-    x -= (np.einsum("nf,nfi->ni", w, x) / total[:, None])[:, None]
+    x -= w[:, None] @ x / total[:, None, None]
     line = np.linalg.eigh((w[:, :, None] * x).transpose(0, 2, 1) @ x)[1][:, :, -1]
-    along = np.einsum("nfi,ni->nf", x, line)
-    across = w * np.maximum((x**2).sum(2) - along**2, 0.0)
+    along = (x @ line[:, :, None])[:, :, 0]
+    across = w * np.maximum(np.einsum("nfi,nfi->nf", x, x) - along**2, 0.0)
     paid = np.minimum(across / frames.noise[rows, None], cap).sum(1)
     cost = 0.5 * (paid + cap * (seen - held)) + held
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()

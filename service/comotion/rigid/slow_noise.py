@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Ints, last_true, thinned
+from ..arrays import Bools, Floats, Ints, last_true, quantiles, thinned
 from .frames import DRAWN, FEW, FEWEST
 
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
@@ -66,15 +66,16 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     drawn, positions = thinned(rows, DRAWN), y[rows, last_true(w[rows] > 0)]
     nearest = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], FEW + 1)[1][:, 1:]
     first, second = np.repeat(drawn, FEW), rows[nearest].ravel()
-    both, apart = (w[first] > 0) & (w[second] > 0), np.sqrt(((y[first] - y[second]) ** 2).sum(2))
+    both, between = (w[first] > 0) & (w[second] > 0), y[first] - y[second]
+    apart = np.sqrt(np.einsum("nfi,nfi->nf", between, between))
     lags, usual = _variogram(both, apart, tolerance[first] + tolerance[second], frame_rate)
     # Pairs at rest may be without any noise.
     if len(lags) < FEW or usual.min() <= 0:
         return SlowNoise()
-    best, least = SlowNoise(), np.inf
-    for time in (_TIMES * frame_rate).tolist():
-        parts = np.column_stack([np.ones(len(lags)), 1 - np.exp(-lags / time)])
-        (a, b), error = nnls(parts / usual[:, None], np.ones(len(lags)))
+    best, least, times, wanted = SlowNoise(), np.inf, _TIMES * frame_rate, np.ones(len(lags))
+    parts = np.stack(np.broadcast_arrays(1.0, 1 - np.exp(-lags / times[:, None])), 2) / usual[:, None]
+    for time, of_time in zip(times.tolist(), parts, strict=True):
+        (a, b), error = nnls(of_time, wanted)
         if error < least:
             best, least = SlowNoise(max(float(a), _LEAST_WHITE), float(b), time), error
     return best if best.factor(w.shape[1]) > 1 else SlowNoise()
@@ -85,13 +86,14 @@ def _variogram(both: Bools, apart: Floats, tolerance: Floats, frame_rate: float)
 
     Of n pairs: bool [n, F], whether both are seen; float64 [n, F], their distance; and its tolerance, [n].
     """
-    lags, usual = np.zeros(0), np.zeros(0)
+    lags, usual = [], []
     for lag in np.unique(np.maximum(np.round(_LAGS * frame_rate), 1).astype(np.intp)).tolist():
         seen = both[:, lag:] & both[:, :-lag]
-        enough = seen.sum(1) >= FEWEST
+        count = seen.sum(1)
+        enough = count >= FEWEST
         if enough.sum() >= FEWEST:
-            change = ((apart[:, lag:] - apart[:, :-lag]) * seen)[enough]
-            variogram = 0.5 * (change**2).sum(1) / seen[enough].sum(1)
-            usual = np.append(usual, np.quantile(variogram / tolerance[enough], _QUANTILE))
-            lags = np.append(lags, lag)
-    return lags, usual
+            squares = np.square((apart[:, lag:] - apart[:, :-lag]) * seen).sum(1)
+            variogram = 0.5 * squares[enough] / count[enough]
+            usual += quantiles(variogram / tolerance[enough], (_QUANTILE,))
+            lags.append(float(lag))
+    return np.array(lags), np.array(usual)

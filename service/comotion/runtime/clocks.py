@@ -23,7 +23,7 @@ from comotion_schemas import ObservationBatch, Status
 from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
 
-from ..event_time.steps import FUTURE_NS
+from ..event_time.clocks import FUTURE_NS
 from ..shedding import MOST, Load, describe
 from .log_limit import limited
 

@@ -24,7 +24,7 @@ from comotion_schemas.keys import publisher_of
 from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
-from ..event_time.stats import Ledger
+from ..event_time.timeline import Timeline
 from .log_limit import limited
 from .queues import OTHERS, Payload, Queues
 
@@ -41,13 +41,13 @@ _log = limited(__name__)
 
 
 class Intake(Queues):
-    """All subscriptions of the service to `most` sources; refusals and overflow go to the ledger.
+    """All subscriptions of the service to `most` sources; refusals and overflow go to the time line's ledger.
 
     `rejection` is the key and reason of the newest payload that was refused; empty before any.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, ledger: Ledger, most: int = 1024) -> None:
-        self._ledger = ledger
+    def __init__(self, session: zenoh.Session, keys: Keys, timeline: Timeline, most: int = 1024) -> None:
+        self._ledger, self._faults = timeline.ledger, timeline.faults
         self.rejection = ""
         self.tokens = Tokens(session, keys, most)
         self.statuses = Statuses(session, keys, most)
@@ -82,19 +82,19 @@ class Intake(Queues):
     def _batch(self, queue: str, payload: Payload) -> ObservationBatch | None:
         """The batch in a payload of a queue; None where it is refused."""
         name, content = payload
-        try:
-            if queue == OTHERS and is_name(name):
-                raise DecodeError("limit", f"more than {self._most} sources")
-            batch = decode_as(ObservationBatch, content)
-            if batch.source != name:
-                raise DecodeError("source-mismatch", f"source {batch.source!r} on the key of {name!r}")
-        except DecodeError as error:
-            self._reject(name, error)
-        except Exception as error:  # a defect of the codec costs one payload
-            self._reject(name, DecodeError("defect", f"{type(error).__name__}: {error}"[:500]))
-            _log.debug("decoding failed", exc_info=True)
-        else:
-            return batch
+        with self._faults.guard("decoding a batch") as failed:
+            try:
+                if queue == OTHERS and is_name(name):
+                    raise DecodeError("limit", f"more than {self._most} sources")
+                batch = decode_as(ObservationBatch, content)
+                if batch.source != name:
+                    raise DecodeError("source-mismatch", f"source {batch.source!r} on the key of {name!r}")
+            except DecodeError as error:
+                self._reject(name, error)
+            else:
+                return batch
+        if failed:
+            self._reject(name, DecodeError("defect", f"{type(failed[0]).__name__}: {failed[0]}"[:500]))
         return None
 
     def _reject(self, name: str, error: DecodeError) -> None:

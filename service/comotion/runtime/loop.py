@@ -56,11 +56,12 @@ class Loop:
         self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
-        self._intake = Intake(component.session, component.keys, fusion.timeline.ledger, limits.sources)
+        self._intake = Intake(component.session, component.keys, fusion.timeline, limits.sources)
         self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
-        fusion.timeline.steps.replays = recorded
+        if recorded:
+            fusion.timeline.replay()
         self._due_ns: dict[str, int] = {}
-        labels = {"scene": fusion.scene, "component": component.name, "role": "service"}
+        labels = {"scene": component.keys.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         # The loop looks for data in slices of a period.
@@ -72,7 +73,8 @@ class Loop:
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
         self._last = fusion.update(self._clock.now_ns(), time.monotonic_ns())
-        self._output = Output(component, leadership, handlers(fusion, lambda: self._last, component.status))
+        answers = handlers(fusion, lambda: self._last, component.status)
+        self._output = Output(component, leadership, answers, fusion.timeline.faults)
 
     def run(self) -> None:
         """Publish at every deadline until the process is stopped."""
@@ -85,7 +87,7 @@ class Loop:
                 spare_ns = ticker.remaining_ns(time.monotonic_ns()) - ticker.head_start_ns
                 if spare_ns > 0:
                     # So that little is left to do when the update is due.
-                    with self._fusion.faults.guard("fusing"):
+                    with self._fusion.timeline.faults.guard("fusing"):
                         if spare_ns > _SLICE_NS:
                             self._fusion.advance(*self._now())
                     self._component.stop.wait(min(spare_ns, _SLICE_NS) / 1e9)
@@ -95,32 +97,32 @@ class Loop:
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
-        with self._fusion.faults.guard("an update"):
+        with self._fusion.timeline.faults.guard("an update"):
             began_ns, spent_ns = time.monotonic_ns(), time.thread_time_ns()
-            update = self._fusion.update(*self._now())
+            update = self._fusion.update(*self._now(), level=self._overload.level)
             self._took_ns = time.monotonic_ns() - began_ns
             self._spent_ns = time.thread_time_ns() - spent_ns
             ticker.note(self._took_ns)
             self._tick_time(self._took_ns / 1e9)
             self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
             self._last = self._publish(update)
-        with self._fusion.faults.guard("housekeeping"):
+        with self._fusion.timeline.faults.guard("housekeeping"):
             self._tidy()
 
     def _judge(self, skipped: int) -> None:
         """Count deadlines that were skipped, and leave out work where updates take too long."""
         self._fusion.stats.overruns += skipped
         if self._fusion.config.limits.shedding:
-            self._fusion.shed(self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns()))
+            self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns())
 
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
-        ledger = fusion.timeline.ledger
-        with fusion.faults.guard("taking in batches"):
+        ledger, faults = fusion.timeline.ledger, fusion.timeline.faults
+        with faults.guard("taking in batches"):
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 if isinstance(self._clock, EventClock):
-                    self._clock.observe(batch.stamp_ns - fusion.timeline.steps.shift_ns, now)
+                    self._clock.observe(batch.stamp_ns - fusion.timeline.clock.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 if status.role != "source":
@@ -133,19 +135,19 @@ class Loop:
         if isinstance(self._leadership, Presence):
             self._leadership.look(now)  # raises where another service has the scene
         if self._follower is not None:
-            with fusion.faults.guard("following another service"):
+            with faults.guard("following another service"):
                 self._follower.look()
-        with fusion.faults.guard("answering queries"):
+        with faults.guard("answering queries"):
             self._output.answer(self._answering_ns)
 
     def _now(self) -> tuple[int, int]:
         """The time that stamps are compared with, and the clock of arrivals."""
         timeline, clock = self._fusion.timeline, self._clock
         if isinstance(clock, WallClock):
-            timeline.steps.clock_set_ns = clock.set_by_ns()
+            timeline.clock.clock_set_ns = clock.set_by_ns()
         # The event clock reaches what the core has accepted.
-        elif (newest_ns := timeline.sources.newest_ns) is not None:
-            clock.reach(newest_ns)
+        elif sources := timeline.sources.values():
+            clock.reach(max(source.newest_ns for source in sources))
         return clock.now_ns(), time.monotonic_ns()
 
     def _publish(self, update: HypothesisUpdate) -> HypothesisUpdate:
@@ -155,7 +157,7 @@ class Loop:
         return update
 
     def _tidy(self) -> None:
-        for fault in self._fusion.faults.take():
+        for fault in self._fusion.timeline.faults.take():
             log_defect(fault)
         self._health.alive_ns = at_ns = time.monotonic_ns()
         if self._is_due("report", at_ns, _REPORT_NS):

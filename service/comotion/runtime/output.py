@@ -25,6 +25,7 @@ from comotion_schemas.export import json_schemas
 from comotion_schemas.keys import QueryName
 from comotion_schemas.transport import Publisher, declare_publisher
 
+from ..event_time.faults import Faults
 from ..fusion import Fusion
 from .log_limit import limited
 from .presence import Presence
@@ -56,6 +57,7 @@ class Output:
     component: Component
     leadership: Presence | Election
     handlers: Mapping[QueryName, Handler]
+    faults: Faults
     _epoch: int | None = None
     _publisher: Publisher | None = None
     _queryables: deque[tuple[Any, QueryName]] = field(default_factory=deque)
@@ -81,7 +83,11 @@ class Output:
                 without_query += 1
                 continue
             with query:
-                self._reply(query, name)
+                # The querier must learn of a defect, and the service go on.
+                with self.faults.guard(f"answering query/{name}") as failed:
+                    self._reply(query, name)
+                if failed:
+                    query.reply_err(f"internal error: {failed[0]!r}".encode(), encoding="text/plain")
             if time.monotonic_ns() >= end:
                 return
             without_query = 0
@@ -116,9 +122,6 @@ class Output:
                 raise QueryError(f"the answer has {len(payload)} bytes, the limit is {MAX_BYTES}")
         except QueryError as error:
             query.reply_err(str(error).encode(), encoding="text/plain")
-        except Exception as error:  # the querier must learn of a defect, and the service go on
-            _log.exception("query/%s failed", name)
-            query.reply_err(f"internal error: {error!r}".encode(), encoding="text/plain")
         else:
             query.reply(self.component.keys.query(name), payload, encoding=encoding)
 

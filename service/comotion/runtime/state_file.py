@@ -8,7 +8,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -19,8 +19,8 @@ from comotion_schemas.errors import KnownError
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from ..config import FusionConfig
-from ..event_time.steps import FUTURE_NS
-from ..fusion import Fusion
+from ..event_time.clocks import FUTURE_NS
+from ..fusion import Capture, Fusion
 from ..saving import MAX_BYTES
 
 _IDS = re.compile(rb"comotion-ids (\d{1,10})\n")
@@ -98,13 +98,13 @@ def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_
         raise KnownError(f"a snapshot has at most {MAX_BYTES} bytes")
     twin, fusion = Fusion.restore(config, data), Fusion.restore(config, data, session=session)
     watermark = fusion.timeline.watermark_ns
-    try:
-        twin.update(watermark or 0)
+    with twin.timeline.faults.guard("trying a state out") as failed:
+        update = twin.update(watermark or 0)
         twin.snapshot()
-    except Exception as error:
-        raise KnownError(f"no update follows from it: {type(error).__name__} {error}") from error
-    if fusion.scene != scene:
-        raise KnownError(f"it is of scene {fusion.scene!r}, not {scene!r}")
+    if failed:
+        raise KnownError(f"no update follows from it: {type(failed[0]).__name__} {failed[0]}")
+    if update.scene != scene:
+        raise KnownError(f"it is of scene {update.scene!r}, not {scene!r}")
     if now_ns is not None and watermark is not None and watermark > now_ns + FUTURE_NS:
         raise KnownError(f"it is from {(watermark - now_ns) / 1e9:.1f} s in the future")
     return fusion
@@ -214,14 +214,15 @@ class StateKeeper:
         self._newest.cancel()
         self._newest = self._writer.submit(self._write, self._fusion.capture(clean=clean))
 
-    def _write(self, produce: Callable[[], list[Any]]) -> None:
+    def _write(self, state: Capture) -> None:
         began = time.thread_time_ns()
         try:
-            if self._fusion.next_id >= self._reserved:
-                self._reserved = write_ids(self._path, self._fusion.next_id)
-            write_atomically(self._path, produce())
+            if state.next_id >= self._reserved:
+                self._reserved = write_ids(self._path, state.next_id)
+            write_atomically(self._path, state.pieces())
             self.error = ""
-        except Exception as error:  # whatever it is, the next state may be written
+        # In a thread of its own: what is raised here nobody would see, and the next state may be written.
+        except Exception as error:
             reason = error.strerror if isinstance(error, OSError) else repr(error)
             if not self.error:
                 _log.warning("cannot write the state to %s: %s", self._path, reason)

@@ -33,6 +33,7 @@ _FIRST_ROWS = 60
 # Memory is given back when less than this share of it is still in use: of the rows of a slot, or of more
 # slots than this number.
 _MANY_SLOTS, _STILL_USED = 256, 0.25
+_NO_TURN = np.full((1, 4), np.nan)
 
 
 class Window:
@@ -100,8 +101,8 @@ class Window:
 
     def slots(self) -> Slots:
         """Slots in use, oldest trajectory first, intp [n]."""
-        used = np.flatnonzero(self.used)
-        return used[np.argsort(self.key[used], kind="stable")]
+        used = self.used.nonzero()[0]
+        return used[self.key[used].argsort(kind="stable")]
 
     def of(self, slots: Slots) -> Self:
         """The same columns with some slots, as if no others were in use; for reading."""
@@ -162,7 +163,7 @@ class Window:
         if quaternions is not None and self.quaternions is None:
             self.quaternions = np.full((self.capacity, self._rows, 4), np.nan)
         if quaternions is None:
-            quaternions = np.full((0 if self.quaternions is None else len(slots), 4), np.nan)
+            quaternions = _NO_TURN.repeat(0 if self.quaternions is None else len(slots), 0)
         new, newest_ns = (positions, sigma, quaternions), (self.last_ns, self.far_ns)
         stamps = np.full(len(slots), stamps)
         return insert(slots, stamps, new, self.columns, newest_ns, self._complete, self.far)

@@ -30,11 +30,7 @@ class Watched:
     """
 
     def __init__(
-        self,
-        processes: Mapping[str, Managed],
-        scene: str,
-        endpoint: str,
-        stop: threading.Event | None = None,
+        self, processes: Mapping[str, Managed], scene: str, endpoint: str, stop: threading.Event | None = None
     ) -> None:
         self.processes, self.keys, self.endpoint = dict(processes), Keys(scene), endpoint
         self.stop = stop or threading.Event()
