@@ -18,13 +18,15 @@ from .costs import stacked
 from .frames import RENEWED, SETTLED, Frames
 from .kernels.residuals import recent_residuals
 from .kernels.rest import FALSE_ALARMS
-from .kernels.rotation import ROUNDING
 from .procrustes import followed_body
 from .resampling import extended
 from .tracks import Tracks
 
-FIRST_HELD = 0.04
-"""Share of the window that a fit with a new body is held for; each later one is for twice as long."""
+FIRST_HELD, MOST_HELD = 0.04, 0.12
+"""Shares of the window: a fit with a new body is held for the first, each later one for twice as long, but at
+most for the second, after which bodies are searched anew."""
+# Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
+_ROUND_UP = 0.45
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,7 @@ def held(
     """
     frames = last.frames
     longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
-    same_sources = np.isin(now.source, last.tracks.source).all()
-    if not (same_sources and frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns):
+    if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
         return None
     tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
@@ -69,7 +70,7 @@ def held(
     stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
     longer = extended(frames, recent, stamps, window.gap_ns, config)
-    if judged(longer, config) - last.judged > RENEWED * int(longer.current.sum()):
+    if longer is None or judged(longer, config) - last.judged > RENEWED * int(longer.current.sum()):
         return None
     bodies = [followed_body(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
@@ -96,8 +97,8 @@ def _lost(labels: Ints, tracks: Tracks) -> bool:
 
 
 def _stamps(last_ns: int, stamp_ns: int, config: RigidConfig) -> Stamps:
-    """Frames after the last one, up to the watermark, as dense as the others or denser."""
-    count = int(np.ceil((stamp_ns - last_ns) * 1e-9 * config.frame_rate - ROUNDING))
+    """Frames after the last one, up to the watermark."""
+    count = max(round((stamp_ns - last_ns) * 1e-9 * config.frame_rate + _ROUND_UP), 1)
     return last_ns + (stamp_ns - last_ns) * np.arange(1, count + 1, dtype=np.int64) // count
 
 

@@ -14,14 +14,12 @@ SETTLED = 1.0
 """s of observation, or of evidence, after which it counts in full."""
 FEWEST = 8
 """Fewest frames that are compared."""
-FEW = 3
-"""Features, or samples, that show what they have in common."""
-DRAWN = 64
+DRAWN = 128
 """Most points, evenly drawn, that stand for all: a bound of the work in large scenes. Chosen on made-up
 crowds of thousands of features."""
 SELDOM = 0.3
 """Share of the window after which what was confirmed is sought anew."""
-RENEWED = 0.12
+RENEWED = 0.1
 """Share of the window, or of trajectories that are new, after which what was found is sought anew."""
 NOISE = ("noise", "tolerance", "moved", "metric", "spectrum")
 """Attributes of :class:`Frames` that describe the noise and the motion of a row."""

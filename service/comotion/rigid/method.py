@@ -39,7 +39,7 @@ from ..partition import (
 from ..trajectories.window import Window
 from .assignment import SearchResult, posterior, same_body
 from .belief import Belief
-from .continuation import FIRST_HELD, Fit, held, judged
+from .continuation import FIRST_HELD, MOST_HELD, Fit, held, judged
 from .fits import Fits
 from .frames import RENEWED, SELDOM, Frames
 from .motions import anchored_motions, describe_bodies
@@ -161,7 +161,7 @@ class RigidMethod(Method):
         result, news = self._grouped(scene)  # 5 to 9
         if self.searching:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        longest = RENEWED if scene.small else SELDOM
+        longest = MOST_HELD if scene.small else SELDOM
         holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, longest)
         return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config), holds)
 
@@ -197,7 +197,7 @@ class RigidMethod(Method):
     def _long_ago(self, frames: Frames) -> bool:
         """Whether bodies were last searched longer ago than a share of the window."""
         span_ns = frames.stamps[-1] - frames.stamps[0]
-        share = RENEWED if self._last is None else min(self._last.holds, RENEWED)
+        share = MOST_HELD if self._last is None else min(self._last.holds, MOST_HELD)
         return bool(frames.stamps[-1] - self._searched_ns >= share * span_ns)
 
     def _nothing(self) -> Partition:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
 from .frames import Frames
-from .kernels.frame_pose import PULL
+from .kernels.frame_pose import SLIGHT_PULL
 from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
 
@@ -114,7 +114,7 @@ def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) 
     y, b = target - target.mean(0), source - source.mean(0)
     H = y.T @ b
     size = np.linalg.norm(H) or 1.0
-    H += PULL * size * (np.eye(3) if near is None else near)
+    H += SLIGHT_PULL * size * (np.eye(3) if near is None else near)
     if dim == 2:
         H[2, 2] += size
     U, _, Vt = np.linalg.svd(H)

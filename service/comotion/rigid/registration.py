@@ -14,8 +14,12 @@ from .explanations import Groups, Offset, View, explained
 from .frames import LONG_LIFE, Frames
 from .kernels.procrustes import SOFT
 from .procrustes import fit_body
-from .subset import MOST_OF_EACH, is_small, representatives
+from .subset import is_small, representatives
 from .tracks import Tracks
+
+# Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
+# made-up crowds of thousands of features.
+_REPRESENTATIVES = 12
 
 
 class Registration:
@@ -52,11 +56,11 @@ class Registration:
             self.reference = int(sources[np.argmax(counts)])
         groups = {s: _moving_groups(tracks, frames, labels, s) for s in sources.tolist()}
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
-        pivot = np.median(tracks.newest, 0)
+        extent, pivot = tracks.extent, np.median(tracks.newest, 0)
         for source, source_groups in groups.items():
             if bodies and source_groups and source != self.reference:
                 applied = self.offsets.get(source) or Offset.none(pivot)
-                offset = explained(View(frames, source_groups, bodies), applied)
+                offset = explained(View(frames, source_groups, bodies, extent), applied)
                 self.offsets.pop(source, None)
                 if offset.vector.any():
                     self.offsets[source] = offset
@@ -81,7 +85,7 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
         members = (labels == k) & (tracks.source == source) & (frames.life >= LONG_LIFE)
         if members.sum() >= frames.dim:
             if not is_small(frames):
-                members = representatives(frames, tracks.newest, members, MOST_OF_EACH)
+                members = representatives(frames, tracks.newest, members, _REPRESENTATIVES)
             rows = frames.rows_of(members)
             # The poses of a body at rest are noise, which would look like motion that constrains an offset.
             if np.mean(frames.moved[rows] / frames.tolerance[rows]) > SOFT:

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps, find, untouched_zeros
 from ..config import RigidConfig
-from .frames import DRAWN, NOISE, Frames
+from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
 from .kernels.resampling import mean_square, resample, spread
-from .noise import NoiseEstimates, noise_covariances
+from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
 from .tracks import Tracks, ranges
 
@@ -20,6 +20,8 @@ from .tracks import Tracks, ranges
 # so that the share hardly matters.
 _ARM_LENGTH = 0.25
 _ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
+# Names of rows: the key of the trajectory times this, plus the place among its rows.
+_ROWS_PER_TRACK = 8
 # Four points of three coordinates share the six degrees of freedom of one pose.
 _ARM_WEIGHT = 0.5
 # Slack for the rounding of stamps and periods; far below any period.
@@ -75,14 +77,18 @@ def make_frames(
     return Frames(tracks.dim, stamps, y, w, owner, weight, names, *terms, *per_track, tracks.extent)
 
 
-def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config: RigidConfig) -> Frames:
+def extended(
+    frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config: RigidConfig
+) -> Frames | None:
     """The frames and newer ones, with rows of the trajectories that are new; these have noise as usual.
+
+    None where the noise of a source is unknown.
 
     Parameters
     ----------
     tracks
-        The trajectories of the frames, then those that are new, of the same sources; observations before the
-        newer frames may be left out.
+        The trajectories of the frames, then those that are new; observations before the newer frames may
+        be left out.
     stamps
         int64 [n], ns, the newer frames.
     """
@@ -95,6 +101,8 @@ def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config
     all_names = np.append(frames.names, names[new])
     at = find(all_names, names[order])
     usual = _usual_rows(frames, tracks.source, owner[new])
+    if usual is None:
+        return None
     room = _room(frames, np.where(at >= 0, order[at], -1), y, w)
     total, count = len(all_names), len(frames.stamps) + len(stamps)
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
@@ -139,11 +147,13 @@ def _room(frames: Frames, origin: Ints, newer_y: Floats, newer_w: Floats) -> tup
     return y, w
 
 
-def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints:
-    """A row of usual noise of the source of each wanted trajectory, intp [n]."""
+def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints | None:
+    """A row of usual noise of the source of each wanted trajectory, intp [n]; None where there is none."""
     usual = np.zeros(len(wanted), np.intp)
     for source in np.unique(sources[wanted]).tolist():
         rows = np.flatnonzero(sources[frames.owner] == source)
+        if not len(rows):
+            return None
         usual[sources[wanted] == source] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
     return usual
 
@@ -152,10 +162,9 @@ def _owners(curves: list[_Curves], key: Stamps) -> tuple[Ints, Floats, Stamps]:
     """Trajectory of each row, intp [P], by their keys int64 [N]; weight, float64 [P], and name, int64 [P]."""
     owner = np.concatenate([c.own for c in curves])
     weight = [np.full(len(c.own), _ARM_WEIGHT if c.on_arm else 1.0) for c in curves]
-    # The key and the place among the rows. The first arm has the name of a point: a feature may come to be a
-    # 6-DoF one.
+    # The first arm has the name of a point: a feature may come to be a 6-DoF one.
     places = np.repeat(np.maximum(np.arange(len(curves)) - 1, 0), [len(c.own) for c in curves])
-    return owner, np.concatenate(weight), key[owner] * len(_ARMS) + places
+    return owner, np.concatenate(weight), key[owner] * _ROWS_PER_TRACK + places
 
 
 def _mean_variance(covariance: Floats, dim: int) -> Floats:
@@ -244,7 +253,9 @@ def _noise(tracks: Tracks, estimates: NoiseEstimates, curves: list[_Curves], gap
     for c in curves:
         terms = estimate[c.own], count[c.own]
         if c.on_arm:
-            terms = difference_covariances(c.observations, gap[c.own], np.arange(len(c.own)), DRAWN)
+            all_curves = np.arange(len(c.own))
+            noise = gap[c.own], all_curves, DIRECTIONS[3], MOST_DIFFERENCES
+            terms = difference_covariances(c.observations, *noise)
         covariances.append(noise_covariances(tracks, *terms, c.own, on_arm=c.on_arm))
     return np.concatenate(covariances)
 

@@ -11,22 +11,23 @@ from ...arrays import Floats, Ints, Stamps
 from ...compiled import compiled
 from .records import Observations
 
-# Squared difference that is wild, in medians: three standard deviations of normal noise. And the mean square
-# of those that are not, in variances.
-_WILD, _BELOW_WILD = 19.8, 0.96
+# Median of a chi-squared variable with one degree of freedom. In these medians, the bound of wild differences
+# is three standard deviations; _BELOW_WILD is the mean square of the differences below it in all directions.
+_CHI2_MEDIAN = 0.4549364231195727
 # Sum of the squared autocorrelations of third differences that begin one, two, three or more observations
 # apart.
 _OVERLAP = np.array([2.31, 1.18, 1.005, 1.0])
+_WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.96
 
 
 @compiled()
 def difference_covariances(
-    observations: Observations, gap: Stamps, chosen: Ints, most: int
+    observations: Observations, gap: Stamps, chosen: Ints, directions: Floats, most: int
 ) -> tuple[Floats, Floats]:
     """Covariance of the noise: the mean square of third differences without the wild ones.
 
-    A difference is wild if it is wild in any coordinate. Each is judged by its own median: where the noise is
-    not round, the median of a sum over coordinates would be wrong.
+    A difference is wild if it is wild in any direction. Each direction is judged by its own median: where the
+    noise is not round, the median of a sum over coordinates would be wrong.
 
     Parameters
     ----------
@@ -34,6 +35,8 @@ def difference_covariances(
         int64 [N], ns; no difference is taken across a longer one.
     chosen
         intp [n], the trajectories to take.
+    directions
+        float64 [D, dim], unit vectors.
     most
         Most differences of a trajectory: that many, evenly drawn from the newest 4 * `most` observations.
 
@@ -57,8 +60,8 @@ def difference_covariances(
         # Few differences overlap less: of one, none does.
         count[n] = k * k / max(k + (_OVERLAP[min(step, 4) - 1] - 1) * (k - 1), 1.0)
         wildest = np.zeros(k)
-        for d in range(dim if k > 0 else 0):
-            squares = contrasts[:k, d] ** 2
+        for d in range(len(directions) if k > 0 else 0):
+            squares = (contrasts[:k] @ directions[d]) ** 2
             wildest = np.maximum(wildest, squares / max(np.median(squares), 1e-300))
         kept = contrasts[:k][wildest <= _WILD]
         covariance[n] = kept.T @ kept / max(_BELOW_WILD * len(kept), 1e-300)
