@@ -77,8 +77,9 @@ class Registry(Lifecycle):
         events = self.advance(stamp_ns, sizes, self._least(present), origins, heirs)  # 3
         # Nobody votes for any other hypothesis any more: an id that has ended, or vanished unconfirmed, does
         # not come back, nor with features that are out of sight.
+        known = list(self.records)
         for column in (window.label, window.established, self.ids):
-            column[~np.isin(column, list(self.records))] = NO_HYPOTHESIS
+            column[~np.isin(column, known)] = NO_HYPOTHESIS
         listed = self._described(stamp_ns, partition, present, boxes)  # 4
         for number, heir in self._heirs(present, present.labels).items():
             last = self.records[number].description
