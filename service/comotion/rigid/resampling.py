@@ -137,7 +137,7 @@ def _room(frames: Frames, origin: Ints, newer_y: Floats, newer_w: Floats) -> tup
     total, past = len(origin), len(frames.stamps)
     count = past + newer_w.shape[1]
     if total > len(w) or count > w.shape[1]:
-        shape = total + total // 4, count + count // 4
+        shape = total + total // 4, count + count // 2
         y, w = untouched_zeros((*shape, 3), np.float64), untouched_zeros(shape, np.float64)
         y[: len(frames.y), :past], w[: len(frames.y), :past] = frames.y, frames.w
     # Newer frames that were given up may have been there.
