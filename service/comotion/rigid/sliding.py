@@ -45,7 +45,8 @@ def with_sliders(frames: Frames, bodies: list[Body], body: Floats, seen: Floats)
 def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
     large = [k for k, candidate in enumerate(bodies) if candidate.static or k in hosts]
-    due = 0.5 * frames.dim * seen
+    # A slider is expected to cost a nat, and half of one for each coordinate that is left.
+    due = 0.5 * (frames.dim + 1) * seen
     # Bodies that begin to move slide on each other at first.
     unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= SETTLED * frames.config.frame_rate)
     unexplained &= np.bincount(frames.owner, minlength=len(seen)) == 1
