@@ -92,22 +92,20 @@ class Offset:
 class View:
     """What one source and the reference see.
 
-    `groups` are rows of the source; `bodies` are fitted to the reference, by label; `extent` is the scale of
-    the scene, in its unit; `delay` is the prior standard deviation of the delay, s, and `residual` the most
-    that matched groups have, in tolerances.
+    `groups` are rows of the source; `bodies` are fitted to the reference, by label; `delay` is the prior
+    standard deviation of the delay, s, and `residual` the most that matched groups have, in tolerances.
     """
 
     frames: Frames
     groups: Groups
     bodies: dict[int, Body]
-    extent: float
     delay: float = _DELAY
     residual: float = _MOST_RESIDUAL
 
     @cached_property
     def prior(self) -> Floats:
         """Inverse covariance of an offset, float64 [7, 7]."""
-        return np.diag(np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [self.delay]) ** -2.0)
+        return np.diag(np.array([_ROTATION] * 3 + [_SHIFT * self.frames.extent] * 3 + [self.delay]) ** -2.0)
 
     @cached_property
     def information(self) -> dict[int, Floats]:

@@ -56,11 +56,11 @@ class Registration:
             self.reference = int(sources[np.argmax(counts)])
         groups = {s: _moving_groups(tracks, frames, labels, s) for s in sources.tolist()}
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
-        extent, pivot = tracks.extent, np.median(tracks.newest, 0)
+        pivot = np.median(tracks.newest, 0)
         for source, source_groups in groups.items():
             if bodies and source_groups and source != self.reference:
                 applied = self.offsets.get(source) or Offset.none(pivot)
-                offset = explained(View(frames, source_groups, bodies, extent), applied)
+                offset = explained(View(frames, source_groups, bodies), applied)
                 self.offsets.pop(source, None)
                 if offset.vector.any():
                     self.offsets[source] = offset

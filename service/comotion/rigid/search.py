@@ -13,7 +13,7 @@ from .belief import carried_costs
 from .candidates import cluster_rows
 from .fits import Fits
 from .selection import membership_prices, select
-from .subset import Scene, Subset, choose_subset, known_rows, rows_to_fit, unexplained
+from .subset import Scene, choose_subset, known_rows, rows_to_fit, unexplained
 
 # Neighbours of a newborn feature that are examined, and how many of them must be newborn too.
 _NEIGHBOURS, _LEAST_NEWBORN = 4, 2
@@ -37,11 +37,11 @@ def search(
     small scene bodies are fitted to the trajectories that were assigned to them, twice.
     """
     subset = choose_subset(scene, outlying)
-    labels, new = _first_bodies(scene, fits if scene.small else None, subset, config)
+    labels, new = _first_bodies(scene, fits if scene.small else None, subset, outlying, config)
     if not len(new):
         return followed
     if not scene.small:
-        members = [np.isin(np.arange(len(outlying)), subset.tracks[labels == k]) for k in new]
+        members = [np.isin(np.arange(len(outlying)), subset[labels == k]) for k in new]
         rows = known_rows(scene) + [rows_to_fit(scene, group) for group in members]
         return _compare_all(scene, fits, rows, config)
     rows = _assigned_rows(scene, 1 + int(labels.max(initial=0)), labels)
@@ -53,17 +53,20 @@ def search(
 
 def has_news(scene: Scene, result: SearchResult, config: RigidConfig) -> bool:
     """Whether a few trajectories of each body, and those that none explains, have a new body."""
-    subset = choose_subset(scene, unexplained(scene, result, config))
-    return bool(len(_first_bodies(scene, None, subset, config)[1]))
+    outlying = unexplained(scene, result, config)
+    return bool(len(_first_bodies(scene, None, choose_subset(scene, outlying), outlying, config)[1]))
 
 
-def _first_bodies(scene: Scene, fits: Fits | None, subset: Subset, config: RigidConfig) -> tuple[Ints, Ints]:
+def _first_bodies(
+    scene: Scene, fits: Fits | None, subset: Ints, outlying: Bools, config: RigidConfig
+) -> tuple[Ints, Ints]:
     """The cheapest body for each of the trajectories of the subset, intp [n], and which bodies are new.
 
     `fits` are those of the scene, if it is searched as a whole.
     """
-    part = scene.of(subset.tracks) if fits is None else scene
-    previous_rows, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
+    part = scene.of(subset) if fits is None else scene
+    # In a small scene every cluster is a candidate: a body that moves slowly is not yet outlying.
+    previous_rows, clusters = known_rows(part), cluster_rows(part, outlying[subset] | scene.small)  # 5
     if not clusters:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     fits = fits or Fits(part.frames, config)

@@ -9,19 +9,13 @@ import numpy as np
 from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities, median
 from ..trajectories.window import Window
 from .kernels.records import Observations
-from .kernels.resampling import stop_at
+from .kernels.resampling import BESIDE, stop_at
 
 # All trajectories of a source have the same period: so many of the oldest tell it.
 _PERIOD_TRACKS = 16
-
-
 # Positions count for the scale of the scene up to this many times the median distance: fewer than millimetres
 # in a metre.
 _FAR = 300.0
-# Observations before a time that are needed to distinguish a gross error from motion there.
-_EARLIER = 4
-
-
 # What is known of trajectories that are gone.
 _KEPT = ("covariance", "key", "source", "period", "newest", "delay_ns", "turn", "shift")
 
@@ -99,7 +93,8 @@ class Tracks:
     def since(self, window: Window, stamp_ns: int) -> "Tracks":
         """The same trajectories without the observations long before a time; a few before it are kept."""
         older = stop_at(window.times, self.slot, window.start, window.stop, stamp_ns)
-        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - _EARLIER)
+        # As many as distinguish a gross error from motion there.
+        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - BESIDE - 1)
         return replace(self, start=np.minimum(start, self.stop))
 
     def timed(self) -> "Tracks":

@@ -11,13 +11,12 @@ from ...arrays import Floats, Ints, Stamps
 from ...compiled import compiled
 from .records import Observations
 
-# Median of a chi-squared variable with one degree of freedom. In these medians, the bound of wild differences
-# is three standard deviations; _BELOW_WILD is the mean square of the differences below it in all directions.
-_CHI2_MEDIAN = 0.4549364231195727
+# Squared difference that is wild, in medians: three standard deviations of normal noise. And the mean square
+# of those that are wild in no direction, in variances.
+_WILD, _BELOW_WILD = 9.0 / 0.4549364231195727, 0.96
 # Sum of the squared autocorrelations of third differences that begin one, two, three or more observations
 # apart.
 _OVERLAP = np.array([2.31, 1.18, 1.005, 1.0])
-_WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.96
 
 
 @compiled()
