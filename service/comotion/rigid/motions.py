@@ -74,7 +74,7 @@ def _state(frames: Frames, result: SearchResult, k: int) -> HypothesisState:
         # What has been observed for less may begin to move.
         seen = frames.life[result.assignment.labels == k].max(initial=0.0)
         return "static" if seen >= SETTLED else "undetermined"
-    return "moving" if result.gains[k, 0] > result.evidence.restless[k] else "undetermined"
+    return "moving" if result.gains[k, 0] > result.evidence.opening[k] else "undetermined"
 
 
 def _noise(squared: Floats, dim: int) -> float | None:
