@@ -59,7 +59,8 @@ def held(
     """
     frames = last.frames
     longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
-    if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
+    same_sources = np.isin(now.source, last.tracks.source).all()
+    if not (same_sources and frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns):
         return None
     tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
@@ -70,7 +71,7 @@ def held(
     stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
     longer = extended(frames, recent, stamps, window.gap_ns, config)
-    if longer is None or judged(longer, config) - last.judged > RENEWED * int(longer.current.sum()):
+    if judged(longer, config) - last.judged > RENEWED * int(longer.current.sum()):
         return None
     bodies = [followed_body(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)

@@ -14,12 +14,8 @@ from .explanations import Groups, Offset, View, explained
 from .frames import LONG_LIFE, Frames
 from .kernels.procrustes import SOFT
 from .procrustes import fit_body
-from .subset import is_small, representatives
+from .subset import MOST_OF_EACH, is_small, representatives
 from .tracks import Tracks
-
-# Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
-# made-up crowds of thousands of features.
-_REPRESENTATIVES = 12
 
 
 class Registration:
@@ -85,7 +81,7 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
         members = (labels == k) & (tracks.source == source) & (frames.life >= LONG_LIFE)
         if members.sum() >= frames.dim:
             if not is_small(frames):
-                members = representatives(frames, tracks.newest, members, _REPRESENTATIVES)
+                members = representatives(frames, tracks.newest, members, MOST_OF_EACH)
             rows = frames.rows_of(members)
             # The poses of a body at rest are noise, which would look like motion that constrains an offset.
             if np.mean(frames.moved[rows] / frames.tolerance[rows]) > SOFT:

@@ -77,18 +77,14 @@ def make_frames(
     return Frames(tracks.dim, stamps, y, w, owner, weight, names, *terms, *per_track, tracks.extent)
 
 
-def extended(
-    frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config: RigidConfig
-) -> Frames | None:
+def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config: RigidConfig) -> Frames:
     """The frames and newer ones, with rows of the trajectories that are new; these have noise as usual.
-
-    None where the noise of a source is unknown.
 
     Parameters
     ----------
     tracks
-        The trajectories of the frames, then those that are new; observations before the newer frames may
-        be left out.
+        The trajectories of the frames, then those that are new, of the same sources; observations before the
+        newer frames may be left out.
     stamps
         int64 [n], ns, the newer frames.
     """
@@ -101,8 +97,6 @@ def extended(
     all_names = np.append(frames.names, names[new])
     at = find(all_names, names[order])
     usual = _usual_rows(frames, tracks.source, owner[new])
-    if usual is None:
-        return None
     room = _room(frames, np.where(at >= 0, order[at], -1), y, w)
     total, count = len(all_names), len(frames.stamps) + len(stamps)
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
@@ -147,13 +141,11 @@ def _room(frames: Frames, origin: Ints, newer_y: Floats, newer_w: Floats) -> tup
     return y, w
 
 
-def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints | None:
-    """A row of usual noise of the source of each wanted trajectory, intp [n]; None where there is none."""
+def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints:
+    """A row of usual noise of the source of each wanted trajectory, intp [n]."""
     usual = np.zeros(len(wanted), np.intp)
     for source in np.unique(sources[wanted]).tolist():
         rows = np.flatnonzero(sources[frames.owner] == source)
-        if not len(rows):
-            return None
         usual[sources[wanted] == source] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
     return usual
 

@@ -13,7 +13,7 @@ from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult
 from .costs import excess_costs
-from .frames import Frames
+from .frames import FEW, Frames
 from .kernels.distances import farthest_points
 
 # All constants here bound the work of an update. They were chosen on the scenes of docs/research/accuracy.md
@@ -21,8 +21,8 @@ from .kernels.distances import farthest_points
 
 SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
-# Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
-MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
+MOST_OF_EACH = 8
+"""Most representatives of one hypothesis; of all hypotheses together, they are half of the subset."""
 FIT_ROWS = 64
 """Most rows that a body is fitted to in a large scene."""
 # Share of representatives that may be ended trajectories: they determine poses before others were born.
@@ -93,7 +93,7 @@ def choose_subset(scene: Scene, outlying: Bools) -> Ints:
     explained = scene.judged & ~outlying
     explaining = np.setdiff1d(hypotheses[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
-    each = int(np.clip(most // max(len(explaining), 1), _LEAST_OF_EACH, MOST_OF_EACH))
+    each = int(np.clip(most // max(len(explaining), 1), FEW, MOST_OF_EACH))
     groups = [representatives(frames, scene.newest, explained & (hypotheses == h), each) for h in explaining]
     remaining = max(SUBSET_ROWS - sum(len(group) for group in groups), SUBSET_ROWS - most)
     draw = np.random.default_rng(int(frames.stamps[-1])).permutation(np.flatnonzero(outlying))[:remaining]

@@ -8,11 +8,10 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities, median
 from ..trajectories.window import Window
+from .frames import DRAWN
 from .kernels.records import Observations
 from .kernels.resampling import BESIDE, stop_at
 
-# All trajectories of a source have the same period: so many of the oldest tell it.
-_PERIOD_TRACKS = 16
 # Positions count for the scale of the scene up to this many times the median distance: fewer than millimetres
 # in a metre.
 _FAR = 300.0
@@ -105,7 +104,7 @@ class Tracks:
         """These trajectories as they are now, also those that are gone, and then the new ones.
 
         Those that are gone have no observations. The others keep the correction of their source, which `now`
-        does not have.
+        does not have; the new ones are of the same sources.
         """
         count, index = len(self.key), find(now.key, self.key)
         new = np.flatnonzero(index < 0)
@@ -122,8 +121,6 @@ class Tracks:
         # A new trajectory has the period and the correction of the oldest one of its source.
         sources, first = np.unique(columns["source"], return_index=True)
         donor = first[find(columns["source"][count:], sources)]
-        if (donor >= count).any():
-            columns["period"][count:] = now.timed().period[new]
         for name in ("period", "delay_ns", "turn", "shift"):
             columns[name][count:] = columns[name][donor]
         columns["newest"][placed] = (
@@ -187,7 +184,7 @@ def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     period = np.zeros(len(sources))
     for source in np.unique(sources).tolist():
         members = np.flatnonzero(sources == source)
-        drawn = [slice(start[k], stop[k]) for k in members[:_PERIOD_TRACKS]]
+        drawn = [slice(start[k], stop[k]) for k in members[:DRAWN]]
         steps = np.concatenate([np.diff(times[observed]) for observed in drawn])
         period[members] = median(steps * 1e-9) if len(steps) else 0.0
     return period
