@@ -12,8 +12,6 @@ from .kernels.resampling import mean_square
 from .kernels.rotation import ROUNDING
 from .tracks import Tracks
 
-MOST_DIFFERENCES = 60
-"""Most differences from which the noise of a trajectory is estimated, over its newest observations."""
 # Share of the scene's extent: less noise than this is below the precision of float32, in which positions
 # are sent.
 _LEAST_NOISE = 1e-6
@@ -28,9 +26,6 @@ _ROUND, _FLATTEST = 2.25, 0.01
 _ROUNDED = 1e-5
 # Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
 _CURVATURES = (0.0, *(side * curvature for curvature in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
-_THREE = np.vstack([np.eye(3), np.sqrt(0.5) * (1 - np.eye(3)[::-1])])
-DIRECTIONS = {2: _THREE[[0, 1, 3], :2], 3: _THREE}
-"""By dimension: the axes, then the directions between two of them, along which wild differences are found."""
 
 
 class NoiseEstimates:
@@ -56,9 +51,7 @@ class NoiseEstimates:
         at = find(tracks.key, self._key)
         made, covariance, count = self._made[at], self._covariance[at], self._count[at]
         due = np.flatnonzero((at < 0) | (made > newest) | (newest - made > RENEWED * (newest - oldest)))
-        covariance[due], count[due] = difference_covariances(
-            tracks.observations, gap_ns, due, DIRECTIONS[tracks.dim], MOST_DIFFERENCES
-        )
+        covariance[due], count[due] = difference_covariances(tracks.observations, gap_ns, due)
         made[due] = newest[due]
         self._key, self._made, self._covariance, self._count = tracks.key, made, covariance, count
         return covariance, count

@@ -5,6 +5,7 @@ delay. Bodies are fitted to one source, the reference. For each other source, :m
 small rotation, shift and delay that make its trajectories constant in the frames of those bodies.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ class Registration:
         self.offsets: dict[int, Offset] = {}
 
     def correct(self, tracks: Tracks) -> Tracks:
-        """The same trajectories as the reference would have seen them."""
+        """The same trajectories, which have no corrections yet, as the reference would have seen them."""
         sources = [s for s in np.unique(tracks.source).tolist() if s in self.offsets]
         if not sources:
             return tracks
@@ -35,7 +36,8 @@ class Registration:
             offset, members = self.offsets[source], tracks.source == source
             delay[members] = round(offset.delay * 1e9)
             turn[members], shift[members] = offset.transform()
-        return tracks.moved(delay, turn, shift)
+        newest = np.einsum("nij,nj->ni", turn, tracks.newest) + shift
+        return replace(tracks, delay_ns=delay, turn=turn, shift=shift, newest=newest)
 
     def learn(self, tracks: Tracks, frames: Frames, labels: Ints) -> None:
         """Estimate the offsets by corrected trajectories and the bodies they were assigned to.

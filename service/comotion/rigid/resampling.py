@@ -12,9 +12,9 @@ from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
 from .kernels.resampling import mean_square, resample, spread
-from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
+from .noise import NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
-from .tracks import Tracks, ranges
+from .tracks import Tracks
 
 # Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
 # so that the share hardly matters.
@@ -245,9 +245,7 @@ def _noise(tracks: Tracks, estimates: NoiseEstimates, curves: list[_Curves], gap
     for c in curves:
         terms = estimate[c.own], count[c.own]
         if c.on_arm:
-            all_curves = np.arange(len(c.own))
-            noise = gap[c.own], all_curves, DIRECTIONS[3], MOST_DIFFERENCES
-            terms = difference_covariances(c.observations, *noise)
+            terms = difference_covariances(c.observations, gap[c.own], np.arange(len(c.own)))
         covariances.append(noise_covariances(tracks, *terms, c.own, on_arm=c.on_arm))
     return np.concatenate(covariances)
 
@@ -267,8 +265,8 @@ def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
 def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
     """Corrected ends of the arms of 6-DoF features `own` intp [n]."""
     assert tracks.quaternions is not None  # noqa: S101 - they have orientations
-    observed = ranges(tracks.start[own], tracks.stop[own])
-    counts = tracks.stop[own] - tracks.start[own]
+    spans = [np.arange(tracks.start[i], tracks.stop[i]) for i in own.tolist()]
+    observed, counts = np.concatenate(spans), tracks.stop[own] - tracks.start[own]
     owner = np.repeat(own, counts)
     stop = np.cumsum(counts)
     start, times = stop - counts, tracks.times[observed]

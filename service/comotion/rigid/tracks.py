@@ -128,11 +128,6 @@ class Tracks:
         )
         return replace(now, **columns)
 
-    def moved(self, delay_ns: Stamps, turn: Floats, shift: Floats) -> "Tracks":
-        """The same trajectories with corrections; they had none before."""
-        newest = np.einsum("nij,nj->ni", turn, self.newest) + shift
-        return replace(self, delay_ns=delay_ns, turn=turn, shift=shift, newest=newest)
-
 
 def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
     """Read every trajectory that has an observation in the window up to the watermark `stamp_ns`.
@@ -170,13 +165,6 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
         turn=identities(len(slots)),
         shift=np.zeros((len(slots), 3)),
     )
-
-
-def ranges(start: Ints, stop: Ints) -> Ints:
-    """Indices start[0]:stop[0], start[1]:stop[1] and so on, in one intp array."""
-    counts = stop - start
-    first = np.cumsum(counts) - counts
-    return np.asarray(np.arange(int(counts.sum())) + np.repeat(start - first, counts), np.intp)
 
 
 def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
