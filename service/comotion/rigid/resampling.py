@@ -223,14 +223,13 @@ def _interpolated(
     """Positions [P, F, 3] and weights [P, F] of all rows, of which float64 [P] is the noise."""
     total = sum(len(c.own) for c in curves)
     y, w = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps)))
-    first, corrected = 0, tracks.corrected
+    first, corrected = 0, (tracks.shift != 0).any(1) | (tracks.turn != np.eye(3)).any((1, 2))
     for c in curves:
         rows, own = slice(first, first + len(c.own)), c.own
         first = rows.stop
         own_limits = Limits(limits.gap[own], limits.hold[own], limits.delay[own])
         resample(c.observations, stamps, own_limits, variance[rows], y[rows], w[rows])
-        # The ends of arms are corrected already.
-        if not c.on_arm and corrected.any():
+        if corrected.any():
             corrected_rows = np.flatnonzero(corrected[own])
             turned = np.einsum("nfi,nji->nfj", y[rows][corrected_rows], tracks.turn[own[corrected_rows]])
             seen = w[rows][corrected_rows, :, None] > 0
@@ -263,20 +262,14 @@ def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
 
 
 def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
-    """Corrected ends of the arms of 6-DoF features `own` intp [n]."""
+    """Ends of the arms of 6-DoF features `own` intp [n]."""
     assert tracks.quaternions is not None  # noqa: S101 - they have orientations
     spans = [np.arange(tracks.start[i], tracks.stop[i]) for i in own.tolist()]
     observed, counts = np.concatenate(spans), tracks.stop[own] - tracks.start[own]
-    owner = np.repeat(own, counts)
-    stop = np.cumsum(counts)
-    start, times = stop - counts, tracks.times[observed]
-    orientations = Rotation.from_quat(tracks.quaternions[observed])
-    positions = tracks.positions[observed]
-    if tracks.corrected[own].any():
-        orientations = Rotation.from_matrix(tracks.turn[owner]) * orientations
-        positions = np.einsum("nij,nj->ni", tracks.turn[owner], positions) + tracks.shift[owner]
+    stop, times = np.cumsum(counts), tracks.times[observed]
+    orientations, positions = Rotation.from_quat(tracks.quaternions[observed]), tracks.positions[observed]
     ends = [positions + orientations.apply(arm) for arm in _ARMS * _ARM_LENGTH * extent]
-    return [_Curves(True, own, Observations(times, end, start, stop)) for end in ends]
+    return [_Curves(True, own, Observations(times, end, stop - counts, stop)) for end in ends]
 
 
 def _deformation(squared: Floats, extent: float, config: RigidConfig) -> tuple[Floats, Bools]:

@@ -84,11 +84,6 @@ class Tracks:
         # A single trajectory has no spread: the size of its coordinates is the only scale.
         return spread if spread > 0 else float(np.abs(newest).max(initial=0.0)) + 1e-9
 
-    @property
-    def corrected(self) -> Bools:
-        """Trajectories with a correction of their positions, bool [N]."""
-        return np.asarray((self.shift != 0).any(1) | (self.turn != np.eye(3)).any((1, 2)), np.bool_)
-
     def since(self, window: Window, stamp_ns: int) -> "Tracks":
         """The same trajectories without the observations long before a time; a few before it are kept."""
         older = stop_at(window.times, self.slot, window.start, window.stop, stamp_ns)
