@@ -57,21 +57,21 @@ def _with_errors(observations: Any, stamps: Any, limits: Any, variance: Any, *ou
 
 RULES: dict[str, Rule] = {
     "gross": Rule("gross errors are left out", {"resampling.resample": _with_errors}),
-    "contact": Rule("slack of what rests and is touched", parameters={"rigidity_contact": 0.0}),
+    "contact": Rule("slack of what rests and is touched", {"resampling._OF_CONTACT": 0.0}),
     "past_evidence": Rule("price of leaving a separate hypothesis", {"selection.past_evidence": _no_costs}),
     "clear_members": Rule("price of leaving for clear members", {"search.carried_costs": _no_costs}),
-    "membership": Rule("price of memberships", parameters={"membership_price": 0.0}),
+    "membership": Rule("price of memberships", {"selection._MEMBERSHIP": 0.0}),
     "slow_noise": Rule("slow noise", {"resampling._with_slow_noise": _only_white}),
     "looseness": Rule("deformation of bodies", parameters={"looseness": 0.0}),
     "contradiction": Rule("nats that speak against a body", {"belief._CONTRARY": 0.0}),
     "uncovered": Rule("more than an outlier where a body has no pose", {"costs._UNCOVERED_SHARE": 0.5}),
-    "place": Rule("spatial prior", parameters={"prior_floor": 0.0}),
+    "place": Rule("spatial prior", {"assignment._MOST_PLACE": 0.0}),
     "sliding": Rule(
         "features that slide",
         {"fits.with_sliders": lambda _f, _b, body, *_: (body, np.zeros(body.shape, np.bool_))},
     ),
     "arrivals": Rule("newborn amid newborn wait", {"search.undecided": lambda _scene, labels: labels}),
-    "settled": Rule("one pose for each rest", {"fits.settled": lambda _frames, body, _config: body}),
+    "settled": Rule("one pose for each rest", {"fits.settled": lambda _frames, body: body}),
 }
 """By name."""
 

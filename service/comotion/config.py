@@ -52,25 +52,10 @@ class RigidConfig(Group):
 
     frame_rate: Annotated[float, Field(gt=0, le=200)] = 15.0
     """Hz; rate of the common frames that trajectories are interpolated to"""
-    rigidity_motion: Above = 0.01
-    """share; a body may deform by this share of a trajectory's rms displacement"""
-    rigidity_extent: Above = 0.0015
-    """share; ... but not by more than this of the scene"""
-    rigidity_contact: Annotated[float, Field(ge=0, le=1)] = 0.25
-    """share; ... and by no less than this of what the trajectories of the scene do, rms"""
     looseness: Annotated[float, Field(ge=0, le=10)] = 1.0
     """factor of the variance by which bodies deform; 0: they are rigid"""
-    residual_cap: Above = 16.0
-    """squared residual per dimension, in tolerances, from which on it costs no more"""
-    outlier_share: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """share of the cap that a frame of an outlier costs"""
     birth_price: Above = 15.0
     """nat; price of a hypothesis beside its poses"""
-    membership_price: Annotated[float, Field(ge=0, le=100)] = 1.5
-    """price of the memberships of a moving body, as a factor of the nats that it takes to say which
-    trajectories they are"""
-    prior_floor: Annotated[float, Field(ge=0, le=100)] = 6.0
-    """nat; most that the spatial prior may cost (log density of each hypothesis' members)"""
     min_life: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     """s of observation from which on a trajectory takes part in finding hypotheses"""
 
@@ -143,27 +128,19 @@ class LimitsConfig(Group):
     """source names at a time; the one silent for longest goes"""
     spaces: Annotated[int, Field(ge=1, le=4096)] = 256
     """coordinate spaces at a time; one that nobody publishes goes"""
-    instants: Annotated[int, Field(ge=1, le=100_000)] = 1024
-    """different row stamps in one batch"""
     waiting: Annotated[float, Field(ge=1, le=4096)] = 64.0
     """MB of batches of one source that wait for the watermark"""
     waiting_all: Annotated[float, Field(ge=1, le=65_536)] = 256.0
     """MB of batches of all sources that wait; beyond it, each source has its share"""
-    waiting_batches: Annotated[int, Field(ge=1, le=1_000_000)] = 4096
-    """batches of one source that wait for the watermark"""
     extent: Annotated[float, Field(ge=0, le=1e9)] = 200.0
     """rows so many times farther out than the other sources of the space see (at least 1 m or 1000 px) are
     refused; 0: none"""
     expiry: Timeout = 60.0
     """s without data after which a source, and an empty space, is forgotten"""
-    release: Timeout = 5.0
-    """s without data after which a space may be published with another unit or dim"""
     processing: Share = 0.5
     """share of a period for taking in batches; each source has its share of that"""
     shedding: bool = True
     """leave out searches when updates take longer than a period"""
-    queries: Share = 0.1
-    """share of a period for answering queries; one a period is always answered"""
 
 
 class SpaceConfig(Group):

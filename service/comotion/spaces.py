@@ -35,6 +35,8 @@ _GROUPING, _WHOLE = 0.6, 0.85
 _UNDECLARED = SpaceConfig()
 # Share of the spaces that one source may open.
 _OF_ONE_SOURCE = 0.25
+# ns without data after which a space may have another unit or dimension.
+_RELEASE_NS = 5_000_000_000
 # Rows of an instant that are looked at, for each trajectory that there may be.
 _ROWS_FOR_A_TRACK = 2
 
@@ -198,7 +200,7 @@ class Spaces:
         return None
 
     def _is_released(self, space: Space) -> bool:
-        return self._idle_ns(space) > to_ns(self.config.limits.release)
+        return self._idle_ns(space) > _RELEASE_NS
 
     def _idle_ns(self, space: Space) -> int:
         """Time since something came in; a space of a snapshot counts as published in just now."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from comotion import FusionConfig
-from comotion.config import RigidConfig
+from comotion.rigid import resampling
 from comotion.rigid.noise import NoiseEstimates, noise_covariances
 from comotion.rigid.tracks import read_tracks
 from comotion.trajectories.window import Window
@@ -95,9 +95,9 @@ def beside_a_hand():
 
 
 @pytest.mark.parametrize(("share", "together"), [(0.25, True), (0.0, False)])
-def test_what_rests_beside_moving_things_may_give_way(share, together):
-    config = FusionConfig(rigid=RigidConfig(rigidity_contact=share))
-    update = updates_of(beside_a_hand(), config)[-1][0]
+def test_what_rests_beside_moving_things_may_give_way(share, together, monkeypatch):
+    monkeypatch.setattr(resampling, "_OF_CONTACT", share)
+    update = updates_of(beside_a_hand())[-1][0]
     resting = update.track_hypothesis[np.argsort(update.track_id)][6:]
     one_body = len(set(resting.tolist())) == 1 and 0xFFFFFFFF not in resting
     assert one_body == together

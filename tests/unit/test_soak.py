@@ -88,7 +88,7 @@ VERDICTS = {
     "descriptors": (held([300] * 40, descriptors=lambda k: k), ["descriptors grew"]),
     "an end": ({"ended": {"viewer": [1]}}, ["viewer has ended by itself, status 1"]),
     "a gap": (gap_after(), ["no update for 2.0 s (no fault)"]),
-    "a gap of a killed service": (gap_after(Fault(28.0, "kill", "service")), []),
+    "a gap of a killed service": (gap_after(Fault(28, "kill", "service"), Fault(29.5, "kill", "left")), []),
     "a gap of a killed viewer": (gap_after(Fault(28.0, "kill", "viewer")), ["no update for 2.0 s"]),
     "a change": ({"findings": Findings(changes=[(30.0, "world 1", 2, 3)])}, ["world 1 changed from 2 to 3"]),
     "an id twice": ({"findings": Findings(reused=[7])}, ["7 was given out twice"]),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from comotion.config import FusionConfig
+from comotion.event_time import timeline
 from comotion.event_time.entries import Instants
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
@@ -244,8 +245,9 @@ def test_a_slow_source_gives_its_trajectories_three_periods():
     assert timeouts == {"slow": 1_200 * MS, "quick": 500 * MS}
 
 
-def test_more_than_a_source_may_let_wait_is_refused():
-    clock = Clockwork(limits={"waiting_batches": 2})
+def test_more_than_a_source_may_let_wait_is_refused(monkeypatch):
+    monkeypatch.setattr(timeline, "_MAX_BATCHES", 2)
+    clock = Clockwork()
     clock.feed(*(batch("a", k, T0 + (10 + k) * MS) for k in range(3)), batch("b", 0, T0 + 10 * MS))
     assert clock.stats.rejected == {"limit": 1}
     assert len(clock.at(15 * MS)) == 2

@@ -28,8 +28,8 @@ _STORING = 0.5
 _ROUNDS = 3
 # ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
 _HANDOVER_NS = 200_000_000
-# Batches of rivals that wait for the name.
-_MAX_RIVALS = 256
+# Different row stamps in one batch; batches of a source that wait for the watermark, of rivals for its name.
+_MAX_INSTANTS, _MAX_BATCHES, _MAX_RIVALS = 1024, 4096, 256
 
 
 class Timeline:
@@ -47,7 +47,7 @@ class Timeline:
         self.sources = Sources(to_ns(config.source_timeout))
         self._inbox: list[Entry] = []
         waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))
-        self._load = Load(config.limits.waiting_batches, *waiting)
+        self._load = Load(_MAX_BATCHES, *waiting)
         self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
         self.troubles = Troubles()
         self.ledger = Ledger(stats, self.troubles)
@@ -78,7 +78,7 @@ class Timeline:
             self._move(entry, "repeated")
         elif refusal is not None:
             self._move(entry, refusal)
-        elif not within or (stamps is not None and len(np.unique(stamps)) > self._config.limits.instants):
+        elif not within or (stamps is not None and len(np.unique(stamps)) > _MAX_INSTANTS):
             self._move(entry, "limit")
         else:
             self._inbox.append(entry)

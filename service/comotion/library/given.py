@@ -34,7 +34,6 @@ class Parameters(TypedDict, total=False):
     max_tracks: int
     thesis: Mapping[str, Any]
     rigid: Mapping[str, Any]
-    pixels: Mapping[str, Any]
     hypotheses: Mapping[str, Any]
     linking: Mapping[str, Any]
     joints: Mapping[str, Any]

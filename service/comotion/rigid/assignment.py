@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from ..arrays import Floats, Ints, last_true, thinned
-from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .costs import Costs, stacked, updated
 from .frames import DRAWN, SETTLED, Frames
@@ -21,6 +20,8 @@ OUTLIER = NO_HYPOTHESIS
 SURE = 40.0
 """nat; margin of evidence of a clear membership, which no place changes. Chosen on stress scenes of even
 seeds and on the markers."""
+# nat; most that the place of a trajectory says about its body.
+_MOST_PLACE = 6.0
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,7 @@ def cheapest(body: Floats, outlier: Floats) -> Ints:
     return np.asarray(np.argmin(np.column_stack([outlier, body]), 1) - 1)
 
 
-def assign(
-    frames: Frames, body: Floats, outlier: Floats, position: Floats, config: RigidConfig
-) -> Assignment:
+def assign(frames: Frames, body: Floats, outlier: Floats, position: Floats) -> Assignment:
     """Assign every trajectory to a body by motion cost and spatial prior.
 
     The prior of body k at x is the kernel density of its members there. It decides for a newborn
@@ -94,13 +93,11 @@ def assign(
     unclear = np.flatnonzero(margin < SURE)
     # A trajectory has weight in its body only as far as its evidence is clear.
     counted = weight * (1 - np.exp(-margin))
-    cost[unclear, 1:] += _place_costs(x, unclear, labels, counted, body.shape[1], spacing, config)
+    cost[unclear, 1:] += _place_costs(x, unclear, labels, counted, body.shape[1], spacing)
     return Assignment(np.argmin(cost, 1) - 1, cost, spacing)
 
 
-def joined(
-    frames: Frames, newest: Floats, result: SearchResult, rejoining: Ints, config: RigidConfig
-) -> SearchResult:
+def joined(frames: Frames, newest: Floats, result: SearchResult, rejoining: Ints) -> SearchResult:
     """The result with trajectories that are new, the last ones of `frames`, and `rejoining` ones reassigned.
 
     Parameters
@@ -112,12 +109,12 @@ def joined(
     """
     bodies, known_count = result.bodies, len(result.assignment.labels)
     joining = np.append(rejoining, np.arange(known_count, len(frames.key)))
-    evidence = updated(frames, bodies, result.evidence, joining, config)
+    evidence = updated(frames, bodies, result.evidence, joining)
     labels = np.append(result.assignment.labels, np.full(len(frames.key) - known_count, OUTLIER))
     labels[rejoining] = OUTLIER
     x = np.ascontiguousarray(predicted_positions(frames, newest, bodies, labels)[:, : frames.dim])
     spacing = result.assignment.spacing
-    place = _place_costs(x, joining, labels, _weight(frames), len(bodies), spacing, config)
+    place = _place_costs(x, joining, labels, _weight(frames), len(bodies), spacing)
     cost = np.zeros((len(labels), 1 + len(bodies)))
     cost[:known_count] = result.assignment.cost
     cost[joining] = np.column_stack([evidence.outlier, evidence.body])[joining]
@@ -169,7 +166,7 @@ def _weight(frames: Frames) -> Floats:
 
 
 def _place_costs(
-    x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float, config: RigidConfig
+    x: Floats, points: Ints, labels: Ints, weight: Floats, bodies: int, spacing: float
 ) -> Floats:
     """Cost of each body at x[points], nat [n, K]: minus the log density of its members, beyond the least.
 
@@ -194,7 +191,7 @@ def _place_costs(
         log_density[:, k] = np.log(sums + 1e-300) + np.log(whiten[k].diagonal()).sum()
     top = log_density.max(1, keepdims=True, initial=-np.inf)
     cost = np.where(np.isfinite(top), np.where(np.isfinite(top), top, 0.0) - log_density, 0.0)
-    return np.minimum(cost, config.prior_floor)
+    return np.minimum(cost, _MOST_PLACE)
 
 
 def _spacing(x: Floats) -> float:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
-from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import SURE, SearchResult
 from .costs import Costs, path_price
@@ -90,9 +89,7 @@ class Belief:
         member_of[clear] = ids[labels[clear]]
         self._keys, self._member_of = frames.key, member_of
 
-    def scene(
-        self, frames: Frames, newest: Floats, hypotheses: Labels, static: int | None, least: float
-    ) -> Scene:
+    def scene(self, frames: Frames, newest: Floats, hypotheses: Labels, static: int | None) -> Scene:
         """The scene of an update, with the memory of its trajectories.
 
         Parameters
@@ -101,8 +98,6 @@ class Belief:
             Its rows; float64 [N, 3], newest positions; int64 [N], hypothesis of each trajectory.
         static
             Hypothesis that was the static one.
-        least
-            s of observation from which on a trajectory is judged.
         """
         present = set(hypotheses.tolist())
         self.records = {h: record for h, record in self.records.items() if h in present}
@@ -112,7 +107,7 @@ class Belief:
         return Scene(
             frames=frames,
             newest=newest,
-            judged=frames.life >= least,
+            judged=frames.life >= frames.config.min_life,
             hypotheses=hypotheses,
             static=static,
             separate=np.isin(hypotheses, separate),
@@ -147,15 +142,15 @@ def carried_costs(scene: Scene, fitted: list[Fitted]) -> Floats:
     return cost
 
 
-def past_evidence(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig) -> Floats:
+def past_evidence(scene: Scene, fitted: list[Fitted], costs: Costs) -> Floats:
     """Evidence from before the window against leaving a hypothesis, float64 [N, K], nat.
 
     The members of a hypothesis that is known to be separate have together what a body costs. They pay it
     for bodies under which they do not clearly move, as the static one, but not for those that continue it.
     """
-    hypotheses, current = scene.hypotheses, scene.judged & scene.frames.current
+    frames, hypotheses, current = scene.frames, scene.hypotheses, scene.judged & scene.frames.current
     evidence = np.zeros((len(hypotheses), len(fitted)))
-    price = path_price(3 if scene.frames.dim == 2 else 6, len(scene.frames.stamps), config)
+    price = path_price(3 if frames.dim == 2 else 6, len(frames.stamps), frames.config.birth_price)
     continued = continued_by(scene, fitted)
     for hypothesis in np.unique(hypotheses[scene.separate]).tolist():
         members = hypotheses == hypothesis

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Ints, Stamps, find
-from ..config import RigidConfig
 from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
 from .costs import stacked
@@ -45,9 +44,7 @@ class Fit:
     holds: float
 
 
-def held(
-    last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps, config: RigidConfig
-) -> Fit | None:
+def held(last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps) -> Fit | None:
     """The last result at the watermark, or None where all is to be fitted anew.
 
     Parameters
@@ -68,26 +65,26 @@ def held(
     # other trajectories are grouped now than at the fit.
     if fresh and (tracks.key[-fresh] < frames.key[-1] or _lost(last.result.assignment.labels, tracks)):
         return None
-    stamps = _stamps(int(frames.stamps[-1]), stamp_ns, config)
+    stamps = _stamps(frames, stamp_ns)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
-    longer = extended(frames, recent, stamps, window.gap_ns, config)
-    if judged(longer, config) - last.judged > RENEWED * int(longer.current.sum()):
+    longer = extended(frames, recent, stamps, window.gap_ns)
+    if judged(longer) - last.judged > RENEWED * int(longer.current.sum()):
         return None
     bodies = [followed_body(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)
-    unexplained = _unexplained(longer, result, len(frames.stamps), config) & (find(longer.key, outlying) < 0)
+    unexplained = _unexplained(longer, result, len(frames.stamps)) & (find(longer.key, outlying) < 0)
     # Only a trajectory that was too young at the fit may leave its body without a new fit.
-    if (unexplained & (longer.life - (stamp_ns - last.fitted_ns) * 1e-9 >= config.min_life)).any():
+    if (unexplained & (longer.life - (stamp_ns - last.fitted_ns) * 1e-9 >= frames.config.min_life)).any():
         return None
     leaving = np.flatnonzero(unexplained[: len(frames.key)])
     if fresh or len(leaving):
-        result = joined(longer, tracks.newest, result, leaving, config)
+        result = joined(longer, tracks.newest, result, leaving)
     return replace(last, tracks=tracks, frames=longer, result=result)
 
 
-def judged(frames: Frames, config: RigidConfig) -> int:
+def judged(frames: Frames) -> int:
     """Number of trajectories that were observed for long enough to be searched for hypotheses."""
-    return int(np.count_nonzero(frames.life >= config.min_life))
+    return int(np.count_nonzero(frames.life >= frames.config.min_life))
 
 
 def _lost(labels: Ints, tracks: Tracks) -> bool:
@@ -97,13 +94,14 @@ def _lost(labels: Ints, tracks: Tracks) -> bool:
     return bool((going_on[1:] < np.minimum(known[1:], 1)).any())
 
 
-def _stamps(last_ns: int, stamp_ns: int, config: RigidConfig) -> Stamps:
+def _stamps(frames: Frames, stamp_ns: int) -> Stamps:
     """Frames after the last one, up to the watermark."""
-    count = max(round((stamp_ns - last_ns) * 1e-9 * config.frame_rate + _ROUND_UP), 1)
+    last_ns = int(frames.stamps[-1])
+    count = max(round((stamp_ns - last_ns) * 1e-9 * frames.config.frame_rate + _ROUND_UP), 1)
     return last_ns + (stamp_ns - last_ns) * np.arange(1, count + 1, dtype=np.int64) // count
 
 
-def _unexplained(frames: Frames, result: SearchResult, first: int, config: RigidConfig) -> Bools:
+def _unexplained(frames: Frames, result: SearchResult, first: int) -> Bools:
     """Which trajectories leave their body in the frames from `first` on, bool [N].
 
     The squared residuals of one that does not are chi-squared; the bound of their tail is that of Laurent and
@@ -113,7 +111,7 @@ def _unexplained(frames: Frames, result: SearchResult, first: int, config: Rigid
     all_labels = np.append(labels, np.full(len(frames.key) - len(labels), OUTLIER))
     body = np.where(frames.current, all_labels, OUTLIER)[frames.owner]
     squared, count = np.zeros(len(body)), np.zeros(len(body))
-    span = max(first - round(SETTLED * config.frame_rate), 0), first, len(frames.stamps)
+    span = max(first - round(SETTLED * frames.config.frame_rate), 0), first, len(frames.stamps)
     # With the memory behind them, the arrays are contiguous.
     y, w = frames.room or (frames.y, frames.w)
     arrays, poses = frames.arrays._replace(y=y, w=w), stacked(result.bodies)

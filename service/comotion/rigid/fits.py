@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Floats, Ints
-from ..config import RigidConfig
 from .costs import Costs, body_costs_of, deformation, outlier_costs, path_price
 from .frames import Frames
 from .kernels.rest import settle
@@ -45,9 +44,9 @@ class Fitted:
 class Fits:
     """The bodies of one scene; a second fit to the same rows is read from memory."""
 
-    def __init__(self, frames: Frames, config: RigidConfig) -> None:
-        self._frames, self._config = frames, config
-        self._seen, self._outlier = outlier_costs(frames, config)
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
+        self._seen, self._outlier = outlier_costs(frames)
         self._bodies: dict[bytes, Body] = {}
         self._fitted: dict[tuple[bytes, bool], Fitted] = {}
 
@@ -60,13 +59,14 @@ class Fits:
 
     def costs(self, fitted: list[Fitted]) -> Costs:
         """What all trajectories cost under some bodies, with those that slide on one."""
-        frames, config, bodies = self._frames, self._config, [body.costed for body in fitted]
+        frames, bodies = self._frames, [body.costed for body in fitted]
+        birth = frames.config.birth_price
         body_cost = np.stack([body.cost for body in fitted], 1)
-        body_cost, slides = with_sliders(frames, bodies, body_cost, self._seen, config)
+        body_cost, slides = with_sliders(frames, bodies, body_cost, self._seen)
         return Costs(
             body_cost,
             self._outlier,
-            opening=np.array([path_price(body.dof, body.free, config) for body in bodies]),
+            opening=np.array([path_price(body.dof, body.free, birth) for body in bodies]),
             soft=np.array([body.soft for body in fitted]),
             slides=slides,
             squared=np.stack([body.squared for body in fitted], 1),
@@ -75,14 +75,13 @@ class Fits:
     def _fit(self, groups: dict[tuple[bytes, bool], Ints]) -> None:
         if not groups:
             return
-        frames, config = self._frames, self._config
+        frames = self._frames
         bodies = [self._body(rows) for rows in groups.values()]
         costed = [
-            settled(frames, body, config) if still else body
-            for body, (_, still) in zip(bodies, groups, strict=True)
+            settled(frames, body) if still else body for body, (_, still) in zip(bodies, groups, strict=True)
         ]
-        soft = np.array([deformation(frames, body, config) for body in costed])
-        cost, squared = body_costs_of(frames, costed, soft, config)
+        soft = np.array([deformation(frames, body) for body in costed])
+        cost, squared = body_costs_of(frames, costed, soft)
         for k, (key, rows) in enumerate(groups.items()):
             columns = float(soft[k]), cost[:, k], squared[:, k]
             self._fitted[key] = Fitted(bodies[k], costed[k], np.unique(frames.owner[rows]), *columns)
@@ -95,7 +94,7 @@ class Fits:
         return self._bodies[key]
 
 
-def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
+def settled(frames: Frames, body: Body) -> Body:
     """The body with one pose for each rest, so that its poses do not fit noise.
 
     A body has a pose in each frame, also while it rests. Those poses fit the noise of the rows that the body
@@ -111,7 +110,7 @@ def settled(frames: Frames, body: Body, config: RigidConfig) -> Body:
     # Not the tolerance: a body that moves slowly, within its slack, does not rest.
     noise = 1 / frames.noise[body.rows], frames.metric[body.rows]
     template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
-    least = _LEAST_REST * config.frame_rate
+    least = _LEAST_REST * frames.config.frame_rate
     runs = settle(w, *noise, template, frames.dim, body.dof, least, still.poses, rests)
     moving = int(np.count_nonzero(body.posed & ~rests))
     return replace(still, free=runs + moving, rests=bool(rests[-1]))

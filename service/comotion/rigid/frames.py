@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Stamps
+from ..config import RigidConfig
 from .kernels.records import RowArrays
 
 LONG_LIFE = 0.5
@@ -37,6 +38,8 @@ class Frames:
 
     Attributes
     ----------
+    config
+        Parameters of the method.
     dim
         2 or 3.
     stamps
@@ -70,6 +73,7 @@ class Frames:
         None, or the arrays of which `y` and `w` are the beginnings, with memory for newer rows and frames.
     """
 
+    config: RigidConfig
     dim: int
     stamps: Stamps
     y: Floats

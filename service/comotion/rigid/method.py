@@ -136,21 +136,21 @@ class RigidMethod(Method):
         if self._last is None:
             return None
         outlying_keys = np.array(sorted(self._searched_for), np.int64)
-        fit = held(self._last, window, now, stamp_ns, outlying_keys, self._config)
+        fit = held(self._last, window, now, stamp_ns, outlying_keys)
         if fit is None or not (self.searching and self._long_ago(fit.frames)):
             return fit
         hypotheses = np.where(
             fit.tracks.stop > fit.tracks.start, previous.labels[fit.tracks.slot], NO_HYPOTHESIS
         )
         scene = self._scene(fit.tracks, fit.frames, hypotheses, previous)
-        if has_news(scene, fit.result, self._config):
+        if has_news(scene, fit.result):
             return None
         self._searched_ns = stamp_ns
         return fit
 
     def _scene(self, tracks: Tracks, frames: Frames, hypotheses: Labels, previous: Previous) -> Scene:
         static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
-        return self._belief.scene(frames, tracks.newest, hypotheses, static, self._config.min_life)
+        return self._belief.scene(frames, tracks.newest, hypotheses, static)
 
     def _fitted(self, window: Window, tracks: Tracks, stamp_ns: int, previous: Previous) -> Fit:
         """The result of steps 2 to 9."""
@@ -163,7 +163,7 @@ class RigidMethod(Method):
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
         longest = MOST_HELD if scene.small else SELDOM
         holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, longest)
-        return Fit(tracks, frames, result, stamp_ns, judged(frames, self._config), holds)
+        return Fit(tracks, frames, result, stamp_ns, judged(frames), holds)
 
     def _learn(self, previous: Previous) -> None:
         if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
@@ -171,12 +171,12 @@ class RigidMethod(Method):
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether there are new bodies."""
-        fits = Fits(scene.frames, self._config)
-        followed = follow(scene, fits, self._config)
-        outlying = unexplained(scene, followed, self._config)
+        fits = Fits(scene.frames)
+        followed = follow(scene, fits)
+        outlying = unexplained(scene, followed)
         if not (self.searching and self._due(scene, scene.frames.key[outlying])):
             return followed, False
-        result = search(scene, fits, followed, outlying, self._config)
+        result = search(scene, fits, followed, outlying)
         return result, result is not followed
 
     def _due(self, scene: Scene, outlying_keys: Stamps) -> bool:

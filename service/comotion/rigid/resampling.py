@@ -24,6 +24,9 @@ _ARMS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -1.0, -1.0]])
 _ROWS_PER_TRACK = 8
 # Four points of three coordinates share the six degrees of freedom of one pose.
 _ARM_WEIGHT = 0.5
+# Shares by which a body deforms: of the rms displacement of a trajectory; of the extent of the scene at most;
+# and of what the trajectories of the scene do, rms, at least.
+_OF_MOTION, _OF_EXTENT, _OF_CONTACT = 0.01, 0.0015, 0.25
 # Slack for the rounding of stamps and periods; far below any period.
 _ROUNDING_NS = 2_000
 
@@ -68,16 +71,16 @@ def make_frames(
     seen, squared = spread(y, w)
     life = np.zeros(len(tracks.key))
     np.maximum.at(life, owner, seen / config.frame_rate)
-    deformation, resting = _deformation(squared, tracks.extent, config)
+    deformation, resting = _deformation(squared, tracks.extent)
     covariance += deformation[:, None, None] * np.eye(3)
     tolerance, metric = _mean_variance(covariance, tracks.dim), _metrics(covariance, tracks.dim)
     tolerance, spectrum = _with_slow_noise(tracks, y, w, owner, tolerance, resting, config)
     terms = noise, tolerance, squared / tracks.dim, metric, spectrum
     per_track = tracks.key, life, tracks.current
-    return Frames(tracks.dim, stamps, y, w, owner, weight, names, *terms, *per_track, tracks.extent)
+    return Frames(config, tracks.dim, stamps, y, w, owner, weight, names, *terms, *per_track, tracks.extent)
 
 
-def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config: RigidConfig) -> Frames:
+def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int) -> Frames:
     """The frames and newer ones, with rows of the trajectories that are new; these have noise as usual.
 
     Parameters
@@ -92,7 +95,7 @@ def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int, config
     owner, weight, names = _owners(curves, tracks.key)
     variance = np.full(len(tracks.key), np.inf)
     variance[frames.owner] = frames.noise
-    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, config), variance[owner])
+    y, w = _interpolated(tracks, curves, stamps, _limits(tracks, gap_ns, frames.config), variance[owner])
     order, new = np.argsort(names), np.flatnonzero(owner >= len(frames.key))
     all_names = np.append(frames.names, names[new])
     at = find(all_names, names[order])
@@ -272,16 +275,16 @@ def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
     return [_Curves(True, own, Observations(times, end, stop - counts, stop)) for end in ends]
 
 
-def _deformation(squared: Floats, extent: float, config: RigidConfig) -> tuple[Floats, Bools]:
+def _deformation(squared: Floats, extent: float) -> tuple[Floats, Bools]:
     """Variance that the deformation of a body adds to a coordinate, [P], and whether it is that of contact.
 
     Real bodies bend and skin slides, in proportion to their motion (`squared` [P], the mean squared
     displacement) and up to a share of the scene's extent. Bodies that hardly move are deformed by contact
     with moving ones: by a share of the root mean square of all.
     """
-    slack = np.minimum(config.rigidity_extent * extent, config.rigidity_motion * np.sqrt(squared))
+    slack = np.minimum(_OF_EXTENT * extent, _OF_MOTION * np.sqrt(squared))
     usual = float(np.sqrt(np.mean(slack**2))) if len(slack) else 0.0
-    resting = slack < config.rigidity_contact * usual
-    slack = np.maximum(slack, config.rigidity_contact * usual)
+    resting = slack < _OF_CONTACT * usual
+    slack = np.maximum(slack, _OF_CONTACT * usual)
     # Two points of a body deform, and so do both of their means: 4 slack^2, as in the distance of a pair.
     return np.asarray(4 * slack**2), np.asarray(resting)

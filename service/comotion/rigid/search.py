@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Ints, last_true
-from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult, assign, cheapest, predicted_positions, without_sliders
 from .belief import carried_costs
@@ -18,14 +17,12 @@ from .selection import membership_prices, select
 from .subset import Scene, choose_subset, known_rows, rows_to_fit, unexplained
 
 
-def follow(scene: Scene, fits: Fits, config: RigidConfig) -> SearchResult:
+def follow(scene: Scene, fits: Fits) -> SearchResult:
     """Fit the known bodies to their trajectories, and assign all trajectories to them: steps 6 to 9."""
-    return _compare_all(scene, fits, known_rows(scene), config)
+    return _compare_all(scene, fits, known_rows(scene))
 
 
-def search(
-    scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools, config: RigidConfig
-) -> SearchResult:
+def search(scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools) -> SearchResult:
     """Find the bodies of a scene: steps 5 to 9.
 
     `outlying` bool [N] says what the known bodies do not explain. Bodies are found in the subset. Where no
@@ -33,29 +30,27 @@ def search(
     small scene bodies are fitted to the trajectories that were assigned to them, twice.
     """
     subset = choose_subset(scene, outlying)
-    labels, new = _first_bodies(scene, fits if scene.small else None, subset, outlying, config)
+    labels, new = _first_bodies(scene, fits if scene.small else None, subset, outlying)
     if not len(new):
         return followed
     if not scene.small:
         members = [np.isin(np.arange(len(outlying)), subset[labels == k]) for k in new]
         rows = known_rows(scene) + [rows_to_fit(scene, group) for group in members]
-        return _compare_all(scene, fits, rows, config)
+        return _compare_all(scene, fits, rows)
     rows = _assigned_rows(scene, 1 + int(labels.max(initial=0)), labels)
-    result = _compare_all(scene, fits, rows, config)
+    result = _compare_all(scene, fits, rows)
     labels = without_sliders(result.assignment.labels, result.evidence)
     rows = _assigned_rows(scene, len(result.bodies), labels)
-    return _compare_all(scene, fits, rows, config)
+    return _compare_all(scene, fits, rows)
 
 
-def has_news(scene: Scene, result: SearchResult, config: RigidConfig) -> bool:
+def has_news(scene: Scene, result: SearchResult) -> bool:
     """Whether a few trajectories of each body, and those that none explains, have a new body."""
-    outlying = unexplained(scene, result, config)
-    return bool(len(_first_bodies(scene, None, choose_subset(scene, outlying), outlying, config)[1]))
+    outlying = unexplained(scene, result)
+    return bool(len(_first_bodies(scene, None, choose_subset(scene, outlying), outlying)[1]))
 
 
-def _first_bodies(
-    scene: Scene, fits: Fits | None, subset: Ints, outlying: Bools, config: RigidConfig
-) -> tuple[Ints, Ints]:
+def _first_bodies(scene: Scene, fits: Fits | None, subset: Ints, outlying: Bools) -> tuple[Ints, Ints]:
     """The cheapest body for each of the trajectories of the subset, intp [n], and which bodies are new.
 
     `fits` are those of the scene, if it is searched as a whole.
@@ -65,19 +60,19 @@ def _first_bodies(
     previous_rows, clusters = known_rows(part), cluster_rows(part, outlying[subset] | scene.small)  # 5
     if not clusters:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
-    fits = fits or Fits(part.frames, config)
+    fits = fits or Fits(part.frames)
     fitted = fits.of(previous_rows + clusters, still=False)  # 6
-    chosen, costs = select(part, fitted, fits.costs(fitted), config)  # 7, 8
+    chosen, costs = select(part, fitted, fits.costs(fitted))  # 7, 8
     labels = without_sliders(cheapest(costs.body, costs.outlier), costs)
     return labels, np.flatnonzero(np.array(chosen) > len(previous_rows))
 
 
-def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig) -> SearchResult:
+def _compare_all(scene: Scene, fits: Fits, rows: list[Ints]) -> SearchResult:
     """Fit bodies to rows, intp [m] each, select the best, and assign every trajectory to one of them."""
     fitted = fits.of(rows, still=True)  # 6
-    chosen, evidence = select(scene, fitted, fits.costs(fitted), config)  # 7, 8
+    chosen, evidence = select(scene, fitted, fits.costs(fitted))  # 7, 8
     fitted = [fitted[k] for k in chosen]
-    cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted, config)
+    cost, prices = evidence.body + carried_costs(scene, fitted), membership_prices(scene, fitted)
     rough = cheapest(cost + prices, evidence.outlier)
     if scene.static is not None:
         # A resting member of a resting body looks like the background: its membership has a price here too.
@@ -86,7 +81,7 @@ def _compare_all(scene: Scene, fits: Fits, rows: list[Ints], config: RigidConfig
         cost[np.ix_(background, resting)] += prices[resting]
     bodies = [body.body for body in fitted]
     position = predicted_positions(scene.frames, scene.newest, bodies, rough)
-    assignment = assign(scene.frames, cost, evidence.outlier, position, config)  # 9
+    assignment = assign(scene.frames, cost, evidence.outlier, position)  # 9
     assignment = replace(assignment, labels=undecided(scene, assignment.labels))
     return SearchResult(bodies, assignment, evidence)
 

@@ -3,7 +3,6 @@
 import numpy as np
 
 from ..arrays import Bools, Floats
-from ..config import RigidConfig
 from .belief import past_evidence
 from .costs import Costs
 from .fits import Fitted
@@ -11,9 +10,11 @@ from .subset import Scene
 
 STATIC = 0
 """Column of the static body, which is always open, at no price."""
+# Price of a membership, in nats that it takes to say which trajectories they are.
+_MEMBERSHIP = 1.5
 
 
-def select(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig) -> tuple[list[int], Costs]:
+def select(scene: Scene, fitted: list[Fitted], costs: Costs) -> tuple[list[int], Costs]:
     """Columns to open, and the costs of those.
 
     A trajectory of a moving body pays for its membership: among many trajectories with correlated noise
@@ -21,7 +22,7 @@ def select(scene: Scene, fitted: list[Fitted], costs: Costs, config: RigidConfig
     leaving it.
     """
     judged: Bools = scene.judged
-    body = costs.body + past_evidence(scene, fitted, costs, config) + membership_prices(scene, fitted, config)
+    body = costs.body + past_evidence(scene, fitted, costs) + membership_prices(scene, fitted)
     chosen = cheapest_bodies(body[judged], costs.outlier[judged], costs.opening)
     return chosen, costs.of(chosen)
 
@@ -46,14 +47,14 @@ def cheapest_bodies(body: Floats, outlier: Floats, opening: Floats) -> list[int]
         paid = np.minimum(outlier, body[:, chosen].min(1))
 
 
-def membership_prices(scene: Scene, fitted: list[Fitted], config: RigidConfig) -> Floats:
+def membership_prices(scene: Scene, fitted: list[Fitted]) -> Floats:
     """Price of a membership in each body, [K]: the nats that it takes to encode its members.
 
     These are 1 + log(N / m) for m of N trajectories; the static body, without owners, has none.
     """
     counts = np.array([len(body.owners) for body in fitted], np.intp)
     nats = 1 + np.log(np.maximum(int(scene.judged.sum()) / np.maximum(counts, 1), 1.0))
-    return np.where(counts > 0, config.membership_price * nats, 0.0)
+    return np.where(counts > 0, _MEMBERSHIP * nats, 0.0)
 
 
 def _superfluous(body: Floats, outlier: Floats, opening: Floats) -> int | None:

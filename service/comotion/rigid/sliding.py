@@ -8,7 +8,7 @@ in the frame of its body, which costs a nat as those of a pose do.
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, thinned
-from ..config import RigidConfig
+from .costs import CAP
 from .frames import DRAWN, FEW, SETTLED, Frames
 from .procrustes import Body
 
@@ -17,9 +17,7 @@ from .procrustes import Body
 _REACH = 0.5
 
 
-def with_sliders(
-    frames: Frames, bodies: list[Body], body: Floats, seen: Floats, config: RigidConfig
-) -> tuple[Floats, Bools]:
+def with_sliders(frames: Frames, bodies: list[Body], body: Floats, seen: Floats) -> tuple[Floats, Bools]:
     """Costs of trajectories that no larger body explains, lowered to those of sliding where that is less.
 
     Parameters
@@ -34,31 +32,29 @@ def with_sliders(
     # Sliding on a body at rest would be sliding on the static one, which is no host.
     owners = [len(np.unique(frames.owner[host.rows])) for host in bodies]
     hosts = [k for k, host in enumerate(bodies) if host.free > 1 and owners[k] > FEW]
-    rows = _unexplained(frames, bodies, hosts, body, seen, config)
+    rows = _unexplained(frames, bodies, hosts, body, seen)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)
     tracks, costs = frames.owner[rows], body.copy()
     for k in hosts:
-        costs[tracks, k] = np.minimum(body[tracks, k], _slides(frames, bodies[k], rows, config))
+        costs[tracks, k] = np.minimum(body[tracks, k], _slides(frames, bodies[k], rows))
     return costs, costs < body
 
 
-def _unexplained(
-    frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats, config: RigidConfig
-) -> Ints:
+def _unexplained(frames: Frames, bodies: list[Body], hosts: list[int], body: Floats, seen: Floats) -> Ints:
     """Rows of long trajectories of points that neither rest nor a host explains, intp [n]."""
     large = [k for k, candidate in enumerate(bodies) if candidate.static or k in hosts]
     due = 0.5 * frames.dim * seen
     # Bodies that begin to move slide on each other at first.
-    unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= SETTLED * config.frame_rate)
+    unexplained = (body[:, large] > due[:, None]).all(1) & (seen >= SETTLED * frames.config.frame_rate)
     unexplained &= np.bincount(frames.owner, minlength=len(seen)) == 1
     return frames.rows_of(thinned(np.flatnonzero(unexplained), DRAWN))
 
 
-def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floats:
+def _slides(frames: Frames, host: Body, rows: Ints) -> Floats:
     """Cost of each row as a slider on a body, float64 [n], nat; inf where it cannot be one."""
     seen, w = (frames.w[rows] > 0).sum(1), frames.w[rows] * host.posed
-    held, cap = (w > 0).sum(1), config.residual_cap * frames.dim
+    held, cap = (w > 0).sum(1), CAP * frames.dim
     x = np.ascontiguousarray(((frames.y[rows] - host.t).swapaxes(0, 1) @ host.R).swapaxes(0, 1))
     total = np.maximum(w.sum(1), 1e-300)
     x -= w[:, None] @ x / total[:, None, None]
@@ -69,4 +65,4 @@ def _slides(frames: Frames, host: Body, rows: Ints, config: RigidConfig) -> Floa
     cost = 0.5 * (paid + cap * (seen - held)) + held
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
     near = (w * along**2).sum(1) / total <= _REACH**2 * radius
-    return np.where(near & (held >= SETTLED * config.frame_rate), cost, np.inf)
+    return np.where(near & (held >= SETTLED * frames.config.frame_rate), cost, np.inf)

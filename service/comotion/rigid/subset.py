@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels
-from ..config import RigidConfig
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult
 from .costs import excess_costs
@@ -100,7 +99,7 @@ def choose_subset(scene: Scene, outlying: Bools) -> Ints:
     return np.unique(np.concatenate([*groups, draw]))
 
 
-def unexplained(scene: Scene, result: SearchResult, config: RigidConfig) -> Bools:
+def unexplained(scene: Scene, result: SearchResult) -> Bools:
     """Which current trajectories are outliers, or exceed the usual cost by more than chance, bool [N].
 
     That is three standard deviations, and more among many: the largest of n normal deviates is about the
@@ -108,7 +107,7 @@ def unexplained(scene: Scene, result: SearchResult, config: RigidConfig) -> Bool
     """
     labels, eligible = result.assignment.labels, scene.judged & scene.frames.current
     most = max(3.0, float(np.sqrt(2 * np.log(max(int(eligible.sum()), 1)))))
-    excess = excess_costs(result.evidence, labels, config)
+    excess = excess_costs(result.evidence, labels)
     return np.asarray(eligible & ((labels == OUTLIER) | (excess > most)), np.bool_)
 
 

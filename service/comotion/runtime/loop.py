@@ -30,6 +30,8 @@ from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000
+# Share of a turn for answering queries; one is always answered.
+_ANSWERING = 0.1
 # Twice per Status, which is published every second.
 _REPORT_NS = 500_000_000
 # Between two times at which memory is given back: some 3 ms where an attack has taken much, else half of one.
@@ -66,7 +68,7 @@ class Loop:
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         # The loop looks for data in slices of a period.
         self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
-        self._answering_ns = round(limits.queries * min(period_ns, 2 * _SLICE_NS))
+        self._answering_ns = round(_ANSWERING * min(period_ns, 2 * _SLICE_NS))
         # How long the last update took, and its processor time.
         self._took_ns = self._spent_ns = 0
         self._follower = None

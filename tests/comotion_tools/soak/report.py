@@ -27,7 +27,9 @@ _ALONE = {kind.space for kind in KINDS.values()} - {"world"}
 def cause(soak: Soak, at_s: float, seconds: float = 0.0) -> Fault | None:
     """The newest fault that a gap or a change may come from; `at_s` is its end."""
     late_s = at_s - seconds - _BELONGS_S
-    fitting = [fault for begun_s, fault in soak.faults if late_s - fault.lasts_s <= begun_s <= at_s]
+    # Where a service takes long to start, other faults follow before it has; a second passes unnoticed.
+    last_s = at_s - max(seconds - 1.0, 0.0)
+    fitting = [fault for begun_s, fault in soak.faults if late_s - fault.lasts_s <= begun_s <= last_s]
     return fitting[-1] if fitting else None
 
 
