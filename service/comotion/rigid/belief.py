@@ -70,14 +70,14 @@ class Belief:
         step = 0.0 if self._stamp_ns is None else max((stamp_ns - self._stamp_ns) * 1e-9, 0.0)
         self._stamp_ns = stamp_ns
         evidence, labels, gains = result.evidence, result.assignment.labels, result.gains
-        moves = gains[:, 0] > _CLEARLY * evidence.restless
+        moves = gains[:, 0] > _CLEARLY * evidence.opening
         for k, hypothesis in enumerate(ids.tolist()):
             if hypothesis == NO_HYPOTHESIS or result.bodies[k].static or not (labels == k).any():
                 continue
             record = self.records.setdefault(hypothesis, Record())
             # Rest explains the members better, or another body that clearly moves nearly as well.
             lost = gains[k].min(where=moves & (np.arange(len(ids)) != k), initial=np.inf)
-            against = gains[k, 0] < -_CONTRARY or lost < evidence.restless[k]
+            against = gains[k, 0] < -_CONTRARY or lost < evidence.opening[k]
             record.moves = bool(moves[k])
             record.seconds += step if moves[k] else 0.0
             record.contrary = record.contrary + step if against else 0.0
@@ -155,7 +155,7 @@ def past_evidence(scene: Scene, fitted: list[Fitted], costs: Costs) -> Floats:
     for hypothesis in np.unique(hypotheses[scene.separate]).tolist():
         members = hypotheses == hypothesis
         gain = (costs.body[members, :1] - costs.body[members]).sum(0)
-        others = np.flatnonzero((gain <= _CLEARLY * costs.restless) & (continued != hypothesis))
+        others = np.flatnonzero((gain <= _CLEARLY * costs.opening) & (continued != hypothesis))
         sharing = max(int((members & current).sum()), 1)
         evidence[np.ix_(members, others)] = price / sharing
     return evidence

@@ -56,7 +56,8 @@ def held(last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps
     """
     frames = last.frames
     longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
-    if not frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns:
+    same_sources = np.isin(now.source, last.tracks.source).all()
+    if not (same_sources and frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns):
         return None
     tracks = last.tracks.joined(now)
     fresh = len(tracks.key) - len(frames.key)
@@ -67,7 +68,7 @@ def held(last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps
     stamps = _stamps(frames, stamp_ns)
     recent = tracks.since(window, int(stamps[0] - np.abs(tracks.delay_ns).max(initial=0)))
     longer = extended(frames, recent, stamps, window.gap_ns)
-    if longer is None or judged(longer) - last.judged > RENEWED * int(longer.current.sum()):
+    if judged(longer) - last.judged > RENEWED * int(longer.current.sum()):
         return None
     bodies = [followed_body(longer, body) for body in last.result.bodies]
     result = replace(last.result, bodies=bodies)

@@ -38,11 +38,8 @@ class Costs:
     ----------
     body, outlier
         float64 [N, K] and [N].
-    opening, restless
-        float64 [K], price of each body, and its price if it had never rested: the gain over rest from which
-        on it clearly moves.
-    soft
-        float64 [K], variance of the deformation of each body.
+    opening, soft
+        float64 [K], price of each body, and variance of its deformation.
     slides
         bool [N, K], whether a cost is that of a feature that slides on the body.
     squared
@@ -52,17 +49,14 @@ class Costs:
     body: Floats
     outlier: Floats
     opening: Floats
-    restless: Floats
     soft: Floats
     slides: Bools
     squared: Floats
 
     def of(self, chosen: list[int]) -> "Costs":
         """The costs of some bodies only, by column."""
-        prices = self.opening[chosen], self.restless[chosen], self.soft[chosen]
-        return Costs(
-            self.body[:, chosen], self.outlier, *prices, self.slides[:, chosen], self.squared[:, chosen]
-        )
+        of_bodies = self.opening[chosen], self.soft[chosen], self.slides[:, chosen], self.squared[:, chosen]
+        return Costs(self.body[:, chosen], self.outlier, *of_bodies)
 
 
 def updated(frames: Frames, bodies: list[Body], costs: Costs, tracks: Ints) -> Costs:

@@ -25,12 +25,8 @@ _SHIFT = 0.03
 _DELAY = 0.02
 # Of a source that stamps observations on arrival, not when they were made: prior standard deviation of its
 # delay and longest delay, s, and least correlation of the speeds of a group and a body from which a delay is
-# read. Chosen, as the next one, on made-up scenes with delays of .1 to .3 s and on stress scenes in which a
-# clock is set.
+# read. Chosen on made-up scenes with delays of .1 to .3 s and on stress scenes in which a clock is set.
 _LATENCY, _LONGEST, _ALIKE = 0.2, 0.5, 0.8
-# Mean squared residual, in tolerances, up to which a group moves like a body with such a delay: after a clock
-# was set, a window holds two delays, and neither explains it all.
-_LATE_RESIDUAL = 1.8
 # Squared distance of an offset from none, in prior standard deviations, beyond which a group and a body are
 # not taken for one, and mean squared residual, in tolerances, beyond which they do not move alike. Chosen
 # on the scenes of docs/research/accuracy.md.
@@ -92,22 +88,19 @@ class Offset:
 class View:
     """What one source and the reference see.
 
-    `groups` are rows of the source; `bodies` are fitted to the reference, by label; `extent` is the scale of
-    the scene, in its unit; `delay` is the prior standard deviation of the delay, s, and `residual` the most
-    that matched groups have, in tolerances.
+    `groups` are rows of the source; `bodies` are fitted to the reference, by label; `delay` is the prior
+    standard deviation of the delay, s.
     """
 
     frames: Frames
     groups: Groups
     bodies: dict[int, Body]
-    extent: float
     delay: float = _DELAY
-    residual: float = _MOST_RESIDUAL
 
     @cached_property
     def prior(self) -> Floats:
         """Inverse covariance of an offset, float64 [7, 7]."""
-        return np.diag(np.array([_ROTATION] * 3 + [_SHIFT * self.extent] * 3 + [self.delay]) ** -2.0)
+        return np.diag(np.array([_ROTATION] * 3 + [_SHIFT * self.frames.extent] * 3 + [self.delay]) ** -2.0)
 
     @cached_property
     def information(self) -> dict[int, Floats]:
@@ -135,7 +128,7 @@ def explained(view: View, applied: Offset) -> Offset:
     applied
         The offset by which the frames of `view` are corrected.
     """
-    none, late = Offset.none(applied.pivot), replace(view, delay=_LATENCY, residual=_LATE_RESIDUAL)
+    none, late = Offset.none(applied.pivot), replace(view, delay=_LATENCY)
     fits, margin = [_fit(view, applied, applied)], _REPLACEMENT_MARGIN
     if applied.vector.any():
         fits, margin = [*fits, _fit(view, none, applied)], -_REPLACEMENT_MARGIN
@@ -180,7 +173,7 @@ def _matches(view: View, offset: Offset, applied: Offset) -> list[Equations]:
         for candidates in own, others:  # that of its own label, else the best other
             pairs = [(view.bodies[k], view.information[k]) for k in candidates]
             equations = [normal_equations(*group, *pair, offset.pivot) for pair in pairs]
-            if (match := _best(equations, offset.vector, view)) is not None:
+            if (match := _best(equations, offset.vector, view.prior)) is not None:
                 matches.append(match)
                 break
     return matches
@@ -226,14 +219,14 @@ def _gain(match: Equations, step: Floats) -> float:
     return max(_MOST_RESIDUAL * match.coordinates - match.after(step), 0.0) / 2
 
 
-def _best(candidates: list[Equations], vector: Floats, view: View) -> Equations | None:
+def _best(candidates: list[Equations], vector: Floats, prior: Floats) -> Equations | None:
     """The equations that gain most after their own step; None where none fits well enough."""
-    best, most_gain, prior = None, 0.0, view.prior
+    best, most_gain = None, 0.0
     for match in candidates:
         step = np.asarray(np.linalg.solve(match.left + prior, match.right - prior @ vector), np.float64)
         penalty = float((vector + step) @ prior @ (vector + step))
         gain = _gain(match, step) - penalty / 2
-        fits = penalty < _MOST_OFFSET and match.after(step) < view.residual * match.coordinates
+        fits = penalty < _MOST_OFFSET and match.after(step) < _MOST_RESIDUAL * match.coordinates
         if gain > most_gain and fits:
             best, most_gain = match, gain
     return best

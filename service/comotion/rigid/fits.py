@@ -67,7 +67,6 @@ class Fits:
             body_cost,
             self._outlier,
             opening=np.array([path_price(body.dof, body.free, birth) for body in bodies]),
-            restless=np.array([path_price(body.dof, int(body.posed.sum()), birth) for body in bodies]),
             soft=np.array([body.soft for body in fitted]),
             slides=slides,
             squared=np.stack([body.squared for body in fitted], 1),

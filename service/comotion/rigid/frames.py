@@ -15,6 +15,8 @@ SETTLED = 1.0
 """s of observation, or of evidence, after which it counts in full."""
 FEWEST = 8
 """Fewest frames that are compared."""
+FEW = 3
+"""Features, or samples, that show what they have in common."""
 DRAWN = 128
 """Most points, evenly drawn, that stand for all: a bound of the work in large scenes. Chosen on made-up
 crowds of thousands of features."""

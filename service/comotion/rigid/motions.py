@@ -74,7 +74,7 @@ def _state(frames: Frames, result: SearchResult, k: int) -> HypothesisState:
         # What has been observed for less may begin to move.
         seen = frames.life[result.assignment.labels == k].max(initial=0.0)
         return "static" if seen >= SETTLED else "undetermined"
-    return "moving" if result.gains[k, 0] > result.evidence.restless[k] else "undetermined"
+    return "moving" if result.gains[k, 0] > result.evidence.opening[k] else "undetermined"
 
 
 def _noise(squared: Floats, dim: int) -> float | None:
@@ -120,13 +120,6 @@ def _motion(frames: Frames, body: Body, reference: PoseReference, newest: Floats
         turn = inverses(information[:, :3, :3] + np.eye(3))
         path = body.R @ R.T, body.t - body.R @ R.T @ t
         spread = R @ turn @ R.T, 1 / np.maximum(information[:, 3, 3], _LEAST_INFORMATION)
-    centre, radius = _shape(points)
+    centre = points.mean(0) if len(points) else np.zeros(3)
+    radius = float(np.sqrt(((points - centre) ** 2).sum(1).mean()) if len(points) else 0.0)
     return BodyMotion(frames.stamps, *path, body.posed, *spread, centre, radius, body.static)
-
-
-def _shape(points: Floats) -> tuple[Floats, float]:
-    """Centroid of points [m, 3], and their root mean square distance from it."""
-    if not len(points):
-        return np.zeros(3), 0.0
-    centre = points.mean(0)
-    return centre, float(np.sqrt(((points - centre) ** 2).sum(1).mean()))

@@ -9,10 +9,9 @@ from ..arrays import Floats, Ints, Stamps, find
 from .frames import RENEWED
 from .kernels.differences import difference_covariances
 from .kernels.resampling import mean_square
+from .kernels.rotation import ROUNDING
 from .tracks import Tracks
 
-MOST_DIFFERENCES = 60
-"""Most differences from which the noise of a trajectory is estimated, over its newest observations."""
 # Share of the scene's extent: less noise than this is below the precision of float32, in which positions
 # are sent.
 _LEAST_NOISE = 1e-6
@@ -27,11 +26,6 @@ _ROUND, _FLATTEST = 2.25, 0.01
 _ROUNDED = 1e-5
 # Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
 _CURVATURES = (0.0, *(side * curvature for curvature in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
-# Degrees of freedom that the prior of a source's variances has at least and at most.
-_LEAST_PRIOR, _MOST_PRIOR = 4.0, 1e4
-_THREE = np.vstack([np.eye(3), np.sqrt(0.5) * (1 - np.eye(3)[::-1])])
-DIRECTIONS = {2: _THREE[[0, 1, 3], :2], 3: _THREE}
-"""By dimension: the axes, then the directions between two of them, along which wild differences are found."""
 
 
 class NoiseEstimates:
@@ -57,9 +51,7 @@ class NoiseEstimates:
         at = find(tracks.key, self._key)
         made, covariance, count = self._made[at], self._covariance[at], self._count[at]
         due = np.flatnonzero((at < 0) | (made > newest) | (newest - made > RENEWED * (newest - oldest)))
-        covariance[due], count[due] = difference_covariances(
-            tracks.observations, gap_ns, due, DIRECTIONS[tracks.dim], MOST_DIFFERENCES
-        )
+        covariance[due], count[due] = difference_covariances(tracks.observations, gap_ns, due)
         made[due] = newest[due]
         self._key, self._made, self._covariance, self._count = tracks.key, made, covariance, count
         return covariance, count
@@ -156,8 +148,7 @@ def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
     mean = float(weight @ logs / weight.sum())
     beyond = float(weight @ ((logs - mean) ** 2 - 1 / weight) / weight.sum())
     # The inverse of the trigamma function, within a tenth: x is about 1/y + 1/2 where it is large.
-    prior = 2 * (1 / beyond + 0.5) if beyond > 0 else np.inf
-    prior = min(max(prior, _LEAST_PRIOR), _MOST_PRIOR)
+    prior = 2 / max(beyond, ROUNDING) + 1
     usual = float(np.exp(mean + digamma(prior / 2) - np.log(prior / 2)))
     return np.asarray((prior * usual + freedom * variance) / (prior + freedom))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
 from .frames import Frames
-from .kernels.frame_pose import SLIGHT_PULL
+from .kernels.frame_pose import frame_pose
 from .kernels.procrustes import fit_poses
 from .kernels.records import PoseArrays
 
@@ -95,32 +95,19 @@ def _fit(frames: Frames, rows: Ints, first: int, near: Floats, template: Floats,
     fit_poses(y, w, *noise, frames.dim, near, _ITERATIONS, first > 0, template, poses)
 
 
-def align(source: Floats, target: Floats, dim: int, near: Floats | None = None) -> tuple[Floats, Floats]:
-    """Least-squares rigid transform of points to others, target = R source + t (Horn 1987).
+def align(source: Floats, target: Floats, dim: int, near: Floats) -> tuple[Floats, Floats]:
+    """Least-squares rigid transform of points to others, target = R source + t, float64 [3, 3] and [3].
 
     Parameters
     ----------
     source, target
-        float64 [m, 3], m > 0; the third column is zero in 2-D.
+        float64 [m, 3], m > 0; the third column is zero in 2-D, where R is a rotation about z.
     near
         float64 [3, 3]; where the points leave a rotation open, as a pair does, R is the nearest to this one.
-        None: to no rotation.
-
-    Returns
-    -------
-    R, t
-        float64 [3, 3] and [3]; in 2-D a rotation about z.
     """
-    y, b = target - target.mean(0), source - source.mean(0)
-    H = y.T @ b
-    size = np.linalg.norm(H) or 1.0
-    H += SLIGHT_PULL * size * (np.eye(3) if near is None else near)
-    if dim == 2:
-        H[2, 2] += size
-    U, _, Vt = np.linalg.svd(H)
-    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
-    R = U @ Vt
-    return R, target.mean(0) - R @ source.mean(0)
+    R, t, y, b = np.zeros((3, 3)), np.zeros(3), np.ascontiguousarray(target.T), np.ascontiguousarray(source.T)
+    frame_pose(y, b, np.ones(len(source)), dim, near, near, False, R, t)
+    return R, t
 
 
 def pose_columns(b: Floats, dim: int) -> Floats:

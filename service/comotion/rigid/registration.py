@@ -5,6 +5,7 @@ delay. Bodies are fitted to one source, the reference. For each other source, :m
 small rotation, shift and delay that make its trajectories constant in the frames of those bodies.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,8 @@ from .explanations import Groups, Offset, View, explained
 from .frames import LONG_LIFE, Frames
 from .kernels.procrustes import SOFT
 from .procrustes import fit_body
-from .subset import is_small, representatives
+from .subset import MOST_OF_EACH, is_small, representatives
 from .tracks import Tracks
-
-# Most trajectories of a group that take part in a large scene. This bounds the work of an update; chosen on
-# made-up crowds of thousands of features.
-_REPRESENTATIVES = 12
 
 
 class Registration:
@@ -30,7 +27,7 @@ class Registration:
         self.offsets: dict[int, Offset] = {}
 
     def correct(self, tracks: Tracks) -> Tracks:
-        """The same trajectories as the reference would have seen them."""
+        """The same trajectories, which have no corrections yet, as the reference would have seen them."""
         sources = [s for s in np.unique(tracks.source).tolist() if s in self.offsets]
         if not sources:
             return tracks
@@ -39,7 +36,8 @@ class Registration:
             offset, members = self.offsets[source], tracks.source == source
             delay[members] = round(offset.delay * 1e9)
             turn[members], shift[members] = offset.transform()
-        return tracks.moved(delay, turn, shift)
+        newest = np.einsum("nij,nj->ni", turn, tracks.newest) + shift
+        return replace(tracks, delay_ns=delay, turn=turn, shift=shift, newest=newest)
 
     def learn(self, tracks: Tracks, frames: Frames, labels: Ints) -> None:
         """Estimate the offsets by corrected trajectories and the bodies they were assigned to.
@@ -56,11 +54,11 @@ class Registration:
             self.reference = int(sources[np.argmax(counts)])
         groups = {s: _moving_groups(tracks, frames, labels, s) for s in sources.tolist()}
         bodies = {k: fit_body(frames, rows) for k, rows in groups[self.reference].items()}
-        extent, pivot = tracks.extent, np.median(tracks.newest, 0)
+        pivot = np.median(tracks.newest, 0)
         for source, source_groups in groups.items():
             if bodies and source_groups and source != self.reference:
                 applied = self.offsets.get(source) or Offset.none(pivot)
-                offset = explained(View(frames, source_groups, bodies, extent), applied)
+                offset = explained(View(frames, source_groups, bodies), applied)
                 self.offsets.pop(source, None)
                 if offset.vector.any():
                     self.offsets[source] = offset
@@ -85,7 +83,7 @@ def _moving_groups(tracks: Tracks, frames: Frames, labels: Ints, source: int) ->
         members = (labels == k) & (tracks.source == source) & (frames.life >= LONG_LIFE)
         if members.sum() >= frames.dim:
             if not is_small(frames):
-                members = representatives(frames, tracks.newest, members, _REPRESENTATIVES)
+                members = representatives(frames, tracks.newest, members, MOST_OF_EACH)
             rows = frames.rows_of(members)
             # The poses of a body at rest are noise, which would look like motion that constrains an offset.
             if np.mean(frames.moved[rows] / frames.tolerance[rows]) > SOFT:

@@ -12,9 +12,9 @@ from .frames import NOISE, Frames
 from .kernels.differences import difference_covariances
 from .kernels.records import ROUND, Limits, Observations
 from .kernels.resampling import mean_square, resample, spread
-from .noise import DIRECTIONS, MOST_DIFFERENCES, NoiseEstimates, noise_covariances
+from .noise import NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise
-from .tracks import Tracks, ranges
+from .tracks import Tracks
 
 # Length of an arm as a share of the scene's extent. Motion and noise of its end both grow with the length,
 # so that the share hardly matters.
@@ -80,16 +80,14 @@ def make_frames(
     return Frames(config, tracks.dim, stamps, y, w, owner, weight, names, *terms, *per_track, tracks.extent)
 
 
-def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int) -> Frames | None:
+def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int) -> Frames:
     """The frames and newer ones, with rows of the trajectories that are new; these have noise as usual.
-
-    None where the noise of a source is unknown.
 
     Parameters
     ----------
     tracks
-        The trajectories of the frames, then those that are new; observations before the newer frames may
-        be left out.
+        The trajectories of the frames, then those that are new, of the same sources; observations before the
+        newer frames may be left out.
     stamps
         int64 [n], ns, the newer frames.
     """
@@ -102,8 +100,6 @@ def extended(frames: Frames, tracks: Tracks, stamps: Stamps, gap_ns: int) -> Fra
     all_names = np.append(frames.names, names[new])
     at = find(all_names, names[order])
     usual = _usual_rows(frames, tracks.source, owner[new])
-    if usual is None:
-        return None
     room = _room(frames, np.where(at >= 0, order[at], -1), y, w)
     total, count = len(all_names), len(frames.stamps) + len(stamps)
     life = np.append(frames.life, np.zeros(len(tracks.key) - len(frames.key)))
@@ -148,13 +144,11 @@ def _room(frames: Frames, origin: Ints, newer_y: Floats, newer_w: Floats) -> tup
     return y, w
 
 
-def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints | None:
-    """A row of usual noise of the source of each wanted trajectory, intp [n]; None where there is none."""
+def _usual_rows(frames: Frames, sources: Ints, wanted: Ints) -> Ints:
+    """A row of usual noise of the source of each wanted trajectory, intp [n]."""
     usual = np.zeros(len(wanted), np.intp)
     for source in np.unique(sources[wanted]).tolist():
         rows = np.flatnonzero(sources[frames.owner] == source)
-        if not len(rows):
-            return None
         usual[sources[wanted] == source] = rows[np.argsort(frames.tolerance[rows])[len(rows) // 2]]
     return usual
 
@@ -232,14 +226,13 @@ def _interpolated(
     """Positions [P, F, 3] and weights [P, F] of all rows, of which float64 [P] is the noise."""
     total = sum(len(c.own) for c in curves)
     y, w = np.zeros((total, len(stamps), 3)), np.zeros((total, len(stamps)))
-    first, corrected = 0, tracks.corrected
+    first, corrected = 0, (tracks.shift != 0).any(1) | (tracks.turn != np.eye(3)).any((1, 2))
     for c in curves:
         rows, own = slice(first, first + len(c.own)), c.own
         first = rows.stop
         own_limits = Limits(limits.gap[own], limits.hold[own], limits.delay[own])
         resample(c.observations, stamps, own_limits, variance[rows], y[rows], w[rows])
-        # The ends of arms are corrected already.
-        if not c.on_arm and corrected.any():
+        if corrected.any():
             corrected_rows = np.flatnonzero(corrected[own])
             turned = np.einsum("nfi,nji->nfj", y[rows][corrected_rows], tracks.turn[own[corrected_rows]])
             seen = w[rows][corrected_rows, :, None] > 0
@@ -254,9 +247,7 @@ def _noise(tracks: Tracks, estimates: NoiseEstimates, curves: list[_Curves], gap
     for c in curves:
         terms = estimate[c.own], count[c.own]
         if c.on_arm:
-            all_curves = np.arange(len(c.own))
-            noise = gap[c.own], all_curves, DIRECTIONS[3], MOST_DIFFERENCES
-            terms = difference_covariances(c.observations, *noise)
+            terms = difference_covariances(c.observations, gap[c.own], np.arange(len(c.own)))
         covariances.append(noise_covariances(tracks, *terms, c.own, on_arm=c.on_arm))
     return np.concatenate(covariances)
 
@@ -274,20 +265,14 @@ def _curves(tracks: Tracks, extent: float) -> list[_Curves]:
 
 
 def _arms(tracks: Tracks, own: Ints, extent: float) -> list[_Curves]:
-    """Corrected ends of the arms of 6-DoF features `own` intp [n]."""
+    """Ends of the arms of 6-DoF features `own` intp [n]."""
     assert tracks.quaternions is not None  # noqa: S101 - they have orientations
-    observed = ranges(tracks.start[own], tracks.stop[own])
-    counts = tracks.stop[own] - tracks.start[own]
-    owner = np.repeat(own, counts)
-    stop = np.cumsum(counts)
-    start, times = stop - counts, tracks.times[observed]
-    orientations = Rotation.from_quat(tracks.quaternions[observed])
-    positions = tracks.positions[observed]
-    if tracks.corrected[own].any():
-        orientations = Rotation.from_matrix(tracks.turn[owner]) * orientations
-        positions = np.einsum("nij,nj->ni", tracks.turn[owner], positions) + tracks.shift[owner]
+    spans = [np.arange(tracks.start[i], tracks.stop[i]) for i in own.tolist()]
+    observed, counts = np.concatenate(spans), tracks.stop[own] - tracks.start[own]
+    stop, times = np.cumsum(counts), tracks.times[observed]
+    orientations, positions = Rotation.from_quat(tracks.quaternions[observed]), tracks.positions[observed]
     ends = [positions + orientations.apply(arm) for arm in _ARMS * _ARM_LENGTH * extent]
-    return [_Curves(True, own, Observations(times, end, start, stop)) for end in ends]
+    return [_Curves(True, own, Observations(times, end, stop - counts, stop)) for end in ends]
 
 
 def _deformation(squared: Floats, extent: float) -> tuple[Floats, Bools]:

@@ -11,14 +11,10 @@ from .assignment import OUTLIER, SearchResult, assign, cheapest, predicted_posit
 from .belief import carried_costs
 from .candidates import cluster_rows
 from .fits import Fits
+from .frames import FEW, LONG_LIFE
+from .kernels.residuals import LEAST_COVERED
 from .selection import membership_prices, select
-from .subset import Scene, Subset, choose_subset, known_rows, rows_to_fit, unexplained
-
-# Neighbours of a newborn feature that are examined, and how many of them must be newborn too.
-_NEIGHBOURS, _LEAST_NEWBORN = 4, 2
-# A hypothesis may return if it loses most of its features at once. In this order: s that count as at once;
-# fewest features lost; their least share of all lost in the look-back; s of the look-back.
-_AT_ONCE, _LEAST_LOST, _LOST_SHARE, _LOOK_BACK = 0.08, 3, 0.6, 0.55
+from .subset import Scene, choose_subset, known_rows, rows_to_fit, unexplained
 
 
 def follow(scene: Scene, fits: Fits) -> SearchResult:
@@ -34,11 +30,11 @@ def search(scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools) ->
     small scene bodies are fitted to the trajectories that were assigned to them, twice.
     """
     subset = choose_subset(scene, outlying)
-    labels, new = _first_bodies(scene, fits if scene.small else None, subset)
+    labels, new = _first_bodies(scene, fits if scene.small else None, subset, outlying)
     if not len(new):
         return followed
     if not scene.small:
-        members = [np.isin(np.arange(len(outlying)), subset.tracks[labels == k]) for k in new]
+        members = [np.isin(np.arange(len(outlying)), subset[labels == k]) for k in new]
         rows = known_rows(scene) + [rows_to_fit(scene, group) for group in members]
         return _compare_all(scene, fits, rows)
     rows = _assigned_rows(scene, 1 + int(labels.max(initial=0)), labels)
@@ -50,17 +46,18 @@ def search(scene: Scene, fits: Fits, followed: SearchResult, outlying: Bools) ->
 
 def has_news(scene: Scene, result: SearchResult) -> bool:
     """Whether a few trajectories of each body, and those that none explains, have a new body."""
-    subset = choose_subset(scene, unexplained(scene, result))
-    return bool(len(_first_bodies(scene, None, subset)[1]))
+    outlying = unexplained(scene, result)
+    return bool(len(_first_bodies(scene, None, choose_subset(scene, outlying), outlying)[1]))
 
 
-def _first_bodies(scene: Scene, fits: Fits | None, subset: Subset) -> tuple[Ints, Ints]:
+def _first_bodies(scene: Scene, fits: Fits | None, subset: Ints, outlying: Bools) -> tuple[Ints, Ints]:
     """The cheapest body for each of the trajectories of the subset, intp [n], and which bodies are new.
 
     `fits` are those of the scene, if it is searched as a whole.
     """
-    part = scene.of(subset.tracks) if fits is None else scene
-    previous_rows, clusters = known_rows(part), cluster_rows(part, subset.unexplained)  # 5
+    part = scene.of(subset) if fits is None else scene
+    # In a small scene every cluster is a candidate: a body that moves slowly is not yet outlying.
+    previous_rows, clusters = known_rows(part), cluster_rows(part, outlying[subset] | scene.small)  # 5
     if not clusters:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     fits = fits or Fits(part.frames)
@@ -120,29 +117,28 @@ def undecided(scene: Scene, labels: Ints) -> Ints:
     if not doubtful.any():
         return labels
     born = frames.stamps[-1] - (frames.life * 1e9).astype(np.int64)
-    doubtful &= born > _first_loss(scene) + _AT_ONCE * 1e9
-    if not doubtful.any():
-        return labels
+    doubtful = np.flatnonzero(doubtful & (born > _first_loss(scene)))
     current = np.flatnonzero(frames.current)
-    neighbours = min(_NEIGHBOURS + 1, len(current))
-    nearest = cKDTree(scene.newest[current]).query(scene.newest[doubtful], neighbours)[1]
     # The nearest neighbour of each feature is the feature itself.
-    crowd = newborn[current][nearest].sum(1) - 1 >= _LEAST_NEWBORN
+    beside = np.arange(min(FEW + 1, len(current))) + 1
+    nearest = cKDTree(scene.newest[current]).query(scene.newest[doubtful], beside)[1]
+    crowd = 2 * (newborn[current][nearest].sum(1) - 1) > FEW
     decided = labels.copy()
-    decided[np.flatnonzero(doubtful)[crowd]] = OUTLIER
+    decided[doubtful[crowd]] = OUTLIER
     return decided
 
 
 def _first_loss(scene: Scene) -> float:
-    """When the first of the hypotheses without a feature lost most of them at once, ns; infinite for none."""
+    """When the first of the hypotheses without a feature had lost most at once, ns; infinite for none."""
     frames, first_loss = scene.frames, np.inf
+    at_once = 1.5e9 * frames.step  # from one frame to the next
     first_rows = np.unique(frames.owner, return_index=True)[1]
     last = frames.stamps[last_true(frames.w[first_rows] > 0)]
     gone = np.setdiff1d(scene.hypotheses[~frames.current], scene.hypotheses[frames.current])
     for hypothesis in gone[gone != NO_HYPOTHESIS].tolist():
         ends = last[scene.hypotheses == hypothesis]
-        seconds_before = (ends.max() - ends) * 1e-9
-        at_once = np.count_nonzero(seconds_before <= _AT_ONCE)
-        if at_once >= max(_LEAST_LOST, _LOST_SHARE * np.count_nonzero(seconds_before <= _LOOK_BACK)):
-            first_loss = min(first_loss, int(ends.max()))
+        before = ends.max() - ends
+        lost = np.count_nonzero(before < at_once)
+        if lost >= max(FEW, LEAST_COVERED * np.count_nonzero(before < LONG_LIFE * 1e9)):
+            first_loss = min(first_loss, ends.max() + at_once)
     return first_loss

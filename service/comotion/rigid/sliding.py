@@ -9,13 +9,12 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, thinned
 from .costs import CAP
-from .frames import DRAWN, SETTLED, Frames
-from .kernels.residuals import LEAST_COVERED
+from .frames import DRAWN, FEW, SETTLED, Frames
 from .procrustes import Body
 
-# Fewest trajectories that a host of sliders was fitted to, and most that a feature slides, rms, in rms radii
-# of its host. Chosen on stress scenes of even seeds, so that the markers keep their figures.
-_LEAST_OWNERS, _REACH = 4, 0.5
+# Most that a feature slides, rms, in rms radii of its host. Chosen on stress scenes of even seeds, so that
+# the markers keep their figures.
+_REACH = 0.5
 
 
 def with_sliders(frames: Frames, bodies: list[Body], body: Floats, seen: Floats) -> tuple[Floats, Bools]:
@@ -32,7 +31,7 @@ def with_sliders(frames: Frames, bodies: list[Body], body: Floats, seen: Floats)
     """
     # Sliding on a body at rest would be sliding on the static one, which is no host.
     owners = [len(np.unique(frames.owner[host.rows])) for host in bodies]
-    hosts = [k for k, host in enumerate(bodies) if host.free > 1 and owners[k] >= _LEAST_OWNERS]
+    hosts = [k for k, host in enumerate(bodies) if host.free > 1 and owners[k] > FEW]
     rows = _unexplained(frames, bodies, hosts, body, seen)
     if not len(rows):
         return body, np.zeros(body.shape, np.bool_)
@@ -67,5 +66,4 @@ def _slides(frames: Frames, host: Body, rows: Ints) -> Floats:
     cost = 0.5 * (paid + cap * (seen - held)) + held
     radius = ((host.template - host.template.mean(0)) ** 2).sum(1).mean()
     near = (w * along**2).sum(1) / total <= _REACH**2 * radius
-    possible = near & (held >= LEAST_COVERED * seen) & (held >= SETTLED * frames.config.frame_rate)
-    return np.where(possible, cost, np.inf)
+    return np.where(near & (held >= SETTLED * frames.config.frame_rate), cost, np.inf)

@@ -11,15 +11,14 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Ints, last_true, quantiles, thinned
-from .frames import FEWEST
+from .frames import FEW, FEWEST
 
-# Most rows of a source that are examined, evenly drawn, and nearest rows to compare each with: a median needs
-# no more, and beyond three pairs more and more span two bodies.
-_ROWS, _NEAREST = 64, 3
+# Most rows of a source that are examined, evenly drawn: a median needs no more.
+_ROWS = 64
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
-# s; lags at which the change of distances is read, and fewest lags that tell white noise from slow.
-_LAGS, _LEAST_LAGS = 2.0 ** np.arange(7) / 15, 3
+# s; lags at which the change of distances is read.
+_LAGS = 2.0 ** np.arange(7) / 15
 # s; correlation times that are tried: octaves up to half of the usual window, and two beyond it.
 _TIMES = np.array([2, 4, 8, 16, 32, 64, 256, 1024]) / 15
 # Least white noise, in tolerances: interpolation and rounding leave at least this.
@@ -63,16 +62,17 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     frame_rate
         Hz.
     """
-    if len(rows) <= _NEAREST:
+    if len(rows) <= FEW:
         return SlowNoise()
+    # A row and its nearest ones: beyond three, more and more pairs span two bodies.
     drawn, positions = thinned(rows, _ROWS), y[rows, last_true(w[rows] > 0)]
-    nearest = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], _NEAREST + 1)[1][:, 1:]
-    first, second = np.repeat(drawn, _NEAREST), rows[nearest].ravel()
+    nearest = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], FEW + 1)[1][:, 1:]
+    first, second = np.repeat(drawn, FEW), rows[nearest].ravel()
     both, between = (w[first] > 0) & (w[second] > 0), y[first] - y[second]
     apart = np.sqrt(np.einsum("nfi,nfi->nf", between, between))
     lags, usual = _variogram(both, apart, tolerance[first] + tolerance[second], frame_rate)
     # Pairs at rest may be without any noise.
-    if len(lags) < _LEAST_LAGS or usual.min() <= 0:
+    if len(lags) < FEW or usual.min() <= 0:
         return SlowNoise()
     best, least, times, wanted = SlowNoise(), np.inf, _TIMES * frame_rate, np.ones(len(lags))
     parts = np.stack(np.broadcast_arrays(1.0, 1 - np.exp(-lags / times[:, None])), 2) / usual[:, None]

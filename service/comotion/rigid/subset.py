@@ -12,7 +12,7 @@ from ..arrays import Bools, Floats, Ints, Labels
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult
 from .costs import excess_costs
-from .frames import Frames
+from .frames import FEW, Frames
 from .kernels.distances import farthest_points
 
 # All constants here bound the work of an update. They were chosen on the scenes of docs/research/accuracy.md
@@ -20,8 +20,8 @@ from .kernels.distances import farthest_points
 
 SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
-# Representatives of one hypothesis at most and at least; of all hypotheses together, half of the subset.
-MOST_OF_EACH, _LEAST_OF_EACH = 8, 3
+MOST_OF_EACH = 8
+"""Most representatives of one hypothesis; of all hypotheses together, they are half of the subset."""
 FIT_ROWS = 64
 """Most rows that a body is fitted to in a large scene."""
 # Share of representatives that may be ended trajectories: they determine poses before others were born.
@@ -75,41 +75,28 @@ class Scene:
         return replace(self, frames=self.frames.of(tracks), **columns)
 
 
-@dataclass(frozen=True)
-class Subset:
-    """Trajectories that are searched for bodies.
-
-    `tracks` intp [n], ascending; `unexplained` bool [n], whether no hypothesis explains them. In a small
-    scene, all trajectories are in it and count as unexplained, so that every cluster is a candidate.
-    """
-
-    tracks: Ints
-    unexplained: Bools
-
-
 def is_small(frames: Frames) -> bool:
     """Whether a scene is searched as a whole."""
     return len(frames.owner) <= SUBSET_ROWS
 
 
-def choose_subset(scene: Scene, outlying: Bools) -> Subset:
-    """Choose the trajectories that are searched for bodies, where the known ones do not explain bool [N].
+def choose_subset(scene: Scene, outlying: Bools) -> Ints:
+    """Choose the trajectories that are searched for bodies, intp [n] ascending: all in a small scene.
 
-    Of many unexplained ones some are drawn by the time of the update, so that lasting outliers do not exclude
-    others.
+    `outlying` bool [N] are those that the known bodies do not explain. Of many some are drawn by the time of
+    the update, so that lasting ones do not exclude others.
     """
     frames, hypotheses = scene.frames, scene.hypotheses
     if scene.small:
-        return Subset(np.arange(len(hypotheses)), np.ones(len(hypotheses), np.bool_))
+        return np.arange(len(hypotheses))
     explained = scene.judged & ~outlying
     explaining = np.setdiff1d(hypotheses[explained], NO_HYPOTHESIS).tolist()
     most = SUBSET_ROWS // 2
-    each = int(np.clip(most // max(len(explaining), 1), _LEAST_OF_EACH, MOST_OF_EACH))
+    each = int(np.clip(most // max(len(explaining), 1), FEW, MOST_OF_EACH))
     groups = [representatives(frames, scene.newest, explained & (hypotheses == h), each) for h in explaining]
     remaining = max(SUBSET_ROWS - sum(len(group) for group in groups), SUBSET_ROWS - most)
     draw = np.random.default_rng(int(frames.stamps[-1])).permutation(np.flatnonzero(outlying))[:remaining]
-    tracks = np.unique(np.concatenate([*groups, draw]))
-    return Subset(tracks, outlying[tracks])
+    return np.unique(np.concatenate([*groups, draw]))
 
 
 def unexplained(scene: Scene, result: SearchResult) -> Bools:

@@ -8,20 +8,13 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities, median
 from ..trajectories.window import Window
+from .frames import DRAWN
 from .kernels.records import Observations
-from .kernels.resampling import stop_at
-
-# All trajectories of a source have the same period: so many of the oldest tell it.
-_PERIOD_TRACKS = 16
-
+from .kernels.resampling import BESIDE, stop_at
 
 # Positions count for the scale of the scene up to this many times the median distance: fewer than millimetres
 # in a metre.
 _FAR = 300.0
-# Observations before a time that are needed to distinguish a gross error from motion there.
-_EARLIER = 4
-
-
 # What is known of trajectories that are gone.
 _KEPT = ("covariance", "key", "source", "period", "newest", "delay_ns", "turn", "shift")
 
@@ -91,15 +84,11 @@ class Tracks:
         # A single trajectory has no spread: the size of its coordinates is the only scale.
         return spread if spread > 0 else float(np.abs(newest).max(initial=0.0)) + 1e-9
 
-    @property
-    def corrected(self) -> Bools:
-        """Trajectories with a correction of their positions, bool [N]."""
-        return np.asarray((self.shift != 0).any(1) | (self.turn != np.eye(3)).any((1, 2)), np.bool_)
-
     def since(self, window: Window, stamp_ns: int) -> "Tracks":
         """The same trajectories without the observations long before a time; a few before it are kept."""
         older = stop_at(window.times, self.slot, window.start, window.stop, stamp_ns)
-        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - _EARLIER)
+        # As many as distinguish a gross error from motion there.
+        start = np.maximum(self.start, self.slot * window.times.shape[1] + older - BESIDE - 1)
         return replace(self, start=np.minimum(start, self.stop))
 
     def timed(self) -> "Tracks":
@@ -110,7 +99,7 @@ class Tracks:
         """These trajectories as they are now, also those that are gone, and then the new ones.
 
         Those that are gone have no observations. The others keep the correction of their source, which `now`
-        does not have.
+        does not have; the new ones are of the same sources.
         """
         count, index = len(self.key), find(now.key, self.key)
         new = np.flatnonzero(index < 0)
@@ -127,19 +116,12 @@ class Tracks:
         # A new trajectory has the period and the correction of the oldest one of its source.
         sources, first = np.unique(columns["source"], return_index=True)
         donor = first[find(columns["source"][count:], sources)]
-        if (donor >= count).any():
-            columns["period"][count:] = now.timed().period[new]
         for name in ("period", "delay_ns", "turn", "shift"):
             columns[name][count:] = columns[name][donor]
         columns["newest"][placed] = (
             np.einsum("nij,nj->ni", columns["turn"].take(placed, 0), now.newest) + columns["shift"][placed]
         )
         return replace(now, **columns)
-
-    def moved(self, delay_ns: Stamps, turn: Floats, shift: Floats) -> "Tracks":
-        """The same trajectories with corrections; they had none before."""
-        newest = np.einsum("nij,nj->ni", turn, self.newest) + shift
-        return replace(self, delay_ns=delay_ns, turn=turn, shift=shift, newest=newest)
 
 
 def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
@@ -180,19 +162,12 @@ def read_tracks(window: Window, current: Slots, stamp_ns: int) -> Tracks:
     )
 
 
-def ranges(start: Ints, stop: Ints) -> Ints:
-    """Indices start[0]:stop[0], start[1]:stop[1] and so on, in one intp array."""
-    counts = stop - start
-    first = np.cumsum(counts) - counts
-    return np.asarray(np.arange(int(counts.sum())) + np.repeat(start - first, counts), np.intp)
-
-
 def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     """Median time between observations of each trajectory's source, s; 0 where nothing was observed twice."""
     period = np.zeros(len(sources))
     for source in np.unique(sources).tolist():
         members = np.flatnonzero(sources == source)
-        drawn = [slice(start[k], stop[k]) for k in members[:_PERIOD_TRACKS]]
+        drawn = [slice(start[k], stop[k]) for k in members[:DRAWN]]
         steps = np.concatenate([np.diff(times[observed]) for observed in drawn])
         period[members] = median(steps * 1e-9) if len(steps) else 0.0
     return period

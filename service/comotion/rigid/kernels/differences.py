@@ -11,23 +11,23 @@ from ...arrays import Floats, Ints, Stamps
 from ...compiled import compiled
 from .records import Observations
 
-# Median of a chi-squared variable with one degree of freedom. In these medians, the bound of wild differences
-# is three standard deviations; _BELOW_WILD is the mean square of the differences below it in all directions.
-_CHI2_MEDIAN = 0.4549364231195727
+# Squared difference that is wild, in medians: three standard deviations of normal noise. And the mean square
+# of those that are wild in no direction, in variances.
+_WILD, _BELOW_WILD = 9.0 / 0.4549364231195727, 0.96
+# Most differences from which the noise of a trajectory is estimated, over its newest observations.
+_MOST = 60
 # Sum of the squared autocorrelations of third differences that begin one, two, three or more observations
 # apart.
 _OVERLAP = np.array([2.31, 1.18, 1.005, 1.0])
-_WILD, _BELOW_WILD = 9.0 / _CHI2_MEDIAN, 0.96
 
 
 @compiled()
-def difference_covariances(
-    observations: Observations, gap: Stamps, chosen: Ints, directions: Floats, most: int
-) -> tuple[Floats, Floats]:
+def difference_covariances(observations: Observations, gap: Stamps, chosen: Ints) -> tuple[Floats, Floats]:
     """Covariance of the noise: the mean square of third differences without the wild ones.
 
-    A difference is wild if it is wild in any direction. Each direction is judged by its own median: where the
-    noise is not round, the median of a sum over coordinates would be wrong.
+    A difference is wild if it is wild along an axis, or along the line between two. Each direction is judged
+    by its own median: where the noise is not round, the median of a sum over coordinates would be wrong.
+    They are evenly drawn from four times as many of the newest observations as are taken at most.
 
     Parameters
     ----------
@@ -35,10 +35,6 @@ def difference_covariances(
         int64 [N], ns; no difference is taken across a longer one.
     chosen
         intp [n], the trajectories to take.
-    directions
-        float64 [D, dim], unit vectors.
-    most
-        Most differences of a trajectory: that many, evenly drawn from the newest 4 * `most` observations.
 
     Returns
     -------
@@ -48,21 +44,22 @@ def difference_covariances(
     times, positions, start, stop = observations
     dim = positions.shape[1]
     covariance, count = np.zeros((len(chosen), dim, dim)), np.zeros(len(chosen))
-    contrasts = np.empty((most + 4, dim))
+    contrasts = np.empty((_MOST + 4, dim))
     for n in range(len(chosen)):
         i = chosen[n]
-        seen = min(stop[i] - start[i], 4 * most)
-        step = max((seen - 3) // most, 1)
+        seen = min(stop[i] - start[i], 4 * _MOST)
+        step = max((seen - 3) // _MOST, 1)
         k = 0
         for m in range(stop[i] - 4, stop[i] - seen - 1, -step):
-            if k < most and _contrast(times, positions, m, gap[i], contrasts, k):
+            if k < _MOST and _contrast(times, positions, m, gap[i], contrasts, k):
                 k += 1
         # Few differences overlap less: of one, none does.
         count[n] = k * k / max(k + (_OVERLAP[min(step, 4) - 1] - 1) * (k - 1), 1.0)
         wildest = np.zeros(k)
-        for d in range(len(directions) if k > 0 else 0):
-            squares = (contrasts[:k] @ directions[d]) ** 2
-            wildest = np.maximum(wildest, squares / max(np.median(squares), 1e-300))
+        for a in range(dim if k > 0 else 0):
+            for b in range(a, dim):
+                squares = (contrasts[:k, a] + contrasts[:k, b]) ** 2
+                wildest = np.maximum(wildest, squares / max(np.median(squares), 1e-300))
         kept = contrasts[:k][wildest <= _WILD]
         covariance[n] = kept.T @ kept / max(_BELOW_WILD * len(kept), 1e-300)
     return covariance, count

@@ -10,8 +10,6 @@ from .rotation import closed_form, newton_rotation, rotation_matrix
 # leave open, such as the turn of a pair about its own axis. Chosen on the scenes of
 # docs/research/accuracy.md.
 _PULL = 1e-3
-SLIGHT_PULL = 1e-6
-"""What keeps the equations of a pose regular, as a share: far above rounding, far below noise."""
 
 
 @compiled()
@@ -32,7 +30,7 @@ def frame_pose(
     """
     H, centres = np.zeros((3, 3)), np.zeros((2, 3))
     moments(y, b, weights, centres, H)
-    size = np.sqrt((H * H).sum())
+    size = np.sqrt((H * H).sum()) or 1.0
     for p in range(3):
         for q in range(3):
             H[p, q] += _PULL * size * near[p, q]
@@ -129,7 +127,7 @@ def newton_step(
     turns = left[0, 0] + left[1, 1] + left[2, 2]
     for p in range(6):
         # What the points leave open stays as it is; in 2-D all but a turn about z and a shift in the plane.
-        left[p, p] += (_PULL * turns if p < 3 else SLIGHT_PULL * left[p, p]) + 1e-300
+        left[p, p] += _PULL * (turns if p < 3 else left[p, p]) + 1e-300
         if dim == 2 and p in (0, 1, 5):
             left[p, :] = 0.0
             left[:, p] = 0.0

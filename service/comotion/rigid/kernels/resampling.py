@@ -7,10 +7,11 @@ from ...compiled import compiled
 from ...trajectories.kernels import newest_from, segment_at
 from .records import Limits, Observations
 
-# Observations on either side of one from which the median is taken; fewest observations of a trajectory;
-# squared distance of a gross error from the median, in variances; and the standard deviation in
-# medians of the absolute deviation.
-_BESIDE, _LEAST_BESIDE, _GROSS, _MAD = 3, 5, 36.0, 1.4826
+BESIDE = 3
+"""Observations on either side of one from which the median is taken."""
+# Fewest observations of a trajectory; squared distance of a gross error from the median, in variances; and
+# the standard deviation in medians of the absolute deviation.
+_LEAST_BESIDE, _GROSS, _MAD = 5, 36.0, 1.4826
 
 
 @compiled()
@@ -82,20 +83,12 @@ def _gross_errors(times: Stamps, positions: Floats, variance: float, bend: Float
             bend_after += bend[k, c] * bend[k + 1, c]
         # A path that bends, bends on; beside an error it bends the other way.
         if squared > _GROSS * variance and (bend_before < 0 or bend_after < 0):
-            first = max(k - _BESIDE, 0)
-            gross[k] = _far_from_median(positions[first : k + _BESIDE + 1], k - first, variance)
-
-
-@compiled()
-def _far_from_median(positions: Floats, own: int, variance: float) -> bool:
-    """Whether one of positions [n, dim] is far from their median."""
-    far, near = 0.0, 0.0
-    for c in range(positions.shape[1]):
-        middle = np.median(positions[:, c])
-        spread = _MAD * np.median(np.abs(positions[:, c] - middle))
-        far += (positions[own, c] - middle) ** 2
-        near += max(spread * spread, variance)
-    return bool(far > _GROSS * near)
+            around, far, near = positions[max(k - BESIDE, 0) : k + BESIDE + 1], 0.0, 0.0
+            for c in range(dim):
+                middle = np.median(around[:, c])
+                far += (positions[k, c] - middle) ** 2
+                near += max((_MAD * np.median(np.abs(around[:, c] - middle))) ** 2, variance)
+            gross[k] = far > _GROSS * near
 
 
 @compiled()

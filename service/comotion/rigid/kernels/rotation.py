@@ -76,9 +76,17 @@ def _turn(R: Floats, x: float, y: float, z: float) -> None:
 
 @compiled()
 def closed_form(H: Floats, R: Floats) -> None:
-    """The maximum of tr(R^T H) over rotations, whatever the rank of H (Horn 1987, eq. 37 ff.).
+    """The maximum of tr(R^T H) over rotations, whatever the rank of H (Horn 1987, eq. 37 ff.)."""
+    x, y, z, w = quaternion(H)
+    _from_quaternion(w, x, y, z, R)
 
-    The quaternion (w, x, y, z) is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 form.
+
+@compiled()
+def quaternion(H: Floats) -> Floats:
+    """That maximum, or H [3, 3] itself if it is a rotation, as a unit quaternion (x, y, z, w).
+
+    It is the eigenvector of the largest eigenvalue of a form. The first of w, x, y, z that is not zero is
+    positive.
     """
     A = np.zeros((4, 4))
     # LAPACK reads the lower triangle.
@@ -88,8 +96,11 @@ def closed_form(H: Floats, R: Floats) -> None:
     A[3, 3] = -H[0, 0] - H[1, 1] + H[2, 2]
     A[1, 0], A[2, 0], A[3, 0] = H[2, 1] - H[1, 2], H[0, 2] - H[2, 0], H[1, 0] - H[0, 1]
     A[2, 1], A[3, 1], A[3, 2] = H[0, 1] + H[1, 0], H[0, 2] + H[2, 0], H[1, 2] + H[2, 1]
-    best = np.linalg.eigh(A)[1][:, 3]
-    _from_quaternion(best[0], best[1], best[2], best[3], R)
+    q = np.linalg.eigh(A)[1][:, 3]
+    for value in q:
+        if value != 0:
+            return np.roll(q if value > 0 else -q, -1)
+    return np.roll(q, -1)
 
 
 @compiled()
@@ -121,29 +132,3 @@ def rotation_matrix(v: Floats) -> Floats:
     s = 0.5 if angle < ROUNDING else np.sin(0.5 * angle) / angle
     _from_quaternion(np.cos(0.5 * angle), s * v[0], s * v[1], s * v[2], R)
     return R
-
-
-@compiled()
-def quaternion(R: Floats) -> Floats:
-    """Unit quaternion (x, y, z, w) of R [3, 3]; the first of w, x, y, z that is not zero is positive."""
-    A = np.array(
-        [
-            1 + R[0, 0] - R[1, 1] - R[2, 2],
-            1 - R[0, 0] + R[1, 1] - R[2, 2],
-            1 - R[0, 0] - R[1, 1] + R[2, 2],
-            1 + R[0, 0] + R[1, 1] + R[2, 2],
-        ]
-    )
-    k = np.argmax(A)
-    q = np.empty(4)
-    q[k] = A[k]
-    if k == 3:
-        q[0], q[1], q[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    else:
-        i, j = (k + 1) % 3, (k + 2) % 3
-        q[i], q[j], q[3] = R[i, k] + R[k, i], R[j, k] + R[k, j], R[j, i] - R[i, j]
-    q /= np.sqrt((q * q).sum())
-    for c in (3, 0, 1, 2):
-        if q[c] != 0:
-            return q if q[c] > 0 else -q
-    return q
