@@ -93,7 +93,7 @@ class Steadying:
             depth = np.random.default_rng(0).standard_normal(len(depth))
             precision = np.full(len(depth), _NEWBORN)
         rounds = _FIRST_ROUNDS if lost else 1
-        depth, precision, relative, spread = _structure(recent, views, depth, precision, rounds)
+        depth, precision, relative, spread = _structure(recent, views, depth, precision, rounds, members)
         self.rigid = bool((spread[scales == _SCALE] < _RIGID_PX2).any())
         self._keep(keys, views.place, depth, precision, background)
         return relative
@@ -108,7 +108,7 @@ class Steadying:
 
 
 def _structure(
-    recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int
+    recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int, members: Bools
 ) -> tuple[Floats, Floats, Recent, Floats]:
     """Depths [n] and precisions [n], with cameras in turns; motion relative to it, and its variance [S]."""
     depth, weight = prior, views.used.astype(np.float64)
@@ -124,8 +124,9 @@ def _structure(
     least = noise * _PARAMETERS / (2 * views.used.sum(axis=1))
     tolerance[views.scales] = np.maximum(spread - noise, least)[:, None] / 2
     rests = rest_gain(replace(recent, displacement=displacement, tolerance=tolerance)) > 0
-    # What moves keeps its depth, so that its motion is that of its body.
-    known = rests | (rounds > 1)
+    # What is of a body keeps its depth, so that its motion is that of the body: some depth explains slow
+    # motion of what is new as rest.
+    known = (rests & members) | (rounds > 1)
     depth, precision = np.where(known, depth, prior), np.where(known, information, precision)
     displacement[views.scales] = _departure(views, cameras, depth)
     return depth, precision, replace(recent, displacement=displacement, tolerance=tolerance), spread
