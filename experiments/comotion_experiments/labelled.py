@@ -1,7 +1,7 @@
 """Labels the features of every frame of a camera file, or of tracks without a video, offline."""
 
 import logging
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,8 +25,8 @@ from comotion_sources.streams import OFFLINE_SESSION
 
 _SOURCE = "video"
 _LARGEST_PX = 4096
-# ns; a hypothesis is shown if it lasts for so long: others are taken back, or become one that was known.
-_LASTS_NS = 300_000_000
+# A hypothesis is shown if it is in so many frames: others are taken back, or become one that was known.
+_LASTS = 10
 _NONE = UNDETERMINED, 0.0
 # Hypotheses of features, and how probable each is, by feature.
 _Labels = dict[int, tuple[int, float]]
@@ -169,12 +169,12 @@ class LabelledFrames:
             self._held.append((number, frame, tracks, {}, {}))
             if frame.stamp_ns >= due_ns:
                 due_ns = frame.stamp_ns + self._period_ns
-                yield from self._release(self._fusion.update(frame.stamp_ns), frame.stamp_ns - _LASTS_NS)
+                yield from self._release(self._fusion.update(frame.stamp_ns), _LASTS - 1)
         if self._held and last_ns is not None:
-            yield from self._release(self._fusion.update(last_ns), last_ns)
+            yield from self._release(self._fusion.update(last_ns), 0)
 
-    def _release(self, update: HypothesisUpdate, until_ns: int) -> Iterator[Labelled]:
-        """Yield the frames up to a time."""
+    def _release(self, update: HypothesisUpdate, waiting: int) -> Iterator[Labelled]:
+        """Yield the frames but so many."""
         self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         rows = zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True)
@@ -183,13 +183,13 @@ class LabelledFrames:
         latest = self._labels | labels
         self._labels = labels
         self._written = {feature: self._written[feature] for feature in self._written.keys() & latest}
-        self._lasting |= {h.id for h in update.hypotheses if update.stamp_ns - h.born_ns >= _LASTS_NS}
         # Boxes are those of a frame's own update, as bodies move on.
         listed = {h.id: h for h in update.hypotheses}
         self._held = deque(
             (n, frame, tracks, known or latest, of or listed) for n, frame, tracks, known, of in self._held
         )
-        while self._held and self._held[0][1].stamp_ns <= until_ns:
+        while len(self._held) > waiting:
+            self._note_lasting()
             number, frame, tracks, _, own = self._held[0]
             labelled = [self._shown(feature) for feature in tracks.ids.tolist()]
             self._held.popleft()
@@ -197,6 +197,14 @@ class LabelledFrames:
             hypotheses = table[:, 0].astype(np.int64)
             hypotheses[hypotheses == UNDETERMINED] = -1
             yield Labelled(number, frame, tracks, hypotheses, table[:, 1], list((listed | own).values()))
+
+    def _note_lasting(self) -> None:
+        """Note which hypotheses are in enough of the frames that wait; of a shorter video, in all."""
+        frames: Counter[int] = Counter()
+        for _, _, tracks, labels, _ in self._held:
+            frames.update({labels.get(feature, _NONE)[0] for feature in tracks.ids.tolist()})
+        least = min(_LASTS, self._held[-1][0] + 1)
+        self._lasting |= {name for name, count in frames.items() if count >= least and name != UNDETERMINED}
 
     def _shown(self, feature: int) -> tuple[int, float]:
         """Label of a feature in the first frame that waits.

@@ -42,7 +42,7 @@ def gains(shift):
     """Gains of rest after each step of a tenth of a second, [STEPS, N], all being background."""
     rng = np.random.default_rng(0)
     points, steadying, gain = scene(rng), Steadying(), []
-    everything = np.ones(N, np.bool_)
+    background = np.zeros(N, np.intp)
     for now in 3 + 0.1 * np.arange(STEPS):
         places = [
             image(points, now - ago, shift) + rng.normal(0, NOISE_PX, (N, 2))
@@ -53,7 +53,7 @@ def gains(shift):
         recent = Recent(
             np.arange(N), places[0], displacement, seen, np.full(N, NOISE_PX**2), np.zeros(seen.shape)
         )
-        gain.append(rest_gain(steadying.steadied(recent, np.arange(N), everything)))
+        gain.append(rest_gain(steadying.steadied(recent, np.arange(N), background)))
     return np.array(gain)
 
 

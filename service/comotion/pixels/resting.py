@@ -85,10 +85,10 @@ class RestingCamera:
 
     def _steadied(self, window: Window, recent: Recent, labels: Labels) -> Recent:
         """Motion relative to that of the background; and note whether that shows it at rest."""
-        own, background = labels[recent.slots], np.ones(len(recent.slots), np.bool_)
+        own, bodies = labels[recent.slots], np.full(len(recent.slots), BACKGROUND)
         if self._belief is not None:
-            background = self._belief.labels(recent.slots) == BACKGROUND
-        recent = self._steadying.steadied(recent, window.key[recent.slots], background)
+            bodies = self._belief.labels(recent.slots)
+        recent = self._steadying.steadied(recent, window.key[recent.slots], bodies)
         ids, counts = np.unique(own[own >= 0], return_counts=True)
         largest = own == (ids[counts.argmax()] if len(ids) else -1)
         # What the window has not named yet neither agrees nor disagrees.

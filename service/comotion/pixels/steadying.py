@@ -67,7 +67,7 @@ class Steadying:
         # Of each: inverse depth less a plane, in the root mean square of all, and its precision.
         self._depth, self._precision = np.zeros((2, 0))
 
-    def steadied(self, recent: Recent, keys: Stamps, members: Bools) -> Recent:
+    def steadied(self, recent: Recent, keys: Stamps, labels: Ints) -> Recent:
         """Displacements relative to those of the background, with its variance about them.
 
         Parameters
@@ -76,15 +76,15 @@ class Steadying:
             Of n trajectories.
         keys
             int64 [n], ascending; stable numbers of the trajectories.
-        members
-            bool [n]; the background.
+        labels
+            intp [n]; bodies of the trajectories, 0 for the background, -1 for none.
         """
         lost, self.rigid = not self.rigid, False
         at = find(keys, self._keys)
         depth = np.append(self._depth, 0.0)[at]
         precision = np.clip(_KEPT * np.append(self._precision, 0.0)[at], _NEWBORN, _MOST)
         # Whether what came into view lately rests is for the structure to say.
-        background = members | ~recent.seen[_LONG]
+        background = (labels == 0) | ~recent.seen[_LONG]
         scales = np.flatnonzero((recent.seen & background).sum(axis=1) >= _LEAST_BACKGROUND)
         if not len(scales):
             return replace(recent, tolerance=np.full(recent.seen.shape, np.inf))
@@ -93,7 +93,7 @@ class Steadying:
             depth = np.random.default_rng(0).standard_normal(len(depth))
             precision = np.full(len(depth), _NEWBORN)
         rounds = _FIRST_ROUNDS if lost else 1
-        depth, precision, relative, spread = _structure(recent, views, depth, precision, rounds)
+        depth, precision, relative, spread = _structure(recent, views, depth, precision, rounds, labels)
         self.rigid = bool((spread[scales == _SCALE] < _RIGID_PX2).any())
         self._keep(keys, views.place, depth, precision, background)
         return relative
@@ -108,7 +108,7 @@ class Steadying:
 
 
 def _structure(
-    recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int
+    recent: Recent, views: _Views, prior: Floats, precision: Floats, rounds: int, labels: Ints
 ) -> tuple[Floats, Floats, Recent, Floats]:
     """Depths [n] and precisions [n], with cameras in turns; motion relative to it, and its variance [S]."""
     depth, weight = prior, views.used.astype(np.float64)
@@ -124,8 +124,10 @@ def _structure(
     least = noise * _PARAMETERS / (2 * views.used.sum(axis=1))
     tolerance[views.scales] = np.maximum(spread - noise, least)[:, None] / 2
     rests = rest_gain(replace(recent, displacement=displacement, tolerance=tolerance)) > 0
-    # What moves keeps its depth, so that its motion is that of its body.
-    known = rests | (rounds > 1)
+    # What moves keeps its depth, so that its motion is that of its body. What is new on that would learn one
+    # that explains slow motion as rest: most of a body must rest.
+    most_rest = np.bincount(labels + 1, rests - 0.5) > 0
+    known = (rests & most_rest[labels + 1]) | (rounds > 1)
     depth, precision = np.where(known, depth, prior), np.where(known, information, precision)
     displacement[views.scales] = _departure(views, cameras, depth)
     return depth, precision, replace(recent, displacement=displacement, tolerance=tolerance), spread
