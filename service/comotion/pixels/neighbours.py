@@ -28,8 +28,7 @@ def distances(frames: KeyFrames) -> tuple[Floats32, Floats32]:
     local, _ = _root_mean_square(moved, seen[1:] * seen[:-1])
     local = _MOTION_WEIGHT * local + image
     local /= np.sqrt(np.maximum(common, 1) / np.float32(len(seen)))
-    for distance in (image, local):
-        distance[common < 2] = np.inf
+    image[common < 2] = local[common < 2] = np.inf
     return image, local
 
 

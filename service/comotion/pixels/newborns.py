@@ -32,8 +32,7 @@ def assign_newborns(window: Window, newborn: Slots, labelled: Slots, groups: Int
     labels = np.concatenate([np.full(len(newborn), NO_HYPOTHESIS), groups])
     step, span = window.recent_steps(slots, _MOTION_NS)
     motion = _MOTION_WEIGHT * step * (_MOTION_NS / np.maximum(span, 1))[:, None]
-    state = np.hstack([window.newest(slots), motion])
-    votes = nearest_votes(state, labels, count, np.inf)[: len(newborn)]
+    votes = nearest_votes(np.hstack([window.newest(slots), motion]), labels, count, np.inf)[: len(newborn)]
     if not votes.any():
         return np.full(len(newborn), NO_HYPOTHESIS), np.zeros(len(newborn))
     return votes.argmax(axis=1), votes.max(axis=1)

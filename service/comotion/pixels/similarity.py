@@ -111,12 +111,9 @@ def _complete(frames: KeyFrames) -> Floats:
     filled = frames.positions[frame, np.arange(total)].astype(np.float64)
     matrix = filled.transpose(0, 2, 1).reshape(2 * count, total)
     basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -_COMPLETION_RANK:]
-    gaps = ~frames.visible.all(axis=0)
-    complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~np.repeat(frames.visible[:, gaps], 2, axis=0)
-    moments = complete @ complete.T
-    for _ in range(_COMPLETION_ROUNDS if gaps.any() else 0):
+    unseen = ~np.repeat(frames.visible, 2, axis=0)
+    for _ in range(_COMPLETION_ROUNDS if unseen.any() else 0):
         # One step of orthogonal iteration follows the subspace: the matrix changes little per round.
-        basis = np.linalg.qr(moments @ basis + rest @ (rest.T @ basis))[0]
-        np.copyto(rest, basis @ (basis.T @ rest), where=unseen)
-    matrix[:, gaps] = rest
+        basis = np.linalg.qr(matrix @ (matrix.T @ basis))[0]
+        np.copyto(matrix, basis @ (basis.T @ matrix), where=unseen)
     return matrix
