@@ -12,7 +12,7 @@ from .kernels.epipolar import epipolar_misfits
 from .key_frames import STEPS, KeyFrames, evenly_spaced, frame_pairs
 
 # Frame pairs of each length; geometries that are drawn in each, from so many points.
-_PAIRS, _DRAWN, _PICKED = 5, 100, 12
+_PAIRS, _DRAWN, _PICKED = 4, 100, 12
 # Members of a group that are looked at, and that a frame pair must show.
 _MEMBERS, _LEAST_MEMBERS = 40, 3
 # Share of the geometries within which a rank counts: its weight is exp(-rank / share).
@@ -32,7 +32,8 @@ def consensus(frames: KeyFrames, groups: list[Ints], rng: np.random.Generator) -
         Source of the draws.
     """
     total, count = np.zeros((2, len(groups), len(groups)))
-    for first, second in frame_pairs(len(frames.positions), STEPS, _PAIRS).tolist():
+    steps = *STEPS, len(frames.positions) // 2
+    for first, second in frame_pairs(len(frames.positions), steps, _PAIRS).tolist():
         seen = frames.visible[first] & frames.visible[second]
         members = [group[seen[group]] for group in groups]
         shown = np.array([k for k in range(len(groups)) if len(members[k]) >= _LEAST_MEMBERS], np.intp)

@@ -8,10 +8,8 @@ local motions that explain both, and by the subspace that they span together. Th
 4. Combine it with shape interaction: do they lie in one subspace (:mod:`.similarity`)?
 5. Link trajectories to superclusters by average linkage, each within one body and one hypothesis so far.
 6. Merge superclusters while boundary contrast and epipolar geometry allow it; this decides the number of
-   objects (:mod:`.merging`, :mod:`.consensus`, :mod:`.geometry`).
+   objects (:mod:`.merging`, :mod:`.consensus`).
 """
-
-from functools import partial
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -19,7 +17,6 @@ from scipy.spatial.distance import squareform
 
 from ..arrays import Floats, Floats32, Ints, Labels
 from .consensus import consensus
-from .geometry import two_bodies
 from .key_frames import KeyFrames
 from .merging import SMALLEST, merged
 from .neighbours import distances, sample_members
@@ -31,8 +28,8 @@ _LEAST_SIMILARITY = 0.08
 # Consensus that counts against one body for two superclusters that were two hypotheses: what has moved apart
 # may move alike for a while.
 _HELD_APART = 0.1875
-# Mean similarity that a rival of the own group has at least, where there is none.
-_RIVAL = 0.0075
+# Mean similarity to a group that is not known.
+_UNKNOWN = 0.0075
 
 
 def group(frames: KeyFrames, previous: Labels) -> tuple[Ints, Floats, Floats32]:
@@ -49,8 +46,8 @@ def group(frames: KeyFrames, previous: Labels) -> tuple[Ints, Floats, Floats32]:
 
     Returns
     -------
-    Groups intp [N], 0 to K − 1; confidence float64 [N], 0..1: similarity to the own group over that to the
-    own and the best other; similarity float32 [N, N], 0..1: what the groups were found from.
+    Groups intp [N], 0 to K − 1; confidence float64 [N], 0..1: similarity to the own group over that to all;
+    similarity float32 [N, N], 0..1: what the groups were found from.
     """
     distance, local = distances(frames)
     members = sample_members(local, np.random.default_rng(0))  # 2
@@ -59,12 +56,9 @@ def group(frames: KeyFrames, previous: Labels) -> tuple[Ints, Floats, Floats32]:
     superclusters = _superclusters(similarity, previous)  # 5
     pieces = [np.flatnonzero(superclusters == k) for k in range(superclusters.max() + 1)]
     agreed = held_apart(consensus(frames, pieces, np.random.default_rng(0)), pieces, previous)
-    labels = np.zeros(len(similarity), np.intp)
-    groups = merged(similarity, distance, superclusters, agreed, partial(two_bodies, frames))  # 6
-    for k, of_body in enumerate(groups):
-        labels[of_body] = k
+    labels = merged(similarity, distance, superclusters, agreed)  # 6
     mean = similarity @ np.eye(labels.max() + 1)[labels] / np.bincount(labels)
-    return labels, _confidence(mean, labels), similarity
+    return labels, mean[np.arange(len(labels)), labels] / (mean.sum(axis=1) + _UNKNOWN), similarity
 
 
 def _superclusters(similarity: Floats32, previous: Labels) -> Ints:
@@ -89,10 +83,3 @@ def held_apart(agreed: Floats, pieces: list[Ints], previous: Labels) -> Floats:
     name = np.array([ids[counts.argmax()] for ids, counts in counted])
     were_two = (name[:, None] != name) & (np.minimum(name[:, None], name) >= 0)
     return np.asarray(agreed - _HELD_APART * were_two)
-
-
-def _confidence(mean: Floats, labels: Ints) -> Floats:
-    own, others = mean[np.arange(len(labels)), labels], mean.copy()
-    others[np.arange(len(labels)), labels] = _RIVAL
-    share: Floats = np.clip(own / (own + others.max(axis=1)), 0.0, 1.0)
-    return share

@@ -43,7 +43,8 @@ class KeyFrames:
 
 def evenly_spaced(count: int, most: int) -> Ints:
     """Up to `most` indices below `count`, evenly spread, both ends included."""
-    return np.rint(np.linspace(0, count - 1, min(count, most))).astype(np.intp)
+    steps = max(min(count, most) - 1, 1)
+    return np.asarray((np.arange(min(count, most)) * (count - 1) + steps // 2) // steps)
 
 
 def key_frames(window: Window, slots: Slots, variance: Floats, stamps: Sequence[int]) -> KeyFrames:

@@ -1,7 +1,5 @@
 """Merges superclusters to one group per object. This decides the number of objects."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints, median
@@ -20,18 +18,12 @@ _CONSENSUS_WEIGHT, _LEAST_EVIDENCE = 8.0, 1.9
 _SIMILARITY_IN_ORDER = 0.05
 
 
-def merged(
-    similarity: Floats32,
-    distance: Floats32,
-    superclusters: Ints,
-    consensus: Floats,
-    two_bodies: Callable[[Ints, Ints], bool],
-) -> list[Ints]:
-    """Groups of trajectories, intp each, ascending: the superclusters that are of one body.
+def merged(similarity: Floats32, distance: Floats32, superclusters: Ints, consensus: Floats) -> Ints:
+    """Groups of trajectories, intp [N] from 0 on: the superclusters that are of one body.
 
     The pair of most consensus about epipolar geometries comes first. Two groups merge if there is consensus
-    and similarity does not drop across their boundary; one can make up for the other. Epipolar geometry
-    over wide baselines can overrule that. Groups that are too small join whatever comes first.
+    and similarity does not drop across their boundary; one can make up for the other. Groups that are too
+    small join whatever comes first.
 
     Parameters
     ----------
@@ -41,41 +33,36 @@ def merged(
         intp [N], 0 to P - 1.
     consensus
         float64 [P, P]; of the superclusters about epipolar geometries.
-    two_bodies
-        Whether two groups, intp each, contradict one another over wide baselines.
     """
-    groups = [np.flatnonzero(superclusters == k) for k in range(len(consensus))]
-    one_hot = np.eye(len(groups))[superclusters]
+    # Group of each supercluster.
+    body = np.arange(len(consensus))
+    one_hot = np.eye(len(body))[superclusters]
     size = one_hot.sum(axis=0)
-    # Over the pairs of members of two groups.
+    # Over the pairs of members of two superclusters.
     sums = np.stack([consensus * np.outer(size, size), one_hot.T @ similarity @ one_hot])
-    # By the first members and numbers of members of two groups: groups only grow.
-    decided: dict[tuple[int, ...], bool] = {}
+    decided: dict[tuple[bytes, bytes], bool] = {}
 
     def are_one(i: int, j: int, agreed: float) -> bool:
-        small, large = sorted((groups[i], groups[j]), key=len)
+        small, large = sorted((np.flatnonzero(body[superclusters] == k) for k in (i, j)), key=len)
         if len(small) < SMALLEST:
             return True
-        key = int(small[0]), len(small), int(large[0]), len(large)
+        key = small.tobytes(), large.tobytes()
         if key not in decided:
             evidence = _CONSENSUS_WEIGHT * agreed + _contrast(similarity, distance, small, large)
-            decided[key] = evidence >= _LEAST_EVIDENCE and not two_bodies(small, large)
+            decided[key] = evidence >= _LEAST_EVIDENCE
         return decided[key]
 
     while True:
-        agreed, alike = sums / np.outer(size, size)
+        of_group = np.eye(body.max() + 1)[body]
+        agreed, alike = of_group.T @ sums @ of_group / np.outer(size @ of_group, size @ of_group)
         order = agreed + _SIMILARITY_IN_ORDER * np.log(alike)
         pairs = np.argwhere(np.triu(np.ones(order.shape, np.bool_), 1))
         pairs = pairs[np.argsort(-order[tuple(pairs.T)], kind="stable")]
         pair = next(((i, j) for i, j in pairs.tolist() if are_one(i, j, agreed[i, j])), None)
         if pair is None:
-            return groups
-        i, j = pair
-        groups[i] = np.sort(np.concatenate([groups[i], groups.pop(j)]))
-        sums[:, i] += sums[:, j]
-        sums[:, :, i] += sums[:, :, j]
-        size[i] += size[j]
-        sums, size = np.delete(np.delete(sums, j, 1), j, 2), np.delete(size, j)
+            return np.asarray(body[superclusters])
+        body[body == pair[1]] = pair[0]
+        body[body > pair[1]] -= 1
 
 
 def _contrast(similarity: Floats32, distance: Floats32, small: Ints, large: Ints) -> float:
@@ -95,14 +82,11 @@ def _contrast(similarity: Floats32, distance: Floats32, small: Ints, large: Ints
     return float(np.log(across[seen] / within[seen]).mean() + np.log1p(median(far[seen])))
 
 
-def _to_nearest(
-    similarity: Floats32, distance: Floats32, picked: Ints, others: Ints
-) -> tuple[Floats, Floats]:
-    """Mean similarity of the picked to their nearest others, and distance to these in px; 0 of none."""
+def _to_nearest(similarity: Floats32, distance: Floats32, picked: Ints, others: Ints) -> Floats:
+    """Mean similarity of n picked to their nearest others, and distance to these in px, [2, n]; 0 of none."""
     far = np.where(picked[:, None] == others, np.inf, distance[np.ix_(picked, others)])
     nearest = np.argpartition(far, min(_NEAREST, len(others)) - 1, axis=1)[:, :_NEAREST]
     far = np.take_along_axis(far, nearest, axis=1)
     seen = np.isfinite(far)
-    weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
-    alike = similarity[picked[:, None], others[nearest]]
-    return (weight * alike).sum(axis=1), (weight * np.where(seen, far, 0)).sum(axis=1)
+    both = np.stack([similarity[picked[:, None], others[nearest]], far], dtype=np.float64)
+    return np.asarray(np.where(seen, both, 0).sum(axis=2) / np.maximum(seen.sum(axis=1), 1))

@@ -42,12 +42,12 @@ class PixelMethod(Method):
         compared, frames = compared_trajectories(window, current)  # 1
         groups = np.full(window.capacity, NO_HYPOTHESIS)
         confidence, variance = np.zeros(window.capacity), np.full(window.capacity, np.nan)
-        self._last = current, compared[:0], np.zeros((0, 0), np.float32)
+        similarity = np.ones((len(compared), len(compared)), np.float32)
         if len(compared) > 1:
             labels, confidence[compared], similarity = group(frames, previous.labels[compared])  # 2 to 6
             groups[compared] = np.where(alone_at_rest(frames, labels), NO_HYPOTHESIS, labels)
             variance[compared] = frames.variance
-            self._last = current, compared, similarity
+        self._last = current, compared, similarity
         count = int(groups.max(initial=-1)) + 1
         newborn = current[~np.isin(current, compared)]
         if len(newborn):

@@ -32,11 +32,7 @@ def assign_newborns(window: Window, newborn: Slots, labelled: Slots, groups: Int
     labels = np.concatenate([np.full(len(newborn), NO_HYPOTHESIS), groups])
     step, span = window.recent_steps(slots, _MOTION_NS)
     motion = _MOTION_WEIGHT * step * (_MOTION_NS / np.maximum(span, 1))[:, None]
-    place = window.positions[slots, window.stop[slots] - 1]
-    motion_votes = nearest_votes(np.hstack([place, motion]), labels, count, np.inf)
-    # A trajectory that was seen once has a place, and no motion.
-    place_votes = nearest_votes(place, labels, count, np.inf)
-    votes = np.where((span > 0)[:, None], motion_votes, place_votes)[: len(newborn)]
+    votes = nearest_votes(np.hstack([window.newest(slots), motion]), labels, count, np.inf)[: len(newborn)]
     if not votes.any():
         return np.full(len(newborn), NO_HYPOTHESIS), np.zeros(len(newborn))
     return votes.argmax(axis=1), votes.max(axis=1)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Bools, Floats, Slots, Stamps, median, nanmedian
+from ..arrays import Bools, Floats, Slots, Stamps, nanmedian
 from ..trajectories.window import Window
 
 # Newest instants on which noise is estimated, and differences that the median of the source is worth.
@@ -37,11 +37,14 @@ def noise_variance(window: Window, slots: Slots, stamps: Sequence[int]) -> Float
     stamps
         ns, ascending; instants at which something was observed.
     """
+    square = _squared_differences(window, slots, np.array(stamps[-_INSTANTS:], np.int64))
+    count, own = np.isfinite(square).sum(axis=0), nanmedian(square, 0) / _CHI2_MEDIAN
+    source, pooled = window.source[slots], np.zeros(len(slots))
+    for number in np.unique(source).tolist():
+        pooled[source == number] = nanmedian(own[source == number], 0)
+    estimated = np.nan_to_num((_POOL * pooled + count * np.nan_to_num(own)) / (_POOL + count))
     published = window.sigma[slots, window.stop[slots] - 1]
-    variance, unknown = published**2, np.isnan(published)
-    if unknown.any():
-        variance[unknown] = _estimated(window, slots[unknown], np.array(stamps[-_INSTANTS:], np.int64))
-    return np.asarray(variance)
+    return np.asarray(np.where(np.isnan(published), estimated, published**2))
 
 
 def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
@@ -68,19 +71,6 @@ def gross_errors(position: Floats, visible: Bools, variance: Floats) -> Bools:
     errors[1:-1] = far[1:] & far[:-1] & back
     errors[0], errors[-1] = far[0] & ~far[1], far[-1] & ~far[-2]
     return errors
-
-
-def _estimated(window: Window, slots: Slots, stamps: Stamps) -> Floats:
-    """Variance of a coordinate from third divided differences, px² [n]."""
-    square = _squared_differences(window, slots, stamps)
-    count, own = np.isfinite(square).sum(axis=0), np.nan_to_num(nanmedian(square, 0) / _CHI2_MEDIAN)
-    variance = np.zeros(len(slots))
-    for source in np.unique(window.source[slots]).tolist():
-        rows = window.source[slots] == source
-        known = own[rows & (count > 0)]
-        pooled = float(median(known)) if len(known) else 0.0
-        variance[rows] = (_POOL * pooled + count[rows] * own[rows]) / (_POOL + count[rows])
-    return variance
 
 
 def _squared_differences(window: Window, slots: Slots, stamps: Stamps) -> Floats:

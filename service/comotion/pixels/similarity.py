@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..arrays import Floats, Floats32, Ints
-from .kernels.affine import fit_local_motions, total_residuals
+from .kernels.affine import local_residuals
 from .key_frames import STEPS, KeyFrames, frame_pairs
 
 # px² per member; regularisation of the affine motion of a group. px²; squared residual from which on it costs
@@ -19,30 +19,26 @@ _NOISE_OF_DISPLACEMENT = 3.6
 _RANK, _COMPLETION_RANK, _COMPLETION_ROUNDS = 8, 6, 40
 # Added to the preference kernel of a pair and to its shape interaction: neither can veto a pair alone.
 _PREFERENCE_FLOOR, _INTERACTION_FLOOR = 0.001, 0.01
-# Local motions per draw: the width of the preference kernel follows from the least residual in a draw.
-_MOTIONS_PER_DRAW = 300
 # Products of smaller preferences are denormal, on which multiplication takes ten times as long.
 _NEGLIGIBLE = 1e-6
 
 
-def explain(frames: KeyFrames, groups: list[Ints]) -> Floats32:
+def explain(frames: KeyFrames, members: Ints) -> Floats32:
     """Mean squared residuals of N trajectories under H local motions, [H, N] px²; inf where none applies.
 
     Parameters
     ----------
     frames
         Key frames of the trajectories: a motion is an affine field in each pair of them.
-    groups
-        Members of local motions, each intp [H_r, M_r].
+    members
+        Of the local motions, intp [H, M].
     """
     first, second = frame_pairs(len(frames.positions), STEPS, len(frames.positions)).T
     seen = (frames.visible[first] & frames.visible[second]).astype(np.float32)
     start = frames.positions[first]
     masked = np.stack([start, frames.positions[second] - start]) * seen[..., None]
     start, displacement = np.ascontiguousarray(masked.transpose(0, 1, 3, 2))
-    parts = [fit_local_motions(start, displacement, seen, members, _RIDGE) for members in groups]
-    motions, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    square = total_residuals(start, displacement, seen, motions, used * np.float32(_CAP))
+    square, used = local_residuals(start, displacement, seen, members, _RIDGE, np.float32(_CAP))
     count = used.T @ seen
     square /= np.maximum(count, np.float32(1))
     square[count == 0] = np.inf
@@ -66,19 +62,16 @@ def preference(square: Floats32, variance: Floats32) -> Floats32:
     noise = np.float32(_NOISE_OF_DISPLACEMENT) * variance
     square -= noise
     np.maximum(square, np.float32(0), out=square)
-    # The least of all motions would fall with their number, and with it the width.
-    draws = max(1, round(len(square) / _MOTIONS_PER_DRAW))
-    best = np.mean([square[k::draws].min(axis=0) for k in range(draws)], axis=0)
-    finite = np.isfinite(best)
-    typical = float(np.median(best[finite])) if finite.any() else 0.0
+    # The least of all motions would be lower, and with it the width: it is that of each half of them.
+    best = np.mean([square[k::2].min(axis=0) for k in range(2)], axis=0)
+    typical = float(np.median(np.where(np.isfinite(best), best, 0)))
     width = _MISFIT_FACTOR * typical + _NOISE_FACTOR * float(np.median(noise)) + _FLOOR
     square *= np.float32(-1 / (2 * width))
     preferred = np.exp(square, out=square)
     preferred[preferred < _NEGLIGIBLE] = 0
     overlap = preferred.T @ preferred
     own = overlap.diagonal()
-    kernel: Floats32 = overlap / np.maximum(own[:, None] + own - overlap, np.float32(1e-12))
-    return kernel
+    return np.asarray(overlap / np.maximum(own[:, None] + own - overlap, np.float32(1e-12)))
 
 
 def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
@@ -87,18 +80,14 @@ def combine(kernel: Floats32, vectors: Floats32) -> Floats32:
     Parameters
     ----------
     kernel
-        float32 [N, N], used up.
+        float32 [N, N].
     vectors
         float32 [D, N]; singular vectors of the trajectories, see :func:`subspace`.
     """
     unit = vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.float32(1e-8))
-    interaction = unit.T @ unit
-    interaction *= interaction
-    interaction *= interaction
-    interaction += np.float32(_INTERACTION_FLOOR)
-    kernel += np.float32(_PREFERENCE_FLOOR)
-    interaction *= kernel
-    return np.asarray(np.sqrt(interaction, out=interaction))
+    interaction = np.square(np.square(unit.T @ unit))
+    similarity = (interaction + np.float32(_INTERACTION_FLOOR)) * (kernel + np.float32(_PREFERENCE_FLOOR))
+    return np.asarray(np.sqrt(similarity, out=similarity))
 
 
 def subspace(frames: KeyFrames) -> Floats32:
@@ -122,12 +111,9 @@ def _complete(frames: KeyFrames) -> Floats:
     filled = frames.positions[frame, np.arange(total)].astype(np.float64)
     matrix = filled.transpose(0, 2, 1).reshape(2 * count, total)
     basis = np.linalg.eigh(matrix @ matrix.T)[1][:, -_COMPLETION_RANK:]
-    gaps = ~frames.visible.all(axis=0)
-    complete, rest, unseen = matrix[:, ~gaps], matrix[:, gaps], ~np.repeat(frames.visible[:, gaps], 2, axis=0)
-    moments = complete @ complete.T
-    for _ in range(_COMPLETION_ROUNDS if gaps.any() else 0):
+    unseen = ~np.repeat(frames.visible, 2, axis=0)
+    for _ in range(_COMPLETION_ROUNDS if unseen.any() else 0):
         # One step of orthogonal iteration follows the subspace: the matrix changes little per round.
-        basis = np.linalg.qr(moments @ basis + rest @ (rest.T @ basis))[0]
-        np.copyto(rest, basis @ (basis.T @ rest), where=unseen)
-    matrix[:, gaps] = rest
+        basis = np.linalg.qr(matrix @ (matrix.T @ basis))[0]
+        np.copyto(matrix, basis @ (basis.T @ matrix), where=unseen)
     return matrix

@@ -61,8 +61,7 @@ class Structure:
         body = min(shown, key=lambda name: self._seen.get(name, (0, 0))[0])
         last_ns, differs_ns = self._seen.get(body, (0, 0))
         labels = self._pieces(window, recent, shown[body], stamp_ns)
-        order = np.argsort(-np.bincount(labels), kind="stable")
-        part = shown[body][labels == order[1]] if len(order) > 1 else shown[body][:0]
+        part = shown[body][labels == np.argsort(-np.bincount(labels, minlength=2), kind="stable")[1]]
         counts_ns = min(stamp_ns - last_ns, _MOST_NS)
         differs_ns = max(differs_ns + (counts_ns if len(part) >= _LEAST_PART else -counts_ns), 0)
         self._seen[body] = stamp_ns, differs_ns
@@ -90,7 +89,6 @@ class Structure:
         if len(compared) < 2:
             return np.zeros(len(rows), np.intp)
         labels = np.full(len(rows), NO_HYPOTHESIS)
-        none_before = np.full(len(compared), NO_HYPOTHESIS)
-        labels[compared] = group(frames.of(compared), none_before)[0]
+        labels[compared] = group(frames.of(compared), labels[compared])[0]
         votes = nearest_votes(recent.position[rows], labels, int(labels.max()) + 1, np.inf)
         return np.where(labels >= 0, labels, votes.argmax(axis=1))
