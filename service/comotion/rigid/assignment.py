@@ -20,6 +20,8 @@ OUTLIER = NO_HYPOTHESIS
 SURE = 40.0
 """nat; margin of evidence of a clear membership, which no place changes. Chosen on stress scenes of even
 seeds and on the markers."""
+# Rounds of prior and assignment at most; chosen on the scenes of docs/research/accuracy.md.
+_ROUNDS = 3
 # nat; most that the place of a trajectory says about its body.
 _MOST_PLACE = 6.0
 
@@ -87,14 +89,24 @@ def assign(frames: Frames, body: Floats, outlier: Floats, position: Floats) -> A
         float64 [N, 3], newest position; of an ended trajectory, where its body has moved it since.
     """
     evidence = np.column_stack([outlier, body])
+    labels = np.asarray(np.argmin(evidence, 1) - 1)
     weight, x = _weight(frames), np.ascontiguousarray(position[:, : frames.dim])
     least, spacing = np.partition(evidence, 1, axis=1), _spacing(x[weight > 0])
-    labels, margin, cost = np.argmin(evidence, 1) - 1, least[:, 1] - least[:, 0], evidence.copy()
+    margin = least[:, 1] - least[:, 0]
     unclear = np.flatnonzero(margin < SURE)
-    # A trajectory has weight in its body only as far as its evidence is clear.
+    if not len(unclear):
+        return Assignment(labels, evidence, spacing)
+    # In the first round a trajectory has weight in its body only as far as its evidence is clear.
     counted = weight * (1 - np.exp(-margin))
-    cost[unclear, 1:] += _place_costs(x, unclear, labels, counted, body.shape[1], spacing)
-    return Assignment(np.argmin(cost, 1) - 1, cost, spacing)
+    cost = evidence
+    for _ in range(_ROUNDS):
+        cost = evidence.copy()
+        cost[unclear, 1:] += _place_costs(x, unclear, labels, counted, body.shape[1], spacing)
+        new_labels = np.asarray(np.argmin(cost, 1) - 1)
+        if np.array_equal(new_labels, labels):
+            break
+        labels, counted = new_labels, weight
+    return Assignment(labels, cost, spacing)
 
 
 def joined(frames: Frames, newest: Floats, result: SearchResult, rejoining: Ints) -> SearchResult:

@@ -26,6 +26,8 @@ _ROUND, _FLATTEST = 2.25, 0.01
 _ROUNDED = 1e-5
 # Where rays meet, as the inverse of the distance in extents of the scene; 0: at infinity.
 _CURVATURES = (0.0, *(side * curvature for curvature in (0.1, 0.2, 0.3, 0.45, 0.65, 0.9) for side in (1, -1)))
+# Degrees of freedom that the prior of a source's variances has at least.
+_LEAST_PRIOR = 4.0
 
 
 class NoiseEstimates:
@@ -148,7 +150,7 @@ def shrunk(variance: Floats, freedom: Floats, otherwise: float) -> Floats:
     mean = float(weight @ logs / weight.sum())
     beyond = float(weight @ ((logs - mean) ** 2 - 1 / weight) / weight.sum())
     # The inverse of the trigamma function, within a tenth: x is about 1/y + 1/2 where it is large.
-    prior = 2 / max(beyond, ROUNDING) + 1
+    prior = max(2 / max(beyond, ROUNDING) + 1, _LEAST_PRIOR)
     usual = float(np.exp(mean + digamma(prior / 2) - np.log(prior / 2)))
     return np.asarray((prior * usual + freedom * variance) / (prior + freedom))
 
