@@ -42,7 +42,10 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
         alike = [_moving_as(unexplained, seed) for seed in seeds]
         best = max((moving & (far < 2 * recent.reach) for moving, far in alike), key=np.count_nonzero)
         if best.sum() < LEAST_MEMBERS:
-            break
+            # Bodies far apart rarely move as one: that must explain most of those it was not fitted to.
+            best = max((moving for moving, _ in alike), key=np.count_nonzero)
+            if 2 * best.sum() <= len(left) + _PICKED:
+                break
         groups.append(left[best])
         left = left[~best]
     return groups
