@@ -37,9 +37,8 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     """
     groups, left = [], np.flatnonzero(free)
     while len(left) >= LEAST_MEMBERS:
-        unexplained = recent.of(left)
         seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
-        alike = [_moving_as(unexplained, seed) for seed in seeds]
+        alike = [_moving_as(recent.of(left), seed) for seed in seeds]
         best = max((moving & (far < 2 * recent.reach) for moving, far in alike), key=np.count_nonzero)
         if best.sum() < LEAST_MEMBERS:
             # Bodies far apart rarely move as one: that must explain most of those it was not fitted to.
