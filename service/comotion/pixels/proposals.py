@@ -37,8 +37,8 @@ def find_groups(recent: Recent, free: Bools) -> list[Ints]:
     """
     groups, left = [], np.flatnonzero(free)
     while len(left) >= LEAST_MEMBERS:
-        seeds = np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
-        alike = [_moving_as(recent.of(left), seed) for seed in seeds]
+        part, seeds = recent.of(left), np.unique(np.linspace(0, len(left) - 1, _SEEDS).astype(int)).tolist()
+        alike = [_moving_as(part, seed) for seed in seeds]
         best = max((moving & (far < 2 * recent.reach) for moving, far in alike), key=np.count_nonzero)
         if best.sum() < LEAST_MEMBERS:
             # Bodies far apart rarely move as one: that must explain most of those it was not fitted to.
