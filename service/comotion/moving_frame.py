@@ -19,7 +19,7 @@ from comotion_schemas import Hypothesis, Pose, Twist
 from comotion_schemas.rigid import pose_of, spin, three, transform
 
 from .arrays import Floats, Labels
-from .rigid.kinematics import as_twist
+from .geometry.kinematics import as_twist
 from .saving import NOT_KEPT
 
 # Another body becomes the world if it is so many times larger.

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comotion.rigid.costs import stacked
-from comotion.rigid.kernels.procrustes import fit_poses
-from comotion.rigid.kernels.records import ROUND, PoseArrays, RowArrays
-from comotion.rigid.kernels.residuals import body_costs
-from comotion.rigid.procrustes import Body, align
+from comotion.geometry.body import Body, align, stacked
+from comotion.geometry.procrustes import fit_poses
+from comotion.geometry.records import ROUND, PoseArrays, RowArrays
+from comotion.geometry.residuals import body_costs
 from comotion.trajectories.window import Window
 
 from ..reference import rigid as plain

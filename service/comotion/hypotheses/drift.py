@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats, Labels, Slots, Stamps, find, ranks
+from ..geometry.body import pose_columns
 from ..partition import NO_HYPOTHESIS
-from ..rigid.procrustes import pose_columns
 from ..trajectories.window import Window
 
 # ns: what is compared is the motion over the first time, up to the second one before the watermark, when slow

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from comotion_schemas import Box
 
 from ..arrays import Floats, Ints, median
-from ..rigid.kernels.rotation import quaternion
+from ..geometry.rotation import quaternion
 from .records import Record
 from .sides import FAR, apart_of, sides_of
 

@@ -24,7 +24,7 @@ import numpy as np
 from comotion_schemas.hypotheses import JointKind
 
 from ..arrays import Floats
-from ..rigid.kernels.rotation import rotation_matrix
+from ..geometry.rotation import rotation_matrix
 from .states import States, skew, turns_between
 
 KINDS: tuple[JointKind, ...] = ("fixed", "prismatic", "revolute")

@@ -31,9 +31,9 @@ _MAX_AXIS_SIGMA = 0.15
 _PATIENCE_NS, _MAX_PATIENCE_NS = 3_000_000_000, 8_000_000_000
 # A hinge is within so many radii of the child's features; unit of the space, least radius.
 _REACH, _MIN_RADIUS = 4.0, 1e-3
-# Of the local cubic that poses are published from (rigid.kinematics): its error at the newest frame, and that
-# of its slope per s, are 0.82 and 4.4 times the error of a frame, and the lasting error is as large as that.
-# Both in errors of a state: two frames with the lasting error of 15.
+# Of the local cubic that poses are published from (geometry.kinematics): its error at the newest frame, and
+# that of its slope per s, are 0.82 and 4.4 times the error of a frame, and the lasting error is as large as
+# that. Both in errors of a state: two frames with the lasting error of 15.
 _NOW, _SLOPE = 0.46, 1.6
 # s; lasting errors go with the place of a body more than with time, so a longer look adds little. Axes on
 # even seeds of the workcell are then within 2.45 sigma in 88 % of the judgements.

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Stamps, Table, inverses
+from ..geometry.rotation import rotation_vectors
 from ..partition import BodyMotion
-from ..rigid.kernels.rotation import rotation_vectors
 
 # Errors of poses that last: patches drift, features come and go, bodies bend. A second of frames has one such
 # error. Its variance is that of a frame, so many times: on links of the workcell's arm it was measured to be

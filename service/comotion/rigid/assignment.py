@@ -9,11 +9,11 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from ..arrays import Floats, Ints, last_true, thinned
+from ..geometry.body import Body, stacked
+from ..geometry.frames import DRAWN, SETTLED, Frames
+from ..geometry.rotation import ROUNDING
 from ..partition import NO_HYPOTHESIS
-from .costs import Costs, stacked, updated
-from .frames import DRAWN, SETTLED, Frames
-from .kernels.rotation import ROUNDING
-from .procrustes import Body
+from .costs import Costs, updated
 
 OUTLIER = NO_HYPOTHESIS
 """Label of a trajectory that belongs to no body."""

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels, Stamps, find
+from ..geometry.frames import SETTLED, Frames
 from ..partition import NO_HYPOTHESIS
 from .assignment import SURE, SearchResult
 from .costs import Costs, path_price
 from .fits import Fitted
-from .frames import SETTLED, Frames
 from .subset import Scene
 
 # Gain of a body over rest, in prices of the body, from which on it clearly moves: noise that is correlated

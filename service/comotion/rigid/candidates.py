@@ -7,8 +7,8 @@ from scipy.spatial.distance import squareform
 from comotion_schemas.types import symmetric
 
 from ..arrays import Bools, Floats, Ints
+from ..geometry.frames import Frames
 from ..partition import NO_HYPOTHESIS
-from .frames import Frames
 from .kernels.distances import distance_deviation
 from .subset import Scene
 

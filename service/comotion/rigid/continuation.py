@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Ints, Stamps, find
+from ..geometry.body import followed_body, stacked
+from ..geometry.frames import RENEWED, SETTLED, Frames
+from ..geometry.residuals import recent_residuals
+from ..geometry.rest import FALSE_ALARMS
 from ..trajectories.window import Window
 from .assignment import OUTLIER, SearchResult, joined, without_sliders
-from .costs import stacked
-from .frames import RENEWED, SETTLED, Frames
-from .kernels.residuals import recent_residuals
-from .kernels.rest import FALSE_ALARMS
-from .procrustes import followed_body
 from .resampling import extended
 from .tracks import Tracks
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from .frames import Frames
-from .kernels.residuals import body_costs
-from .procrustes import Body
+from ..geometry.body import Body, stacked
+from ..geometry.frames import Frames
+from ..geometry.residuals import body_costs
 
 CAP = 16.0
 """Squared residual per dimension, in tolerances, from which on it costs no more."""
@@ -31,8 +31,8 @@ class Costs:
     """Costs in nats of N trajectories and P rows under K bodies.
 
     A cost is the negative log likelihood of the trajectory in the body's frame, where it is a constant, white
-    and slow noise, and the deformation of the body; see :func:`~.kernels.residuals.body_costs`. The price
-    of opening is that of the body's path before the data are seen.
+    and slow noise, and the deformation of the body; see :func:`~comotion.geometry.residuals.body_costs`. The
+    price of opening is that of the body's path before the data are seen.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ def path_price(dof: int, poses: float, birth: float) -> float:
 
 
 def _residuals(frames: Frames, poses: Floats, rows: Ints, soft: Floats) -> tuple[Floats, Floats]:
-    """Cost and mean squared residual of rows [n] under each body of :func:`stacked` poses, [n, K] each."""
+    """Cost and mean squared residual of rows [n] under each body of stacked poses, [n, K] each."""
     shape = len(rows), len(poses)
     cost, squared = np.zeros(shape), np.full(shape, np.nan)
     deformation = soft, float(np.exp(-frames.step / _DEFORMATION_TIME))
@@ -126,18 +126,6 @@ def _residuals(frames: Frames, poses: Floats, rows: Ints, soft: Floats) -> tuple
     terms = deformation, unposed, frames.dim, CAP
     body_costs(frames.arrays, rows, poses, *terms, cost, squared)
     return cost, squared
-
-
-def stacked(bodies: list[Body]) -> Floats:
-    """Poses of K bodies in the layout of the cost kernels, float64 [K, F, 13].
-
-    Each is R row by row, t, and whether the frame has a pose: 1 or 0.
-    """
-    poses = np.empty((len(bodies), len(bodies[0].t), 13))
-    for k, body in enumerate(bodies):
-        poses[k, :, :9], poses[k, :, 9:12] = body.R.reshape(-1, 9), body.t
-        poses[k, :, 12] = body.posed
-    return poses
 
 
 def deformation(frames: Frames, body: Body) -> float:

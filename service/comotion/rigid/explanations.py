@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Ints
-from .frames import Frames
+from ..geometry.body import Body, pose_information
+from ..geometry.frames import Frames
 from .offset_equations import UNKNOWNS, Equations, normal_equations, velocities
-from .procrustes import Body, pose_information
 
 # Prior standard deviations, those of a careful calibration: rad, share of the scene's extent, s.
 _ROTATION = float(np.radians(2.0))

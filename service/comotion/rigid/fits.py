@@ -1,18 +1,14 @@
 """Fits bodies to rows of a scene and computes their costs (steps 6 and 7), once for the same rows."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import Floats, Ints
+from ..geometry.body import Body, fit_body, settled, static_body
+from ..geometry.frames import Frames
 from .costs import Costs, body_costs_of, deformation, outlier_costs, path_price
-from .frames import Frames
-from .kernels.rest import settle
-from .procrustes import Body, fit_body, static_body
 from .sliding import with_sliders
-
-# s that a rest takes at least; of .5 and .2, chosen on stress scenes of seed 1.
-_LEAST_REST = 0.2
 
 
 @dataclass(frozen=True)
@@ -23,7 +19,7 @@ class Fitted:
     ----------
     body, costed
         With a pose of its own in each frame, and the one of which the costs are: `body`, or
-        :func:`settled`.
+        :func:`~comotion.geometry.body.settled`.
     owners
         intp [m], trajectories that it was fitted to; none for the static body.
     soft
@@ -92,25 +88,3 @@ class Fits:
             frames = self._frames
             self._bodies[key] = fit_body(frames, rows) if len(rows) else static_body(len(frames.stamps))
         return self._bodies[key]
-
-
-def settled(frames: Frames, body: Body) -> Body:
-    """The body with one pose for each rest, so that its poses do not fit noise.
-
-    A body has a pose in each frame, also while it rests. Those poses fit the noise of the rows that the body
-    was fitted to, so that a resting feature that is no part of the body may cost less under it than at rest.
-    With one pose for each rest, both costs are the same, and position and memory decide; and a rest has the
-    price of one pose. A body that moves slowly rests for a few frames at a time: it has as many poses as its
-    noise lets tell apart.
-    """
-    if body.static or not body.posed.any():
-        return body
-    still = replace(body, R=body.R.copy(), t=body.t.copy())
-    w = np.ascontiguousarray(frames.w[body.rows].T)
-    # Not the tolerance: a body that moves slowly, within its slack, does not rest.
-    noise = 1 / frames.noise[body.rows], frames.metric[body.rows]
-    template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
-    least = _LEAST_REST * frames.config.frame_rate
-    runs = settle(w, *noise, template, frames.dim, body.dof, least, still.poses, rests)
-    moving = int(np.count_nonzero(body.posed & ~rests))
-    return replace(still, free=runs + moving, rests=bool(rests[-1]))

@@ -11,8 +11,8 @@ noise or to the extent of the scene, so that no parameter has a scale. The steps
 4.  Estimate the noise of each, and the tolerance that deformation adds to it (:mod:`.noise`).
 5.  Choose the trajectories to search, all of them in a small scene (:mod:`.subset`), and find candidates: the
     previous hypotheses, and clusters of the normalised deviation of distances (:mod:`.candidates`).
-6.  Fit a body with a pose in each frame to each candidate (:mod:`.fits`, :mod:`.procrustes`). Once clusters
-    are sorted out, it has one pose for each rest of it (:func:`.fits.settled`).
+6.  Fit a body with a pose in each frame to each candidate (:mod:`.fits`, :mod:`comotion.geometry`). Once
+    clusters are sorted out, it has one pose for each rest of it (:func:`~comotion.geometry.body.settled`).
 7.  Compute what each trajectory costs under each body (:mod:`.costs`).
 8.  Select the bodies of least total cost (:mod:`.selection`).
 9.  Assign every trajectory to a body (:mod:`.assignment`).
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Floats, Labels, Slots, Stamps
 from ..config import FusionConfig
+from ..geometry.frames import RENEWED, SELDOM, Frames
 from ..partition import (
     NO_HYPOTHESIS,
     BodyMotion,
@@ -41,7 +42,6 @@ from .assignment import SearchResult, posterior, same_body
 from .belief import Belief
 from .continuation import FIRST_HELD, MOST_HELD, Fit, held, judged
 from .fits import Fits
-from .frames import RENEWED, SELDOM, Frames
 from .motions import anchored_motions, describe_bodies
 from .noise import NoiseEstimates
 from .registration import Registration

@@ -13,11 +13,11 @@ from comotion_schemas import Pose
 from comotion_schemas.hypotheses import HypothesisState
 
 from ..arrays import Bools, Floats, inverses
+from ..geometry.body import Body, pose_information
+from ..geometry.frames import SETTLED, Frames
+from ..geometry.kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motions
 from ..partition import BodyMotion, Group, PoseReference
 from .assignment import OUTLIER, SearchResult
-from .frames import SETTLED, Frames
-from .kinematics import Local, as_pose, as_twist, centroid_of, follow, local_motions
-from .procrustes import Body, pose_information
 from .tracks import Tracks
 
 # m^-2 or the like: a centroid that no point fixes.

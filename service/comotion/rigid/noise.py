@@ -6,10 +6,10 @@ from scipy.special import digamma, polygamma
 from comotion_schemas.types import symmetric
 
 from ..arrays import Floats, Ints, Stamps, find
-from .frames import RENEWED
+from ..geometry.frames import RENEWED
+from ..geometry.rotation import ROUNDING
 from .kernels.differences import difference_covariances
 from .kernels.resampling import mean_square
-from .kernels.rotation import ROUNDING
 from .tracks import Tracks
 
 # Share of the scene's extent: less noise than this is below the precision of float32, in which positions

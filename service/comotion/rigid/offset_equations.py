@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints
-from .frames import FEWEST, Frames
-from .kernels.rotation import ROUNDING
-from .procrustes import Body, pose_columns
+from ..geometry.body import Body, pose_columns
+from ..geometry.frames import FEWEST, Frames
+from ..geometry.rotation import ROUNDING
 
 UNKNOWNS = 7
 """Rotation vector, shift and delay."""
@@ -44,7 +44,7 @@ def normal_equations(
     rows, y, w
         intp [n]; float64 [n, F, 3] and [n, F], where they are and their weights (0: unobserved).
     information
-        float64 [F, 6, 6], of :func:`~.procrustes.pose_information`.
+        float64 [F, 6, 6], of :func:`~comotion.geometry.body.pose_information`.
     pivot
         float64 [3], centre of the rotation.
     """

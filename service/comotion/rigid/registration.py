@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Ints
+from ..geometry.body import fit_body
+from ..geometry.frames import LONG_LIFE, Frames
+from ..geometry.procrustes import SOFT
 from .explanations import Groups, Offset, View, explained
-from .frames import LONG_LIFE, Frames
-from .kernels.procrustes import SOFT
-from .procrustes import fit_body
 from .subset import MOST_OF_EACH, is_small, representatives
 from .tracks import Tracks
 

@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from ..arrays import Bools, Floats, Ints, Stamps, find, untouched_zeros
 from ..config import RigidConfig
-from .frames import NOISE, Frames
+from ..geometry.frames import NOISE, Frames
+from ..geometry.records import ROUND
 from .kernels.differences import difference_covariances
-from .kernels.records import ROUND, Limits, Observations
+from .kernels.records import Limits, Observations
 from .kernels.resampling import mean_square, resample, spread
 from .noise import NoiseEstimates, noise_covariances
 from .slow_noise import SlowNoise, slow_noise

@@ -6,13 +6,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Ints, last_true
+from ..geometry.frames import FEW, LONG_LIFE
+from ..geometry.residuals import LEAST_COVERED
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult, assign, cheapest, predicted_positions, without_sliders
 from .belief import carried_costs
 from .candidates import cluster_rows
 from .fits import Fits
-from .frames import FEW, LONG_LIFE
-from .kernels.residuals import LEAST_COVERED
 from .selection import membership_prices, select
 from .subset import Scene, choose_subset, known_rows, rows_to_fit, unexplained
 

@@ -8,9 +8,9 @@ in the frame of its body, which costs a nat as those of a pose do.
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, thinned
+from ..geometry.body import Body
+from ..geometry.frames import DRAWN, FEW, SETTLED, Frames
 from .costs import CAP
-from .frames import DRAWN, FEW, SETTLED, Frames
-from .procrustes import Body
 
 # Most that a feature slides, rms, in rms radii of its host. Chosen on stress scenes of even seeds, so that
 # the markers keep their figures.

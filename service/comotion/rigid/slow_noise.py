@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Ints, last_true, quantiles, thinned
-from .frames import FEW, FEWEST
+from ..geometry.frames import FEW, FEWEST
 
 # Most rows of a source that are examined, evenly drawn: a median needs no more.
 _ROWS = 64

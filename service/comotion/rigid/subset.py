@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels
+from ..geometry.frames import FEW, Frames
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult
 from .costs import excess_costs
-from .frames import FEW, Frames
 from .kernels.distances import farthest_points
 
 # All constants here bound the work of an update. They were chosen on the scenes of docs/research/accuracy.md

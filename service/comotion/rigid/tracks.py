@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Slots, Stamps, find, identities, median
+from ..geometry.frames import DRAWN
 from ..trajectories.window import Window
-from .frames import DRAWN
 from .kernels.records import Observations
 from .kernels.resampling import BESIDE, stop_at
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...arrays import Floats, Ints
 from ...compiled import compiled
-from .metric import quadratic
+from ...geometry.records import quadratic
 
 
 @compiled()

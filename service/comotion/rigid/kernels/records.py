@@ -2,10 +2,7 @@
 
 from typing import NamedTuple
 
-from ...arrays import Bools, Floats, Ints, Stamps
-
-ROUND = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
-"""Metric of noise that is the same in all directions."""
+from ...arrays import Floats, Ints, Stamps
 
 
 class Observations(NamedTuple):
@@ -30,27 +27,3 @@ class Limits(NamedTuple):
     gap: Stamps
     hold: Stamps
     delay: Stamps
-
-
-class RowArrays(NamedTuple):
-    """P rows on F frames: `y` float64 [P, F, 3], `w` [P, F] (0: unobserved), `tolerance` [P].
-
-    `spectrum` float64 [P, 3] are the white and the slow part of the noise, in tolerances, and the correlation
-    of the slow part from frame to frame. `metric` float64 [P, 6] is the inverse covariance in units of the
-    inverse tolerance: xx, xy, xz, yy, yz, zz; that of :data:`ROUND` where the noise is the same in all
-    directions.
-    """
-
-    y: Floats
-    w: Floats
-    tolerance: Floats
-    spectrum: Floats
-    metric: Floats
-
-
-class PoseArrays(NamedTuple):
-    """Poses x = R b + t of a body: `R` float64 [F, 3, 3], `t` float64 [F, 3], `posed` bool [F]."""
-
-    R: Floats
-    t: Floats
-    posed: Bools

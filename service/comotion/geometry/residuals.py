@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ...arrays import Floats, Slots
-from ...compiled import compiled
-from .metric import quadratic
+from ..arrays import Floats, Slots
+from ..compiled import compiled
 from .procrustes import SOFT
-from .records import RowArrays
+from .records import RowArrays, quadratic
 
 LEAST_COVERED = 0.6
 """Share of a row's frames in which a body must be posed to be charged the expected residual elsewhere."""
@@ -47,7 +46,7 @@ def body_costs(
     rows
         intp [n], rows to take.
     poses
-        float64 [K, F, 13], of :func:`~comotion.rigid.costs.stacked`.
+        float64 [K, F, 13], of :func:`~.body.stacked`.
     deformation
         Variance of the deformation of each body, float64 [K], and its correlation from frame to frame.
     unposed

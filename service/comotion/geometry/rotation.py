@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ...arrays import Floats
-from ...compiled import compiled
+from ..arrays import Floats
+from ..compiled import compiled
 
 _STEPS = 8
 ROUNDING = 1e-8

@@ -5,13 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
+from .frame_pose import frame_pose
 from .frames import Frames
-from .kernels.frame_pose import frame_pose
-from .kernels.procrustes import fit_poses
-from .kernels.records import PoseArrays
+from .procrustes import fit_poses
+from .records import PoseArrays
+from .rest import settle
 
 # Iterations of a fit; chosen on the scenes of docs/research/accuracy.md.
 _ITERATIONS = 4
+# s that a rest takes at least; of .5 and .2, chosen on stress scenes of seed 1.
+_LEAST_REST = 0.2
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class Body:
     dof
         Degrees of freedom of a pose: 3 in 2-D, 6 in 3-D, 5 for a pair in 3-D, 0 for the static body.
     free
-        Number of poses that it is free to take; where it is settled (:func:`~.fits.settled`), each rest has
+        Number of poses that it is free to take; where it is settled (:func:`settled`), each rest has
         one.
     rests
         Whether it is settled, and rests in the newest frame.
@@ -93,6 +96,40 @@ def _fit(frames: Frames, rows: Ints, first: int, near: Floats, template: Floats,
     w = np.ascontiguousarray(frames.w[rows, first:].T)
     noise = 1 / frames.tolerance[rows], frames.metric[rows]
     fit_poses(y, w, *noise, frames.dim, near, _ITERATIONS, first > 0, template, poses)
+
+
+def settled(frames: Frames, body: Body) -> Body:
+    """The body with one pose for each rest, so that its poses do not fit noise.
+
+    A body has a pose in each frame, also while it rests. Those poses fit the noise of the rows that the body
+    was fitted to, so that a resting feature that is no part of the body may cost less under it than at rest.
+    With one pose for each rest, both costs are the same, and position and memory decide; and a rest has the
+    price of one pose. A body that moves slowly rests for a few frames at a time: it has as many poses as its
+    noise lets tell apart.
+    """
+    if body.static or not body.posed.any():
+        return body
+    still = replace(body, R=body.R.copy(), t=body.t.copy())
+    w = np.ascontiguousarray(frames.w[body.rows].T)
+    # Not the tolerance: a body that moves slowly, within its slack, does not rest.
+    noise = 1 / frames.noise[body.rows], frames.metric[body.rows]
+    template, rests = np.ascontiguousarray(body.template.T), np.zeros(len(body.t), np.bool_)
+    least = _LEAST_REST * frames.config.frame_rate
+    runs = settle(w, *noise, template, frames.dim, body.dof, least, still.poses, rests)
+    moving = int(np.count_nonzero(body.posed & ~rests))
+    return replace(still, free=runs + moving, rests=bool(rests[-1]))
+
+
+def stacked(bodies: list[Body]) -> Floats:
+    """Poses of K bodies in the layout of the cost kernels, float64 [K, F, 13].
+
+    Each is R row by row, t, and whether the frame has a pose: 1 or 0.
+    """
+    poses = np.empty((len(bodies), len(bodies[0].t), 13))
+    for k, body in enumerate(bodies):
+        poses[k, :, :9], poses[k, :, 9:12] = body.R.reshape(-1, 9), body.t
+        poses[k, :, 12] = body.posed
+    return poses
 
 
 def align(source: Floats, target: Floats, dim: int, near: Floats) -> tuple[Floats, Floats]:

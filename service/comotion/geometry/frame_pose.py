@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ...arrays import Floats
-from ...compiled import compiled
+from ..arrays import Floats
+from ..compiled import compiled
 from .rotation import closed_form, newton_rotation, rotation_matrix
 
 # Pull towards the neighbouring frame's rotation, as a share of the moments. It settles what the points

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ...arrays import Bools, Floats
-from ...compiled import compiled
+from ..arrays import Bools, Floats
+from ..compiled import compiled
 from .frame_pose import frame_pose
-from .metric import quadratic
-from .records import PoseArrays
+from .records import PoseArrays, quadratic
 
 FALSE_ALARMS = 20.0
 """Tests against noise per false alarm."""

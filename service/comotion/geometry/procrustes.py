@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from ...arrays import Floats
-from ...compiled import compiled
+from ..arrays import Floats
+from ..compiled import compiled
 from .frame_pose import frame_pose, moments, newton_step, translation, weigh
-from .metric import is_round_metric, quadratic
-from .records import PoseArrays
+from .records import PoseArrays, is_round_metric, quadratic
 
 SOFT = 9.0
 """Squared residual, in tolerances per dimension, that halves the weight of an observation."""

@@ -14,9 +14,9 @@ from comotion_schemas import Pose, Twist
 
 from ..arrays import Bools, Floats, Stamps
 from ..partition import PoseReference
+from .body import Body, align
 from .frames import Frames
-from .kernels.rotation import quaternion, rotation_matrix, rotation_vectors
-from .procrustes import Body, align
+from .rotation import quaternion, rotation_matrix, rotation_vectors
 
 # s and degree of the polynomial. A longer span has less noise, a shorter one follows jerk. Measured on bodies
 # of 10 features at 5 mm: a quadratic over 0.6 s errs by 1.2 degrees and 6.9 % of the velocity, a cubic over

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Stamps
 from ..config import RigidConfig
-from .kernels.records import RowArrays
+from .records import RowArrays
 
 LONG_LIFE = 0.5
 """s of observation from which on an ended trajectory counts, and any shows the offset of its source."""
@@ -57,7 +57,7 @@ class Frames:
     moved
         float64 [P], mean squared distance of a coordinate from its mean.
     metric
-        float64 [P, 6], by how much each direction counts, of :class:`~.kernels.records.RowArrays`.
+        float64 [P, 6], by how much each direction counts, of :class:`~.records.RowArrays`.
     spectrum
         float64 [P, 3], white and slow part of the noise, in tolerances, and the correlation of the slow part
         from frame to frame.
