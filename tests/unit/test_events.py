@@ -18,7 +18,7 @@ from comotion_schemas import Twist
 from ..builders import S, hypothesis
 
 STEP = 100_000_000
-CONFIG = HypothesesConfig(confirm=0.5, memory=5.0, remembered=2)
+CONFIG = HypothesesConfig(confirm=0.5, memory=5.0)
 
 
 class Story:
@@ -62,7 +62,8 @@ STORIES = {
 
 
 @pytest.mark.parametrize(("parts", "expected"), STORIES.values(), ids=STORIES)
-def test_what_lasts_makes_events_and_what_reverts_none(parts, expected):
+def test_what_lasts_makes_events_and_what_reverts_none(parts, expected, monkeypatch):
+    monkeypatch.setattr("comotion.hypotheses.events._REMEMBERED", 2)
     story = Story()
     for part in [(10, {1: 5}), *parts]:
         story.run(*part)

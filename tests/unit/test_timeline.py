@@ -218,8 +218,8 @@ def test_a_flood_of_sessions_is_refused_and_the_first_one_goes_on(clock):
     assert clock.stats.waiting == 0
 
 
-def test_one_source_too_many_is_refused_while_all_others_send():
-    clock = Clockwork(limits={"sources": 3})
+def test_one_source_too_many_is_refused_while_all_others_send(clock, monkeypatch):
+    monkeypatch.setattr(timeline, "MAX_SOURCES", 3)
     clock.feed(*(batch(f"s{k}", 0, T0) for k in range(5)))
     assert len(clock.at(0)) == 3
     assert clock.stats.rejected == {"limit": 2}
@@ -255,8 +255,9 @@ def test_more_than_a_source_may_let_wait_is_refused(monkeypatch):
     assert clock.at(30 * MS) == [(11, "a"), (30, "a"), (30, "b")]
 
 
-def test_large_batches_that_wait_are_bounded_by_their_bytes():
-    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
+def test_large_batches_that_wait_are_bounded_by_their_bytes(monkeypatch):
+    monkeypatch.setattr(timeline, "_MAX_BYTES", (1_000_000, 1_500_000))
+    clock = Clockwork()
     many = range(20_000)  # 0.3 MB
     clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
     assert clock.stats.rejected == {"limit": 1}

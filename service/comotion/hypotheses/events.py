@@ -25,6 +25,8 @@ from .records import Record
 
 # "Those of the last 2 s" of docs/protocol.md.
 EVENT_MEMORY_NS = 2_000_000_000
+# Hypotheses without current members that are remembered in a space.
+_REMEMBERED = 32
 _ORDER: list[EventKind] = ["born", "split", "returned", "merged", "absent", "ended"]
 # Kind, hypothesis and others of an event.
 _Change = tuple[EventKind, int, list[int]]
@@ -93,7 +95,7 @@ class Lifecycle:
         absent = ((r.since_ns, number) for number, r in self.records.items() if r.stage == "absent")
         waiting = sorted((since, number) for since, number in absent if since is not None)
         oldest_ns = stamp_ns - to_ns(self.config.memory)
-        surplus = len(waiting) - self.config.remembered
+        surplus = len(waiting) - _REMEMBERED
         expired = [number for k, (since, number) in enumerate(waiting) if k < surplus or since < oldest_ns]
         for number in chain(expired, *merged.values()):
             del self.records[number]

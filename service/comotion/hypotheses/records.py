@@ -18,6 +18,8 @@ _LAST_MEMBERS_NS = 2_000_000_000
 _LASTING_NS = 500_000_000
 # s; the place about which a body moves, and the sides of a box without a pose, are means over so long.
 _PLACE, _SIDES = 5.0, 0.25
+MEMBERS = 3
+"""Current members that confirm a hypothesis, and that decide alone whose id it has."""
 NEVER_NS = 2**62
 """Later than any time."""
 

@@ -23,7 +23,7 @@ from ..trajectories.window import Window
 from .events import Lifecycle
 from .extent import box_of
 from .identity import IdAllocator, appearance, named, recognised, relabel, supported
-from .records import NEVER_NS, Current, Record, majority
+from .records import MEMBERS, NEVER_NS, Current, Record, majority
 
 # nat; how clearly a new group must be a remembered hypothesis to take its id at once, and at the last moment
 # before it is confirmed under its own: then the best assignment of all groups decides. With true
@@ -109,7 +109,7 @@ class Registry(Lifecycle):
 
     def _least(self, present: Current) -> int:
         """Current members that confirm a hypothesis."""
-        return self.config.members if len(present.keys) >= _BODIES * self.config.members else 2
+        return MEMBERS if len(present.keys) >= _BODIES * MEMBERS else 2
 
     def _recall(self, stamp_ns: int, window: Window, partition: Partition, present: Current) -> bool:
         """Give new groups the ids of the remembered hypotheses that they are; returns whether any is."""

@@ -30,8 +30,8 @@ from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000
-# Share of a turn for answering queries; one is always answered.
-_ANSWERING = 0.1
+# Shares of a turn for reading batches and for answering queries; of each one is taken in any case.
+_READING, _ANSWERING = 0.5, 0.1
 # Twice per Status, which is published every second.
 _REPORT_NS = 500_000_000
 # Between two times at which memory is given back: some 3 ms where an attack has taken much, else half of one.
@@ -54,11 +54,11 @@ class Loop:
     ) -> None:
         self._fusion, self._component, self._leadership = fusion, component, leadership
         self._health, self._keeper, self._source_clocks = health, keeper, clocks
-        period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
+        period_ns = to_ns(fusion.config.period)
         self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
-        self._intake = Intake(component.session, component.keys, fusion.timeline, limits.sources)
+        self._intake = Intake(component.session, component.keys, fusion.timeline)
         self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
         if recorded:
             fusion.timeline.replay()
@@ -67,7 +67,7 @@ class Loop:
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         # The loop looks for data in slices of a period.
-        self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
+        self._reading_ns = round(_READING * min(period_ns, 2 * _SLICE_NS))
         self._answering_ns = round(_ANSWERING * min(period_ns, 2 * _SLICE_NS))
         # How long the last update took, and its processor time.
         self._took_ns = self._spent_ns = 0
