@@ -8,7 +8,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -20,7 +20,7 @@ from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from ..config import FusionConfig
 from ..event_time.clocks import FUTURE_NS
-from ..fusion import Capture, Fusion
+from ..fusion import Fusion
 from ..saving import MAX_BYTES
 
 _IDS = re.compile(rb"comotion-ids (\d{1,10})\n")
@@ -212,14 +212,16 @@ class StateKeeper:
     def _take(self, *, clean: bool = False) -> None:
         # In the place of one that still waits.
         self._newest.cancel()
-        self._newest = self._writer.submit(self._write, self._fusion.capture(clean=clean))
+        self._newest = self._writer.submit(
+            self._write, self._fusion.next_id, self._fusion.capture(clean=clean)
+        )
 
-    def _write(self, state: Capture) -> None:
+    def _write(self, next_id: int, pieces: Callable[[], list[Any]]) -> None:
         began = time.thread_time_ns()
         try:
-            if state.next_id >= self._reserved:
-                self._reserved = write_ids(self._path, state.next_id)
-            write_atomically(self._path, state.pieces())
+            if next_id >= self._reserved:
+                self._reserved = write_ids(self._path, next_id)
+            write_atomically(self._path, pieces())
             self.error = ""
         # In a thread of its own: what is raised here nobody would see, and the next state may be written.
         except Exception as error:
