@@ -72,10 +72,8 @@ class DriftCheck:
         """Numbers of the sessions that drift, ascending."""
         return sorted(number for number, looks in self._counts.items() if looks >= _LOOKS)
 
-    def look(
-        self, window: Window, current: Slots, labels: Labels, stamp_ns: int, delays_ns: Mapping[int, int]
-    ) -> None:
-        """Compare what sources see of the current slots intp [n]; `labels` are the hypotheses of all slots.
+    def look(self, window: Window, current: Slots, stamp_ns: int, delays_ns: Mapping[int, int]) -> None:
+        """Compare what sources see of the current slots intp [n].
 
         `delays_ns` is to be added to the times of session numbers: of a source whose delay is long the
         velocities would not tell it.
@@ -92,7 +90,7 @@ class DriftCheck:
         if self._looks and len(present) > 1:
             seen = _seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS, delays_ns)
             apart = _judged(seen, drifting)
-        self._looks.append((stamp_ns, window.key[current], labels[current]))
+        self._looks.append((stamp_ns, window.key[current], window.label[current]))
         lasting = {number: self._counts[number] - 1 for number in drifting}
         again = {number: self._counts.get(number, 0) + 1 for number in apart}
         most = _LOOKS + _MORE_LOOKS - 1

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from ..arrays import Floats, Stamps, Table, inverses
 from ..partition import BodyMotion
 from ..rigid.kernels.rotation import rotation_vectors
+from ..rigid.procrustes import pose_columns
 
 # Errors of poses that last: patches drift, features come and go, bodies bend. A second of frames has one such
 # error. Its variance is that of a frame, so many times: on links of the workcell's arm it was measured to be
@@ -93,10 +94,7 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
 
 def skew(v: Floats) -> Floats:
     """Matrices [v]x of vectors [n, 3], [n, 3, 3]."""
-    matrices = np.zeros((len(v), 3, 3))
-    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
-    return matrices
+    return -pose_columns(v, 3)[:, :, :3]
 
 
 def turned(R: Floats, by: Floats) -> Floats:
