@@ -19,8 +19,6 @@ Method = Literal["comotion", "thesis"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Above = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
-# s, up to a day.
-Timeout = Annotated[float, Field(gt=0, le=86_400)]
 # Bounded away from zero: its square must not vanish.
 Bounded = Annotated[float, Field(ge=1e-9, le=1e9)]
 
@@ -122,7 +120,7 @@ class LimitsConfig(Group):
     extent: Annotated[float, Field(ge=0, le=1e9)] = 200.0
     """rows so many times farther out than the other sources of the space see (at least 1 m or 1000 px) are
     refused; 0: none"""
-    expiry: Timeout = 60.0
+    expiry: Annotated[float, Field(gt=0, le=86_400)] = 60.0
     """s without data after which a source, and an empty space, is forgotten"""
     shedding: bool = True
     """leave out searches when updates take longer than a period"""
