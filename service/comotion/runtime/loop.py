@@ -32,8 +32,8 @@ from .state_file import StateKeeper
 _SLICE_NS = 20_000_000
 # Shares of a turn for reading batches and for answering queries; of each one is taken in any case.
 _READING, _ANSWERING = 0.5, 0.1
-# Between two reports, two for each Status. Memory is given back with them, which takes some 3 ms where an attack
-# has taken much, else half of one.
+# Between two reports, two for each Status. Memory is given back with them, which takes some 3 ms where an
+# attack has taken much, else half of one.
 _REPORT_NS = 500_000_000
 
 
