@@ -33,6 +33,8 @@ ClockName = Literal["wall", "event"]
 _SLEW_NS = 50_000_000
 # Readings of both clocks take less, unless another process had the processor: then they are repeated.
 _AT_ONCE_NS, _MOST_READINGS = 1_000_000, 5
+# How long no source may have followed the clock before a stamp far ahead is believed.
+_UNFOLLOWED_NS = 1_000_000_000
 # Updates whose durations are remembered: two seconds of them at the default period.
 _REMEMBERED = 20
 # Single updates, with births or splits, take longer than any of those before them.
@@ -73,21 +75,25 @@ class WallClock:
 class EventClock:
     """The newest stamp seen, for recordings whose stamps lie in the past.
 
-    A stamp more than 1 s ahead does not count until the core has accepted it: one wrong clock must not move
-    the time of all sources. It begins at `now_ns`; None: at the first stamp.
+    A stamp more than 1 s ahead counts only after 1 s in which no source has sent an older one: one
+    wrong clock must not move the time of all sources, but a gap that all sources share must be crossed.
+    It begins at `now_ns`; None: at the first stamp.
     """
 
     def __init__(self, now_ns: int | None = None) -> None:
         self._now_ns = now_ns
+        self._kept_ns = 0
 
-    def observe(self, stamp_ns: int) -> None:
+    def observe(self, stamp_ns: int, monotonic_ns: int) -> None:
         """Advance to a stamp that is credible; the clock never goes back."""
-        if self._now_ns is None or stamp_ns <= self._now_ns + FUTURE_NS:
-            self.reach(stamp_ns)
+        now = self._now_ns
+        if now is None or stamp_ns <= now + FUTURE_NS or monotonic_ns - self._kept_ns > _UNFOLLOWED_NS:
+            self._now_ns = stamp_ns if now is None else max(now, stamp_ns)
+            self._kept_ns = monotonic_ns
 
     def reach(self, stamp_ns: int) -> None:
         """Advance to a stamp that the core has accepted."""
-        self._now_ns = stamp_ns if self._now_ns is None else max(self._now_ns, stamp_ns)
+        self._now_ns = max(self._now_ns or 0, stamp_ns)
 
     def now_ns(self) -> int:
         """Newest credible stamp; 0 before the first."""

@@ -121,7 +121,7 @@ class Loop:
             for received in self._intake.receive(now, self._reading_ns):
                 batch = self._source_clocks.correct(received)
                 if isinstance(self._clock, EventClock):
-                    self._clock.observe(batch.stamp_ns - fusion.timeline.clock.shift_ns)
+                    self._clock.observe(batch.stamp_ns - fusion.timeline.clock.shift_ns, now)
                 fusion.ingest(batch)
             for status, arrived_s in self._intake.statuses.read():
                 if status.role != "source":
