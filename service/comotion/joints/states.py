@@ -58,7 +58,7 @@ def averaged(states: States) -> States:
         return states
     return States(
         second.stamps,
-        turned(first.R, 0.5 * turns_between(second.R, first.R)),
+        Rotation.from_rotvec(0.5 * turns_between(second.R, first.R)).as_matrix() @ first.R,
         (first.p + second.p) / 2,
         first.information + second.information,
     )
@@ -95,11 +95,6 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
 def skew(v: Floats) -> Floats:
     """Matrices [v]x of vectors [n, 3], [n, 3, 3]."""
     return -pose_columns(v, 3)[:, :, :3]
-
-
-def turned(R: Floats, by: Floats) -> Floats:
-    """Rotations [n, 3, 3] turned by rotation vectors [n, 3] or [3] of the outer axes."""
-    return np.asarray(Rotation.from_rotvec(by).as_matrix() @ R)
 
 
 def turns_between(R: Floats, reference: Floats) -> Floats:

@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from comotion_schemas import UNDETERMINED
 from comotion_schemas.errors import KnownError
+from comotion_schemas.text import duration
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from ..config import FusionConfig
@@ -85,11 +86,7 @@ def begin_afresh(path: Path) -> None:
 
 def _age(path: Path) -> str:
     """How long ago a file was written, in words."""
-    seconds = max(time.time() - path.stat().st_mtime, 0.0)
-    for unit, length in (("days", 86_400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit} ago"
-    return f"{seconds:.0f} s ago"
+    return f"{duration(max(time.time() - path.stat().st_mtime, 0.0))} ago"
 
 
 def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
