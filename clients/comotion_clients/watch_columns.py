@@ -12,6 +12,7 @@ from rich.text import Text
 from comotion_schemas import Joint
 from comotion_schemas.colours import as_hex
 from comotion_schemas.naming import Names
+from comotion_schemas.text import duration
 
 from .bodies import JointRow, joint_row
 from .scene_rows import HypothesisRow, SourceRow
@@ -166,18 +167,3 @@ def joint_table(joints: Sequence[Joint], names: Names | None = None) -> Table:
 def number(value: float, digits: int) -> str:
     """Format a number; a dash if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"
-
-
-def duration(seconds: float) -> str:
-    """Format a duration in at most seven characters: ms, s, min, h or days."""
-    if not math.isfinite(seconds):
-        return "-"
-    size = abs(seconds)
-    if size < 0.9995:
-        return f"{seconds * 1e3:.0f} ms"
-    if size < 99.95:
-        return f"{seconds:.1f} s"
-    for unit, length, limit in (("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("d", 86400.0, math.inf)):
-        if size < limit:
-            return f"{seconds / length:.0f} {unit}"
-    return "-"

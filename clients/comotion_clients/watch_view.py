@@ -9,7 +9,7 @@ from rich.text import Text
 
 from comotion_schemas.colours import GREY, as_hex
 from comotion_schemas.plain import plain
-from comotion_schemas.text import counted, counter_words
+from comotion_schemas.text import counted, counter_words, duration
 
 from .bodies import JointRow
 from .scene_rows import EventRow, HypothesisRow, ServiceRow, Snapshot, SourceRow
@@ -19,7 +19,6 @@ from .watch_columns import (
     SOURCE_COLUMNS,
     Column,
     Row,
-    duration,
     lost,
     number,
     table,

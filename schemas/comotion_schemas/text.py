@@ -1,9 +1,10 @@
 """Makes text from outside harmless to show: in terminals, logs, pages, metrics, frames and file names.
 
-And counts in words.
+And counts and durations in words.
 """
 
 import logging
+import math
 from typing import Any
 
 MOST = 4096
@@ -40,6 +41,21 @@ def counter_words(name: str, number: int) -> str:
     """Say what a counter of a Status holds: ``1 overrun``, ``3 partly late``."""
     words = name.replace("_", " ")
     return counted(number, words[:-1]) if words.endswith("s") else f"{number} {words}"
+
+
+def duration(seconds: float) -> str:
+    """Format a duration in at most seven characters: ms, s, min, h or days."""
+    if not math.isfinite(seconds):
+        return "-"
+    size = abs(seconds)
+    if size < 0.9995:
+        return f"{seconds * 1e3:.0f} ms"
+    if size < 99.95:
+        return f"{seconds:.1f} s"
+    for unit, length, limit in (("min", 60.0, 7200.0), ("h", 3600.0, 172800.0), ("d", 86400.0, math.inf)):
+        if size < limit:
+            return f"{seconds / length:.0f} {unit}"
+    return "-"
 
 
 class LogFormatter(logging.Formatter):

@@ -74,9 +74,7 @@ def inverses(matrices: Floats) -> Floats:
 
 def identities(count: int) -> Floats:
     """Identity rotations, float64 [count, 3, 3]."""
-    flat = np.zeros((count, 9))
-    flat[:, ::4] = 1.0
-    return flat.reshape(count, 3, 3)
+    return np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
 
 
 def thinned(rows: NDArray[Any], count: int) -> NDArray[Any]:

@@ -13,7 +13,7 @@ from .arrays import distinct
 from .config import FusionConfig
 from .event_time.faults import Faults
 from .event_time.stats import Key
-from .hypotheses.events import EVENT_MEMORY_NS
+from .hypotheses.registry import EVENT_MEMORY_NS
 from .joints.joints import Joints
 from .linking.linker import Linker
 from .partition import SpaceSpec

@@ -19,9 +19,6 @@ Method = Literal["comotion", "thesis"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Above = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6)]
-Share = Annotated[float, Field(gt=0, le=1)]
-# s, up to a day.
-Timeout = Annotated[float, Field(gt=0, le=86_400)]
 # Bounded away from zero: its square must not vanish.
 Bounded = Annotated[float, Field(ge=1e-9, le=1e9)]
 
@@ -65,12 +62,8 @@ class HypothesesConfig(Group):
 
     confirm: Annotated[float, Field(ge=0, le=60)] = 0.5
     """s that a hypothesis, a loss or a return must last until it makes an event"""
-    members: Annotated[int, Field(ge=2, le=1000)] = 3
-    """current members that confirm a hypothesis; 2 in a space with less than twice as many trajectories"""
     memory: Annotated[float, Field(ge=0, le=86_400)] = 60.0
     """s for which a hypothesis without current members is remembered"""
-    remembered: Annotated[int, Field(ge=0, le=1000)] = 32
-    """hypotheses without current members that are remembered in a space"""
 
 
 class Camera(Group):
@@ -122,23 +115,13 @@ class JointsConfig(Group):
 
 
 class LimitsConfig(Group):
-    """Bounds of a scene, and of one source where that is said."""
+    """Bounds of a scene."""
 
-    sources: Annotated[int, Field(ge=1, le=65_536)] = 1024
-    """source names at a time; the one silent for longest goes"""
-    spaces: Annotated[int, Field(ge=1, le=4096)] = 256
-    """coordinate spaces at a time; one that nobody publishes goes"""
-    waiting: Annotated[float, Field(ge=1, le=4096)] = 64.0
-    """MB of batches of one source that wait for the watermark"""
-    waiting_all: Annotated[float, Field(ge=1, le=65_536)] = 256.0
-    """MB of batches of all sources that wait; beyond it, each source has its share"""
     extent: Annotated[float, Field(ge=0, le=1e9)] = 200.0
     """rows so many times farther out than the other sources of the space see (at least 1 m or 1000 px) are
     refused; 0: none"""
-    expiry: Timeout = 60.0
+    expiry: Annotated[float, Field(gt=0, le=86_400)] = 60.0
     """s without data after which a source, and an empty space, is forgotten"""
-    processing: Share = 0.5
-    """share of a period for taking in batches; each source has its share of that"""
     shedding: bool = True
     """leave out searches when updates take longer than a period"""
 

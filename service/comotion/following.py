@@ -14,8 +14,8 @@ from comotion_schemas import UNDETERMINED, Event, Hypothesis, HypothesisUpdate
 from comotion_schemas.rigid import pose_of, transform
 
 from .arrays import find
-from .hypotheses.events import EVENT_MEMORY_NS
 from .hypotheses.identity import ID_GAP, IdAllocator
+from .hypotheses.registry import EVENT_MEMORY_NS
 from .matching import largest_total, shared_counts
 from .saving import NOT_KEPT
 

@@ -10,7 +10,7 @@ with the time that it takes for now.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,15 +44,6 @@ class AffinitySnapshot:
 
     tracks: list[tuple[str, str, int]]
     matrix: NDArray[np.float32]
-
-
-class Capture(NamedTuple):
-    """A copy of the state of a fusion, which shares nothing with it."""
-
-    next_id: int
-    """The least id that no hypothesis has had."""
-    pieces: Callable[[], list[Any]]
-    """Serialises it: gives the snapshot as a list of buffers."""
 
 
 class Fusion:
@@ -108,6 +99,12 @@ class Fusion:
     def spaces(self) -> dict[str, int]:
         """Names of the spaces that have been observed, sorted, and how many rows :meth:`affinity` has."""
         return dict(sorted((space.spec.name, space.size) for space in self._spaces))
+
+    @property
+    def next_id(self) -> int:
+        """The least id that no hypothesis has had."""
+        published = self._published.ids
+        return max(self._ids.following, 0 if published is None else published.following)
 
     def ingest(self, batch: ObservationBatch) -> None:
         """Take in a batch, in any order across sources. Raises nothing; counts what it drops."""
@@ -228,23 +225,24 @@ class Fusion:
         Batches that wait for the watermark are not kept. `clean` says that no update follows: ids may
         then continue without a gap.
         """
-        return b"".join(self.capture(clean=clean).pieces())
+        return b"".join(self.capture(clean=clean)())
 
-    def capture(self, *, clean: bool = False) -> Capture:
-        """Copy the state of :meth:`snapshot`, to be serialised later or by another thread."""
-        own, published = self._ids.following, self._published.ids
+    def capture(self, *, clean: bool = False) -> Callable[[], list[Any]]:
+        """Copy the state of :meth:`snapshot`; what is returned serialises it, later or in another thread.
+
+        It gives the snapshot as a list of buffers.
+        """
         state = {
             "method": self.config.method,
             "scene": self._scene,
             "session": self._session,
-            "next_id": own + (0 if clean else ID_GAP),
+            "next_id": self._ids.following + (0 if clean else ID_GAP),
             "timeline": self.timeline.state(),
             "assembly": plain(self._assembly),
             "published": plain(self._published),
             "spaces": [space.state() for space in self._spaces],
         }
-        next_id = max(own, 0 if published is None else published.following)
-        return Capture(next_id, partial(pieces, state))
+        return partial(pieces, state)
 
     @classmethod
     def restore(cls, config: FusionConfig, data: bytes, *, session: str | None = None) -> Self:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .arrays import Floats, Ints, Labels, Slots, find, ranks
+from .arrays import Floats, Ints, Slots, find, ranks
 from .matching import shared_counts
 from .partition import NO_HYPOTHESIS, Partition
 from .trajectories.window import Window
@@ -24,13 +24,8 @@ _JOINED_CONFIDENCE = 0.4
 _SPREAD = 2_654_435_761
 
 
-def extended(
-    window: Window, partition: Partition, grouped: Slots, current: Slots, previous_labels: Labels
-) -> Partition:
-    """The groups of a partition of the `grouped` trajectories for all that are current, slots intp [n].
-
-    `previous_labels` int64 [capacity] is the hypothesis of each slot until now.
-    """
+def extended(window: Window, partition: Partition, grouped: Slots, current: Slots) -> Partition:
+    """The groups of a partition of the `grouped` trajectories for all that are current, slots intp [n]."""
     groups, deciding = np.full(window.capacity, NO_HYPOTHESIS), np.zeros(window.capacity, np.bool_)
     confidence = np.zeros(window.capacity)
     groups[partition.slots], deciding[partition.slots] = partition.groups, partition.deciding
@@ -38,9 +33,9 @@ def extended(
     others = np.setdiff1d(current, partition.slots)
     # The group that has most members of a hypothesis now takes the others.
     count = int(partition.groups.max(initial=0)) + 1
-    known, shared = shared_counts(previous_labels[partition.slots], partition.groups, count)
+    known, shared = shared_counts(window.label[partition.slots], partition.groups, count)
     heirs = np.append(np.where(shared.any(axis=1), shared.argmax(axis=1), NO_HYPOTHESIS), NO_HYPOTHESIS)
-    groups[others] = heirs[find(previous_labels[others], known)]
+    groups[others] = heirs[find(window.label[others], known)]
     new = others[groups[others] == NO_HYPOTHESIS]
     groups[new] = _by_place_and_motion(window, new, current, groups[current])
     confidence[others] = np.where(groups[others] == NO_HYPOTHESIS, 0.0, _JOINED_CONFIDENCE)
@@ -55,17 +50,16 @@ def extended(
     )
 
 
-def representatives(window: Window, current: Slots, labels: Labels, share: float) -> Slots:
+def representatives(window: Window, current: Slots, share: float) -> Slots:
     """A share of the current trajectories, as many of every hypothesis, in the order of `current`, intp [m].
 
-    `labels` int64 [capacity] are the hypotheses of all slots. Small spaces are taken whole; the same ones are
-    taken again.
+    Small spaces are taken whole; the same ones are taken again.
     """
     count = max(round(share * len(current)), _MIN_GROUPED)
     if count >= len(current):
         return current
     spread = window.key[current] * _SPREAD % 2**32
-    return current[np.sort(np.lexsort((spread, ranks(labels[current], spread)))[:count])]
+    return current[np.sort(np.lexsort((spread, ranks(window.label[current], spread)))[:count])]
 
 
 def _by_place_and_motion(window: Window, new: Slots, current: Slots, groups: Ints) -> Ints:

@@ -45,9 +45,7 @@ class Space:
         self._window = Window(spec.dim, to_ns(config.window), to_ns(config.track_timeout))
         method = self._method = make_method(config, spec)
         self.tracks = Tracks(self._window, method, stats, timeline.track_timeout_ns)
-        self._hypotheses = Registry(
-            config.hypotheses, space=spec.name, allocator=ids, by_thesis=method.by_thesis
-        )
+        self._hypotheses = Registry(config.hypotheses, spec.name, ids, method.by_thesis)
         # Session numbers and ids of the trajectories that were grouped last.
         self._grouped: tuple[Slots, Ids] = np.zeros(0, np.intp), np.zeros(0, np.uint64)
         self.last: SpaceUpdate | None = None
@@ -112,23 +110,24 @@ class Space:
     def _partition(self, stamp_ns: int, effort: Effort) -> Partition:
         """Group the current trajectories, or some of them; the others keep their groups."""
         window, current = self._window, self.tracks.current
-        previous = Previous(window.label, self._hypotheses.ids)
         self._method.searching = self._groupings % effort.search_every == 0
         self._groupings += 1
-        self.drift.look(window, current, previous.labels, stamp_ns, self._method.delays_ns)
+        self.drift.look(window, current, stamp_ns, self._method.delays_ns)
         steady = window.used.copy()
         for number in self.drift.drifting:
             steady &= window.source != number
-        grouped = representatives(window, current[steady[current]], previous.labels, effort.share)
+        grouped = representatives(window, current[steady[current]], effort.share)
         view = window
         if len(grouped) < len(current):
             sampled = len(grouped) < np.count_nonzero(steady[current])
             view = window.of(grouped if sampled else np.flatnonzero(steady))
-        partition = self._method.partition(view, grouped, stamp_ns, previous)
+        partition = self._method.partition(
+            view, grouped, stamp_ns, Previous(window.label, self._hypotheses.ids)
+        )
         self._grouped = window.source[grouped], window.id[grouped]
         if len(grouped) == len(current):
             return partition
-        return extended(window, partition, grouped, current, previous.labels)
+        return extended(window, partition, grouped, current)
 
     def forget(self, hypothesis: int | None) -> list[int]:
         """Forget a hypothesis, or all; returns those forgotten."""

@@ -33,8 +33,8 @@ from .space_update import SpaceUpdate
 # makes updates slow: a source that spends all of it must not make all others leave out work.
 _GROUPING, _WHOLE = 0.6, 0.85
 _UNDECLARED = SpaceConfig()
-# Share of the spaces that one source may open.
-_OF_ONE_SOURCE = 0.25
+# Spaces at a time, and the share of them that one source may open.
+_MAX_SPACES, _OF_ONE_SOURCE = 256, 0.25
 # ns without data after which a space may have another unit or dimension.
 _RELEASE_NS = 5_000_000_000
 # Rows of an instant that are looked at, for each trajectory that there may be.
@@ -209,11 +209,10 @@ class Spaces:
 
     def _admit_space(self, source: str) -> bool:
         """Whether a source may open one more; of too many, the one without data for longest goes."""
-        most = self.config.limits.spaces
         candidates = [space for space in self if space.owner == source]
-        if len(candidates) < max(_OF_ONE_SOURCE * most, 1):
+        if len(candidates) < _OF_ONE_SOURCE * _MAX_SPACES:
             candidates = list(self)
-            if len(candidates) < most:
+            if len(candidates) < _MAX_SPACES:
                 return True
         oldest = min(candidates, key=lambda space: space.fed_ns)
         if not self._is_released(oldest):

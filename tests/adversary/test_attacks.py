@@ -25,6 +25,7 @@ BUSY = 2.0
 """Load of the machine beyond which the bound on gaps does not hold."""
 BOUND_S = 0.5
 """Longest gap between updates that an attack may cause while the load of the machine is below two."""
+_LITTLE = "import comotion.event_time.timeline as t, comotion_deploy.cli as c; t._STORING = 0.075; c.main()"
 _BUSY = "import time\nend = time.time() + 60\nwhile time.time() < end: sum(range(1000))"
 MOST_MB = 500
 """Two queues of 32 and 64 MB, their messages decoded, and 5000 trajectories."""
@@ -34,7 +35,7 @@ _GIVEN_BACK_S = 22.0
 
 @pytest.fixture
 def enter(tmp_path):
-    """Start a scene: ``enter(serve=(OPTION, ...))``."""
+    """Start a scene: ``enter(serve=COMMAND)``."""
     with ExitStack() as stack:
 
         def start(**options):
@@ -107,7 +108,7 @@ def test_an_attack_costs_its_source_alone(enter, attack, named) -> None:
 @pytest.mark.long
 def test_many_instants_are_over_a_small_budget_on_any_machine(enter) -> None:
     """Storing may take 75 ms a second, a third for each; the attack takes 160 where this was written."""
-    runner = enter(serve=("--set", "limits.processing=0.15"))
+    runner = enter(serve=(sys.executable, "-c", _LITTLE, "serve"))
     assert "over-budget" in attacked(runner, ["many-instants"], SECONDS)
 
 

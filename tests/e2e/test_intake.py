@@ -7,6 +7,7 @@ import zenoh
 from comotion.config import FusionConfig
 from comotion.event_time.stats import Stats
 from comotion.event_time.timeline import Timeline
+from comotion.runtime import intake, queues
 from comotion.runtime.intake import Intake, Statuses, Tokens
 from comotion.runtime.queues import OTHERS
 from comotion_schemas import Keys, encode
@@ -26,10 +27,10 @@ def payload(source, seq):
 class Reader:
     """Polls an intake until enough has come; the event to wait for is what comes in."""
 
-    def __init__(self, session, **options):
+    def __init__(self, session):
         timeline = Timeline(FusionConfig(), Stats())
         self.stats, self.ledger = timeline.stats, timeline.ledger
-        self.intake = Intake(session, KEYS, timeline, **options)
+        self.intake = Intake(session, KEYS, timeline)
         self.got: list[tuple[str, int]] = []
 
     def poll(self, now_ns=0):
@@ -68,9 +69,10 @@ def test_a_source_is_known_by_its_batches_or_by_its_status(router, session):
     until(lambda: not reader.intake.tokens.present, step)
 
 
-def test_no_more_names_are_remembered_than_there_may_be_sources(router, session):
+def test_no_more_names_are_remembered_than_there_may_be_sources(router, session, monkeypatch):
+    monkeypatch.setattr(intake, "MAX_SOURCES", 3)
     names = {f"s-{k}" for k in range(6)}
-    tokens, seconds = Tokens(router, KEYS, 3), count(step=1_000_000_000)
+    tokens, seconds = Tokens(router, KEYS), count(step=1_000_000_000)
     held = {name: session.liveliness().declare_token(KEYS.live("source", name)) for name in names}
 
     def look():
@@ -155,9 +157,10 @@ def test_what_has_no_valid_name_is_refused_and_displaces_nobody(router, session)
 
 
 def test_of_a_storm_of_names_some_are_read_with_those_known_and_those_too_many_refused_and_named(
-    router, session
+    router, session, monkeypatch
 ):
-    reader = Reader(router, most=20)
+    monkeypatch.setattr(queues, "MAX_SOURCES", 20)
+    reader = Reader(router)
     session.put(KEYS.stream("obs", "known"), payload("known", 0))
     reader.until(lambda: len(reader.got) == 1)
     names = [f"new-{k:02}" for k in range(40)]
@@ -180,7 +183,7 @@ class StatusReader:
     """Reads Statuses until enough has come."""
 
     def __init__(self, router):
-        self.statuses = Statuses(router, KEYS, most=100)
+        self.statuses = Statuses(router, KEYS)
         self.got: list[tuple[str, int]] = []
 
     def until(self, fulfilled):
@@ -216,7 +219,8 @@ def test_a_status_about_another_component_is_refused_and_counted(router, session
     assert reader.got == [("cam", 5)]
 
 
-def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(router, session):
+def test_what_is_no_status_or_too_large_and_names_beyond_the_bound_are_refused(router, session, monkeypatch):
+    monkeypatch.setattr(intake, "MAX_SOURCES", 100)
     reader = StatusReader(router)
     put(session, "large", rates={f"stream-{k}": 1.0 for k in range(30_000)})
     session.put(KEYS.stream("status", "cam"), b"\x00")

@@ -6,7 +6,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comotion.config import HypothesesConfig
-from comotion.hypotheses.events import Lifecycle
 from comotion.hypotheses.identity import IdAllocator, balanced, recognised
 from comotion.hypotheses.records import Current, Record
 from comotion.hypotheses.registry import Registry
@@ -18,18 +17,18 @@ from comotion_schemas import Twist
 from ..builders import S, hypothesis
 
 STEP = 100_000_000
-CONFIG = HypothesesConfig(confirm=0.5, memory=5.0, remembered=2)
+CONFIG = HypothesesConfig(confirm=0.5, memory=5.0)
 
 
 class Story:
-    """A lifecycle with updates every 0.1 s."""
+    """A registry with updates every 0.1 s."""
 
     def __init__(self, config=CONFIG):
-        self.lifecycle, self.now, self.events = Lifecycle(config), 0, []
+        self.registry, self.now, self.events = Registry(config, "", IdAllocator()), 0, []
 
     def run(self, updates, sizes, origins=None, heirs=None):
         for _ in range(updates):
-            self.events += self.lifecycle.advance(self.now, sizes, 3, origins or {}, heirs or {})
+            self.events += self.registry.advance(self.now, sizes, 3, origins or {}, heirs or {})
             self.now += STEP
 
     @property
@@ -62,7 +61,8 @@ STORIES = {
 
 
 @pytest.mark.parametrize(("parts", "expected"), STORIES.values(), ids=STORIES)
-def test_what_lasts_makes_events_and_what_reverts_none(parts, expected):
+def test_what_lasts_makes_events_and_what_reverts_none(parts, expected, monkeypatch):
+    monkeypatch.setattr("comotion.hypotheses.registry._REMEMBERED", 2)
     story = Story()
     for part in [(10, {1: 5}), *parts]:
         story.run(*part)
@@ -91,9 +91,9 @@ def test_each_event_follows_from_the_one_before(updates):
         kept = {h: n for h, n in sizes.items() if h not in gone}
         lost = {h: heir for h, heir in heirs.items() if h not in kept and heir in kept}
         for _ in range(repeat):
-            known = set(story.lifecycle.records)
+            known = set(story.registry.records)
             story.run(1, {h: n for h, n in kept.items() if h not in gone}, heirs=lost)
-            gone |= (known | set(kept)) - set(story.lifecycle.records)
+            gone |= (known | set(kept)) - set(story.registry.records)
     follows = {None: {"born", "split"}, "ended": set(), "merged": set(), "absent": {"returned", "ended"}}
     last = {}
     for event in story.events:

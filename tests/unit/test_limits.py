@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from comotion import Fusion, FusionConfig
-from comotion.config import LimitsConfig
 from comotion.event_time.faults import Faults
 from comotion.event_time.stats import MAX_ACCOUNTS, Ledger, Stats
 from comotion.runtime import output
@@ -91,8 +90,9 @@ class TestSpaces:
             fusion.ingest(batch(source, now // (200 * MS), now, space=space))
             fusion.update(now)
 
-    def test_one_without_data_for_5_s_gives_way_to_another(self):
-        fusion = Fusion(FusionConfig(limits=LimitsConfig(spaces=2)))
+    def test_one_without_data_for_5_s_gives_way_to_another(self, monkeypatch):
+        monkeypatch.setattr("comotion.spaces._MAX_SPACES", 2)
+        fusion = Fusion()
         self.run(fusion, 1, "one", "a")
         self.run(fusion, 1, "two", "b")
         self.run(fusion, 1, "three", "c")

@@ -142,8 +142,8 @@ class TestHealth:
 def kept(path, fusion, *, clean=False):
     """Write a state as the service does; returns the bytes."""
     state = fusion.capture(clean=clean)
-    write_ids(path, state.next_id)
-    write_atomically(path, state.pieces())
+    write_ids(path, fusion.next_id)
+    write_atomically(path, state())
     return path.read_bytes()
 
 
@@ -166,7 +166,7 @@ class TestStateFile:
         after = again.update(SECOND)
         assert (after.session, after.hypotheses) == (SESSION, before.hypotheses)
         assert after.track_id.tolist() == [1, 2]
-        assert again.capture().next_id == fusion.capture().next_id
+        assert again.next_id == fusion.next_id
         assert {p.name for p in tmp_path.iterdir()} == {"state", "state.ids"}
         assert {stat.S_IMODE(p.stat().st_mode) for p in tmp_path.iterdir()} == {0o600}
 
@@ -183,25 +183,25 @@ class TestStateFile:
     def test_a_bad_file_is_kept_aside_and_no_id_is_given_out_twice(self, tmp_path, damage, caplog):
         data = damage(kept(tmp_path / "state", running(first_id=5000)))
         (tmp_path / "state").write_bytes(data)
-        assert self.load(tmp_path / "state").capture().next_id > 5000
+        assert self.load(tmp_path / "state").next_id > 5000
         assert (tmp_path / "state.rejected").read_bytes() == data
         assert "starting afresh" in caplog.text
         # The file has been put aside; the next start has the ids alone.
-        assert self.load(tmp_path / "state").capture().next_id > 5000
+        assert self.load(tmp_path / "state").next_id > 5000
 
     @pytest.mark.parametrize("damage", [b"", b"comotion-ids 0\n", b"\xff" * 100])
     def test_damaged_ids_are_said_and_not_believed(self, tmp_path, damage, caplog):
         kept(tmp_path / "state", running(first_id=5000))
         (tmp_path / "state").unlink()
-        assert self.load(tmp_path / "state").capture().next_id > 5000
+        assert self.load(tmp_path / "state").next_id > 5000
         (tmp_path / "state.ids").write_bytes(damage)
-        assert self.load(tmp_path / "state").capture().next_id < 5000
+        assert self.load(tmp_path / "state").next_id < 5000
         assert "state.ids is damaged" in caplog.text
 
     def test_a_state_from_which_no_update_follows_is_refused(self, tmp_path, monkeypatch, caplog):
         kept(tmp_path / "state", running())
         monkeypatch.setattr(Fusion, "update", lambda fusion, now_ns: fusion.no_such_thing)
-        assert self.load(tmp_path / "state").capture().next_id > 1000
+        assert self.load(tmp_path / "state").next_id > 1000
         assert "no update follows from it: AttributeError" in caplog.text
 
     def test_a_state_of_another_scene_is_refused(self, tmp_path, caplog):
@@ -213,7 +213,7 @@ class TestStateFile:
         kept(tmp_path / "state", running(100 * SECOND, first_id=5000))
         again = self.load(tmp_path / "state", now_ns=90 * SECOND)
         assert again.timeline.watermark_ns is None
-        assert again.capture().next_id > 5000
+        assert again.next_id > 5000
         assert "10.0 s in the future" in caplog.text
 
     def test_a_new_scene_keeps_the_one_before_and_says_how_old_it_is(self, tmp_path, caplog):
@@ -222,7 +222,7 @@ class TestStateFile:
         os.utime(tmp_path / "state", (0, time.time() - 600))
         begin_afresh(tmp_path / "state")
         assert "a new scene; the one of 10 min ago is kept" in caplog.text
-        assert self.load(tmp_path / "state.before", now_ns=200 * SECOND).capture().next_id > 5000
+        assert self.load(tmp_path / "state.before", now_ns=200 * SECOND).next_id > 5000
         assert "continuing the scene of 10 min ago" in caplog.text
         assert not (tmp_path / "state").exists()
         begin_afresh(tmp_path / "state")
@@ -255,7 +255,7 @@ class TestStateKeeper:
         spent, now = iter((0, SECOND)), time.monotonic_ns()
         keeper, fusion = StateKeeper(tmp_path / "state", SECOND, Fusion()), Fusion()
         monkeypatch.setattr(time, "thread_time_ns", lambda: next(spent))
-        keeper._write(fusion.capture())
+        keeper._write(1, fusion.capture())
         assert self.taken(keeper, {1}, now)
         assert not self.taken(keeper, {1, 2}, now + 9 * SECOND)
         assert self.taken(keeper, {1, 2}, now + 12 * SECOND)
@@ -270,7 +270,7 @@ class TestStateKeeper:
             if k % 40 == 39:
                 fusion.update(batch.stamp_ns)
                 captured.append((fusion.capture(), fusion.snapshot()))
-        assert all(b"".join(state.pieces()) == data for state, data in captured)
+        assert all(b"".join(state()) == data for state, data in captured)
 
     def test_the_last_state_is_written_before_the_end(self, tmp_path):
         fusion = Fusion()

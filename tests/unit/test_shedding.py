@@ -124,8 +124,6 @@ class TestOverload:
     @pytest.mark.parametrize("shedding", [True, False])
     def test_switched_off_it_leaves_out_nothing(self, shedding):
         fusion = Fusion(FusionConfig(limits={"shedding": shedding}))
-        loop = SimpleNamespace(
-            _fusion=fusion, _overload=Overload(PERIOD), _took_ns=10 * PERIOD, _spent_ns=PERIOD
-        )
-        Loop._judge(loop, 3)
+        loop = SimpleNamespace(_fusion=fusion, _overload=Overload(PERIOD))
+        Loop._judge(loop, 3, 10 * PERIOD, PERIOD)
         assert (loop._overload.level, fusion.stats.overruns) == (8 if shedding else 0, 3)

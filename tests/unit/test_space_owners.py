@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comotion import Fusion, FusionConfig
-from comotion.config import LimitsConfig, SpaceConfig
+from comotion.config import SpaceConfig
 from comotion.runtime.health import in_words
 
 from .. import builders
@@ -109,8 +109,9 @@ def test_the_configuration_has_the_last_word_on_whether_a_frame_moves():
     assert "world" in frames(carried, range(60), other=False)
 
 
-def test_one_source_may_open_a_fourth_of_the_spaces():
-    fusion = Fusion(FusionConfig(limits=LimitsConfig(spaces=8)))
+def test_one_source_may_open_a_fourth_of_the_spaces(monkeypatch):
+    monkeypatch.setattr("comotion.spaces._MAX_SPACES", 8)
+    fusion = Fusion()
     play(
         fusion,
         range(10),

@@ -96,14 +96,6 @@ def test_lateness_is_judged_row_by_row(clock):
     assert (clock.stats.reordered, clock.stats.partly_late, clock.stats.late) == (1, 1, 0)
 
 
-def test_a_move_that_the_table_lacks_is_counted_and_costs_the_batch(clock):
-    clock.feed(batch("a", 0, T0))
-    (entry,) = clock.timeline._inbox
-    for faults in (1, 2):
-        clock.timeline._move(entry, "fused")
-        assert (clock.stats.faults, clock.stats.rejected, clock.stats.waiting) == (faults, {"defect": 1}, 0)
-
-
 def test_the_first_of_all_waits_when_its_clock_is_ahead_until_it_is_clear_who_is_wrong(clock):
     clock.feed(batch("wrong", 0, T0 + 1_001 * MS), batch("right", 0, T0))
     assert clock.at(0) == [(0, "right")]
@@ -218,8 +210,8 @@ def test_a_flood_of_sessions_is_refused_and_the_first_one_goes_on(clock):
     assert clock.stats.waiting == 0
 
 
-def test_one_source_too_many_is_refused_while_all_others_send():
-    clock = Clockwork(limits={"sources": 3})
+def test_one_source_too_many_is_refused_while_all_others_send(clock, monkeypatch):
+    monkeypatch.setattr(timeline, "MAX_SOURCES", 3)
     clock.feed(*(batch(f"s{k}", 0, T0) for k in range(5)))
     assert len(clock.at(0)) == 3
     assert clock.stats.rejected == {"limit": 2}
@@ -255,8 +247,9 @@ def test_more_than_a_source_may_let_wait_is_refused(monkeypatch):
     assert clock.at(30 * MS) == [(11, "a"), (30, "a"), (30, "b")]
 
 
-def test_large_batches_that_wait_are_bounded_by_their_bytes():
-    clock = Clockwork(limits={"waiting": 1.0, "waiting_all": 1.5})
+def test_large_batches_that_wait_are_bounded_by_their_bytes(monkeypatch):
+    monkeypatch.setattr(timeline, "_MAX_BYTES", (1_000_000, 1_500_000))
+    clock = Clockwork()
     many = range(20_000)  # 0.3 MB
     clock.feed(*(batch("a", k, T0 + k * MS, ids=many) for k in range(4)))
     assert clock.stats.rejected == {"limit": 1}

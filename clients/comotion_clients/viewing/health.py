@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from comotion_schemas.colours import GREY, HUES, RGB, legible
-from comotion_schemas.text import counted
+from comotion_schemas.text import counted, duration
 
 from ..scene_rows import HypothesisRow, Snapshot
-from ..watch_columns import HYPOTHESIS_COLUMNS, SOURCE_COLUMNS, duration, markdown, number
+from ..watch_columns import HYPOTHESIS_COLUMNS, SOURCE_COLUMNS, markdown, number
 from .drawing import Shape, entry, labels, page, points, value, warning
 from .paths import Paths, clock
 

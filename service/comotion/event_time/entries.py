@@ -11,7 +11,7 @@ from comotion_schemas import ObservationBatch
 from comotion_schemas.types import Unit
 
 from ..arrays import Bools, Floats, Floats32, Ids, Ints, Stamps
-from . import Event, Stage
+from . import Event
 from .stats import Key
 
 Rank = tuple[int, str, int]
@@ -26,7 +26,6 @@ class Entry:
 
     batch: ObservationBatch
     """What came in."""
-    stage: Stage = Stage.ARRIVED
     repeated: bool = False
     """Whether its sequence number was seen before."""
     at_ns: int = 0

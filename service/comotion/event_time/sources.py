@@ -14,6 +14,8 @@ _GAPS = 15
 _PAST_SESSIONS = 64
 # A source is silent, and hands its name over, after so many of its periods.
 PERIODS = 3
+MAX_SOURCES = 1024
+"""Names at a time."""
 _NEVER_NS = 2**62
 # ns over which a source must have sent to have a share of its own; until then all such have one together.
 _NEW_NS = 1_000_000_000

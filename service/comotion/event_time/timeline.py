@@ -1,6 +1,6 @@
 """Merges batches of many sources, in any order, into one time line.
 
-The rules, and the table of stages, are in :mod:`comotion.event_time`.
+The rules are in :mod:`comotion.event_time`.
 """
 
 from collections.abc import Collection
@@ -12,24 +12,26 @@ from comotion_schemas import ObservationBatch, RejectionReason
 
 from ..config import FusionConfig, to_ns
 from ..saving import plain, restored
-from . import TABLE, Event, Stage
+from . import Event
 from .budget import Budget
 from .clocks import FUTURE_NS, LiveClock, ReplayClock
 from .entries import Entry, in_time_order
 from .faults import Faults
 from .release import End, Load, Release, Store
-from .sources import PERIODS, Source, Sources
+from .sources import MAX_SOURCES, PERIODS, Source, Sources
 from .stats import Key, Ledger, Stats
 from .troubles import Troubles
 
-# Share of `limits.processing` for storing what was read.
-_STORING = 0.5
+# Share of the time for storing what was read.
+_STORING = 0.25
 # Periods that a round makes up for: where updates are slow, batches that came meanwhile are stored as well.
 _ROUNDS = 3
 # ns; the shortest silence after which another session gets the name: more than the jitter of a fast source.
 _HANDOVER_NS = 200_000_000
 # Different row stamps in one batch; batches of a source that wait for the watermark, of rivals for its name.
 _MAX_INSTANTS, _MAX_BATCHES, _MAX_RIVALS = 1024, 4096, 256
+# Bytes of batches that wait, of one source, and of all; beyond the latter each source has its share.
+_MAX_BYTES = 64_000_000, 256_000_000
 
 
 class Timeline:
@@ -46,9 +48,8 @@ class Timeline:
         self.faults = Faults(stats)
         self.sources = Sources(to_ns(config.source_timeout))
         self._inbox: list[Entry] = []
-        waiting = (round(megabytes * 1e6) for megabytes in (config.limits.waiting, config.limits.waiting_all))
-        self._load = Load(_MAX_BATCHES, *waiting)
-        self.budget = Budget(_STORING * config.limits.processing, _ROUNDS * to_ns(config.period))
+        self._load = Load(_MAX_BATCHES, *_MAX_BYTES)
+        self.budget = Budget(_STORING, _ROUNDS * to_ns(config.period))
         self.troubles = Troubles()
         self.ledger = Ledger(stats, self.troubles)
         self._release = Release(self.sources, self._move, self.budget, self.troubles)
@@ -123,26 +124,25 @@ class Timeline:
             del self.sessions[number]
 
     def _move(self, entry: Entry, event: Event) -> None:
-        """Move a batch to the stage that follows, and do what that one asks for."""
+        """Let a batch wait where it must, or book its end."""
         with self.faults.guard("moving a batch on", entry.batch) as failed:
-            entry.stage = TABLE[entry.stage, event]
-            match entry.stage:
-                case Stage.CLOCK:
+            match event:
+                case "far":
                     self.clock.held.append(entry)
                     source = self.sources.sender(entry.key)
                     if source is not None and source.agreed_ns is not None:
                         source.hear(entry.at_ns)
-                case Stage.NAME:
+                case "rival":
                     source = self.sources[entry.batch.source]
                     source.rivals.append(entry)
                     self._hand_over(source)
-                case Stage.WATERMARK:
+                case "own":
                     self._wait(entry)
                 case end:
                     self._load.add(entry.batch.source, entry.size, -1)
-                    account = event if end is Stage.REJECTED else end.value
+                    account = "duplicates" if end == "repeated" else end
                     self.ledger.book(entry.key, {"waiting": -1, account: 1})
-        if failed and (entry.stage, "defect") in TABLE:
+        if failed and event in ("far", "rival", "own"):
             self._move(entry, "defect")
 
     def _decide(self) -> bool:
@@ -212,7 +212,7 @@ class Timeline:
 
     def _admit_source(self) -> bool:
         """Whether one more source is admitted; where there are too many, the one silent for longest goes."""
-        if len(self.sources) < self._config.limits.sources:
+        if len(self.sources) < MAX_SOURCES:
             return True
         idle = self.sources.keys() - self.sources.sending(self.at_ns)
         silent = [(self.sources[n].idle_ns(self.at_ns), n) for n in idle if not self._load.holds(n)]

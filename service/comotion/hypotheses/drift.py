@@ -8,12 +8,12 @@ its clock runs away. A body that moves otherwise for one source alone is no drif
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Labels, Slots, Stamps, find, ranks
+from ..arrays import Floats, Ints, Labels, Slots, Stamps, Table, find, ranks
 from ..geometry.body import pose_columns
 from ..partition import NO_HYPOTHESIS
 from ..trajectories.window import Window
@@ -39,14 +39,16 @@ _CLEAR, _LEFT = 4.0, 6.0
 _AGREE, _EXACT = 16.0, 1e-10
 
 
-class _Motion(NamedTuple):
-    """x1 = R x0 + t, the squared residual, the degrees of freedom left, and how many features tell."""
+@dataclass(frozen=True)
+class _Motions(Table):
+    """Of K hypotheses x1 = R x0 + t, squared residual, degrees of freedom left, and features that tell it."""
 
+    label: Labels
     R: Floats
     t: Floats
-    squared: float
-    freedom: int
-    features: int
+    squared: Floats
+    freedom: Ints
+    features: Ints
 
 
 # Of N trajectories: positions and velocities at the beginning and the end, session and hypothesis.
@@ -72,10 +74,8 @@ class DriftCheck:
         """Numbers of the sessions that drift, ascending."""
         return sorted(number for number, looks in self._counts.items() if looks >= _LOOKS)
 
-    def look(
-        self, window: Window, current: Slots, labels: Labels, stamp_ns: int, delays_ns: Mapping[int, int]
-    ) -> None:
-        """Compare what sources see of the current slots intp [n]; `labels` are the hypotheses of all slots.
+    def look(self, window: Window, current: Slots, stamp_ns: int, delays_ns: Mapping[int, int]) -> None:
+        """Compare what sources see of the current slots intp [n].
 
         `delays_ns` is to be added to the times of session numbers: of a source whose delay is long the
         velocities would not tell it.
@@ -92,7 +92,7 @@ class DriftCheck:
         if self._looks and len(present) > 1:
             seen = _seen(window, current, *self._looks[0][1:], stamp_ns - _LAG_NS, delays_ns)
             apart = _judged(seen, drifting)
-        self._looks.append((stamp_ns, window.key[current], labels[current]))
+        self._looks.append((stamp_ns, window.key[current], window.label[current]))
         lasting = {number: self._counts[number] - 1 for number in drifting}
         again = {number: self._counts.get(number, 0) + 1 for number in apart}
         most = _LOOKS + _MORE_LOOKS - 1
@@ -148,11 +148,11 @@ def _judged(seen: _Seen, drifting: Collection[int]) -> set[int]:
         if len(gains) == 2:
             apart = {number: _calmest(rest[own]) for number, own in views.items()}
         judged.add(max(apart, key=lambda number: apart[number]))
-    motions = _motions(rest) if drifting else {}
+    motions = _motions(rest)
     return judged - {number for number in drifting if _gain(motions, seen[seen["source"] == number]) < 1}
 
 
-def _motions(seen: _Seen) -> dict[int, _Motion]:
+def _motions(seen: _Seen) -> _Motions:
     """Of each hypothesis that enough features tell, the rigid motion that fits best (Kabsch)."""
     dim = seen["first"].shape[1]
     names, row, counts = np.unique(seen["label"], return_inverse=True, return_counts=True)
@@ -164,38 +164,32 @@ def _motions(seen: _Seen) -> dict[int, _Motion]:
     R = (U @ V).transpose(0, 2, 1)
     t = now - np.einsum("kij,kj->ki", R, middle)
     squares = ((np.einsum("nij,nj->ni", R[row], first) - last) ** 2).sum(1)
-    squared = np.bincount(row, squares, len(names)).tolist()
-    return {
-        label: _Motion(R[k], t[k], squared[k], count * dim - dim * (dim + 1) // 2, count)
-        for k, (label, count) in enumerate(zip(names.tolist(), counts.tolist(), strict=True))
-        if count > dim
-    }
+    squared = np.asarray(np.bincount(row, squares, len(names)), np.float64)
+    freedom = counts * dim - dim * (dim + 1) // 2
+    return _Motions(names, R, t, squared, freedom, counts).of(counts > dim)
 
 
-def _gain(motions: dict[int, _Motion], seen: _Seen) -> float:
+def _gain(motions: _Motions, seen: _Seen) -> float:
     """What a change of a source's offset explains by the motions that others see: 1 is clear.
 
     NaN where they share too little, or where no change explains the difference.
     """
     names, counts = np.unique(seen["label"], return_counts=True)
-    enough = set(names[counts >= _MIN_FEATURES].tolist())
-    shared = _agreed({body: motion for body, motion in motions.items() if body in enough}, seen["first"])
+    enough = np.isin(motions.label, names[counts >= _MIN_FEATURES])
+    shared = _agreed(motions.of(enough), seen["first"])
     if len(shared) < _MIN_BODIES:
         return np.nan
-    seen = seen[np.isin(seen["label"], list(shared))]
+    seen = seen[np.isin(seen["label"], shared.label)]
     centre = seen["first"].mean(0)
     extent = float(np.sqrt(((seen["first"] - centre) ** 2).sum(1).mean()))
-    bodies = list(shared)
-    turn, shift = (np.array([getattr(shared[body], name) for body in bodies]) for name in ("R", "t"))
-    row = (seen["label"][:, None] == bodies).argmax(1)
-    R, t = turn[row], shift[row]
+    row = (seen["label"][:, None] == shared.label).argmax(1)
+    R, t = shared.R[row], shared.t[row]
     apart = seen["last"] - np.einsum("nij,nj->ni", R, seen["first"]) - t
     first_offsets = _offsets(seen["first"], seen["first_speed"], centre)
     last_offsets = _offsets(seen["last"], seen["last_speed"], centre)
     lasting = last_offsets - R @ first_offsets
     # That of the worse side: thousands of exact features do not make the others exact.
-    sides = [list(side.values()) for side in (shared, _motions(seen))]
-    squares = [sum(m.squared for m in side) / max(sum(m.freedom for m in side), 1) for side in sides]
+    squares = [side.squared.sum() / max(side.freedom.sum(), 1) for side in (shared, _motions(seen))]
     noise = float(np.sqrt(max(squares))) + 1e-9 * extent
     dim = len(centre)
     prior = np.repeat([_ROTATION, _SHIFT * extent, _DELAY], [2 * dim - 3, dim, 1]) / noise
@@ -203,21 +197,19 @@ def _gain(motions: dict[int, _Motion], seen: _Seen) -> float:
     constant = _least_cost(e, J0 * prior)
     changing = _least_cost(e, np.hstack([J0 * prior, J1 * prior * _CHANGE]))
     # The fewer features tell the motions, the more their errors look like a change.
-    features = sum(motion.features for motion in shared.values())
-    clear = _CLEAR * len(prior) * (1 + 2 * len(seen) / features)
-    return (constant - changing) / clear if changing < _LEFT * len(e) else np.nan
+    clear = _CLEAR * len(prior) * (1 + 2 * len(seen) / shared.features.sum())
+    return float((constant - changing) / clear) if changing < _LEFT * len(e) else np.nan
 
 
-def _agreed(motions: dict[int, _Motion], places: Floats) -> dict[int, _Motion]:
+def _agreed(motions: _Motions, places: Floats) -> _Motions:
     """Bodies that others see move as one, in a scene of places [n, dim].
 
     Where they disagree one of them may be right: what they see together is no measure for another.
     """
-    if not motions:
-        return {}
-    noise = {body: motion.squared / max(motion.freedom, 1) for body, motion in motions.items()}
-    most = max(_AGREE * min(noise.values()), _EXACT * float(places.var(0).sum()))
-    return {body: motion for body, motion in motions.items() if noise[body] <= most}
+    if not len(motions):
+        return motions
+    noise = motions.squared / np.maximum(motions.freedom, 1)
+    return motions.of(noise <= max(_AGREE * noise.min(), _EXACT * float(places.var(0).sum())))
 
 
 def _offsets(places: Floats, speeds: Floats, centre: Floats) -> Floats:

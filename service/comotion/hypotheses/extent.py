@@ -15,8 +15,7 @@ from comotion_schemas import Box
 
 from ..arrays import Floats, Ints, median
 from ..geometry.rotation import quaternion
-from .records import Record
-from .sides import FAR, apart_of, sides_of
+from .records import FAR, Record, apart_of, sides_of
 
 # Points of lost features of one hypothesis; of more, those remain that are farthest in some direction.
 _MAX_POINTS = 256

@@ -15,7 +15,7 @@ from ..arrays import Bools, Floats, Ints, Labels, Slots, distinct, last_true, th
 from ..matching import continued, largest_first, largest_total
 from ..partition import NO_HYPOTHESIS, Partition
 from ..trajectories.window import Window
-from .records import Record
+from .records import MEMBERS, Record
 
 # ns. A member for so long is established: it votes for its hypothesis as long again when it changes groups.
 # After a gap in all data all may be one group at first, and two halves of a body that a wrong clock has split
@@ -25,8 +25,6 @@ _TENURE_NS = 2_000_000_000
 # others have as many for the latter. The first part settles it, the second one keeps two halves from trading
 # an id.
 _ESTABLISHED_VOTES, _VOTES = 3, 1
-# With so many current established members others have no say, as many as confirm a hypothesis by default.
-_ENOUGH_ESTABLISHED = 3
 # A crash may come after ids were given out that nobody else has seen; ids are never reused.
 ID_GAP = 1000
 # s; a body is expected to return to the place about which it moves within so long.
@@ -114,7 +112,7 @@ def _overruled(window: Window, partition: Partition, current: Slots, sources: In
     deciding = established & seen & partition.deciding & (partition.groups >= 0)
     row, counts = _counts(window.label[partition.slots], sources, deciding)
     new = ~established & (counts[row, sources] == 0)
-    return np.asarray((counts.sum(1)[row] >= _ENOUGH_ESTABLISHED) & (~seen | new))
+    return np.asarray((counts.sum(1)[row] >= MEMBERS) & (~seen | new))
 
 
 def balanced(labels: Labels, sources: Ints) -> Floats:

@@ -5,12 +5,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from comotion_schemas import Hypothesis
 
 from ..arrays import Bools, Floats, Ints, Labels, Slots, Stamps, Table, find, median
 from ..partition import NO_HYPOTHESIS, PoseReference
-from .sides import FAR, apart_of, sides_of
 
 # ns; lost features count among the last members of their hypothesis for so long.
 _LAST_MEMBERS_NS = 2_000_000_000
@@ -18,8 +18,12 @@ _LAST_MEMBERS_NS = 2_000_000_000
 _LASTING_NS = 500_000_000
 # s; the place about which a body moves, and the sides of a box without a pose, are means over so long.
 _PLACE, _SIDES = 5.0, 0.25
+MEMBERS = 3
+"""Current members that confirm a hypothesis, and that decide alone whose id it has."""
 NEVER_NS = 2**62
 """Later than any time."""
+FAR = 8.0
+"""Times the usual distance to the second neighbour from which on a point is far from all others."""
 
 
 @dataclass(frozen=True)
@@ -232,3 +236,26 @@ def majority(labels: Labels, least: int) -> int | None:
     """Hypothesis of most of some trajectories; None where fewer than `least` have any."""
     names, counts = np.unique(labels[labels != NO_HYPOTHESIS], return_counts=True)
     return int(names[counts.argmax()]) if len(names) and counts.sum() >= least else None
+
+
+def apart_of(points: Floats) -> Floats:
+    """Distance of points [m, dim] to the second neighbour, if there are as many, float64 [m]."""
+    apart, _ = cKDTree(points).query(points, k=[min(3, len(points))])
+    return np.asarray(apart[:, 0])
+
+
+def sides_of(along: Floats, far: float) -> tuple[Floats, Floats]:
+    """Least and largest coordinates [dim] of points [m, dim] that are not as far from all others.
+
+    Of all, where more than half are: then the body has other points than those that `far` was measured on.
+    """
+    kept = np.arange(len(along))
+    while 2 * len(kept) >= len(along):
+        points = along[kept]
+        ends = np.concatenate([points.argmin(0), points.argmax(0)])
+        squares = ((points[ends, None] - points) ** 2).sum(2)
+        alone = np.count_nonzero(squares <= far**2, 1) <= min(2, len(points) - 1)
+        if not alone.any():
+            return points.min(0), points.max(0)
+        kept = np.delete(kept, ends[alone])
+    return along.min(0), along.max(0)

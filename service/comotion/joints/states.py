@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Floats, Stamps, Table, inverses
+from ..geometry.body import pose_columns
 from ..geometry.rotation import rotation_vectors
 from ..partition import BodyMotion
 
@@ -57,7 +58,7 @@ def averaged(states: States) -> States:
         return states
     return States(
         second.stamps,
-        turned(first.R, 0.5 * turns_between(second.R, first.R)),
+        Rotation.from_rotvec(0.5 * turns_between(second.R, first.R)).as_matrix() @ first.R,
         (first.p + second.p) / 2,
         first.information + second.information,
     )
@@ -93,15 +94,7 @@ def relative_states(parent: BodyMotion, child: BodyMotion, point: Floats) -> Sta
 
 def skew(v: Floats) -> Floats:
     """Matrices [v]x of vectors [n, 3], [n, 3, 3]."""
-    matrices = np.zeros((len(v), 3, 3))
-    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
-    return matrices
-
-
-def turned(R: Floats, by: Floats) -> Floats:
-    """Rotations [n, 3, 3] turned by rotation vectors [n, 3] or [3] of the outer axes."""
-    return np.asarray(Rotation.from_rotvec(by).as_matrix() @ R)
+    return -pose_columns(v, 3)[:, :, :3]
 
 
 def turns_between(R: Floats, reference: Floats) -> Floats:

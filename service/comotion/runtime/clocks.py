@@ -24,6 +24,7 @@ from comotion_schemas.clock_bounds import ClockBounds
 from comotion_schemas.component import Component
 
 from ..event_time.clocks import FUTURE_NS
+from ..event_time.sources import MAX_SOURCES
 from ..shedding import MOST, Load, describe
 from .log_limit import limited
 
@@ -44,7 +45,6 @@ _FORGET_S = 60.0  # after the last token or Status of a source
 # A step is worth a note for so long.
 _NOTED_S = 60.0
 _NOTES = 8
-_MOST_SOURCES = 1024
 # Corrections smaller than this, or than the error of the estimate, are not worth a jump in the stamps.
 _LEAST_CORRECTION_S = 0.001
 _log = limited(__name__)
@@ -193,7 +193,7 @@ class SourceClocks:
         self._sources: dict[str, _Source] = {}
         self._notes: deque[tuple[float, str]] = deque(maxlen=_NOTES)
         # Names and round trips in s; Zenoh's threads add to it.
-        self._answers: deque[tuple[str, float]] = deque(maxlen=_MOST_SOURCES)
+        self._answers: deque[tuple[str, float]] = deque(maxlen=MAX_SOURCES)
 
     def offsets(self) -> dict[str, float]:
         """How far each source's clock is ahead of this one's, in s; none for those unknown or gone."""
@@ -221,7 +221,7 @@ class SourceClocks:
         """Add the Status of a source that arrived at a time of this machine's wall clock, s."""
         self._take_answers()
         name, now = status.component, time.monotonic()
-        if len(self._sources) >= _MOST_SOURCES and name not in self._sources:
+        if len(self._sources) >= MAX_SOURCES and name not in self._sources:
             return
         source = self._sources.setdefault(name, _Source())
         source.seen_s = now

@@ -24,6 +24,7 @@ from comotion_schemas.keys import publisher_of
 from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
+from ..event_time.sources import MAX_SOURCES
 from ..event_time.timeline import Timeline
 from .log_limit import limited
 from .queues import OTHERS, Payload, Queues
@@ -41,17 +42,17 @@ _log = limited(__name__)
 
 
 class Intake(Queues):
-    """All subscriptions of the service to `most` sources; refusals and overflow go to the time line's ledger.
+    """All subscriptions of the service; refusals and overflow go to the time line's ledger.
 
     `rejection` is the key and reason of the newest payload that was refused; empty before any.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, timeline: Timeline, most: int = 1024) -> None:
+    def __init__(self, session: zenoh.Session, keys: Keys, timeline: Timeline) -> None:
         self._ledger, self._faults = timeline.ledger, timeline.faults
         self.rejection = ""
-        self.tokens = Tokens(session, keys, most)
-        self.statuses = Statuses(session, keys, most)
-        super().__init__(session, keys, most)
+        self.tokens = Tokens(session, keys)
+        self.statuses = Statuses(session, keys)
+        super().__init__(session, keys)
 
     def receive(self, monotonic_ns: int, budget_ns: int = 2**62) -> Iterator[ObservationBatch]:
         """Yield valid batches that have arrived: of each source in the order of arrival, in turns.
@@ -85,7 +86,7 @@ class Intake(Queues):
         with self._faults.guard("decoding a batch") as failed:
             try:
                 if queue == OTHERS and is_name(name):
-                    raise DecodeError("limit", f"more than {self._most} sources")
+                    raise DecodeError("limit", f"more than {MAX_SOURCES} sources")
                 batch = decode_as(ObservationBatch, content)
                 if batch.source != name:
                     raise DecodeError("source-mismatch", f"source {batch.source!r} on the key of {name!r}")
@@ -104,15 +105,14 @@ class Intake(Queues):
 
 
 class Statuses:
-    """The subscription; a thread keeps the newest of each of so many components, with its time of arrival.
+    """The subscription; a thread keeps the newest of each component, with its time of arrival.
 
     `refused` counts those of another component than that of the key, those that are no Status, and those of
     more components than are remembered.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
         self.refused = 0
-        self._most = most
         self._lock = threading.Lock()
         self._unread: dict[str, tuple[bytes, float]] = {}
         self._read_ns: dict[str, int] = {}
@@ -133,7 +133,7 @@ class Statuses:
         """Keep the newest of a component; called in the thread."""
         name = publisher_of(key)
         with self._lock:
-            if name in self._unread or (len(self._unread) < self._most and is_name(name)):
+            if name in self._unread or (len(self._unread) < MAX_SOURCES and is_name(name)):
                 self._unread[name] = content, time.time()
             else:
                 self.refused += 1
@@ -153,14 +153,14 @@ class Statuses:
 
 
 class Tokens:
-    """Presence of sources, of `most` names at most.
+    """Presence of sources, of :data:`MAX_SOURCES` names at most.
 
     `present` are the names whose token is there, and since when in monotonic ns; `heard` those of which
     something has come since the last queries.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
-        self._session, self._keys, self._most = session, keys, most
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+        self._session, self._keys = session, keys
         self._due_ns = self._pending = 0
         self._turn: list[str] = []
         # Names, and whether their token is there; None: no router has answered. Zenoh's threads add to it.
@@ -173,7 +173,7 @@ class Tokens:
         while self._answers:
             self._pending -= 1
             name, alive = self._answers.popleft()
-            if alive and name not in self.present and len(self.present) < self._most:
+            if alive and name not in self.present and len(self.present) < MAX_SOURCES:
                 self.present[name] = monotonic_ns
                 _log.info("source %s is here", name)
             elif alive is False and self.present.pop(name, None) is not None:

@@ -30,12 +30,11 @@ from .state_file import StateKeeper
 
 # The loop looks for new data at least this often: often enough that little is left at the deadline.
 _SLICE_NS = 20_000_000
-# Share of a turn for answering queries; one is always answered.
-_ANSWERING = 0.1
-# Twice per Status, which is published every second.
+# Shares of a turn for reading batches and for answering queries; of each one is taken in any case.
+_READING, _ANSWERING = 0.5, 0.1
+# Between two reports, two for each Status. Memory is given back with them, which takes some 3 ms where an
+# attack has taken much, else half of one.
 _REPORT_NS = 500_000_000
-# Between two times at which memory is given back: some 3 ms where an attack has taken much, else half of one.
-_FREE_NS = 1_000_000_000
 
 
 class Loop:
@@ -54,23 +53,21 @@ class Loop:
     ) -> None:
         self._fusion, self._component, self._leadership = fusion, component, leadership
         self._health, self._keeper, self._source_clocks = health, keeper, clocks
-        period_ns, limits = to_ns(fusion.config.period), fusion.config.limits
+        period_ns = to_ns(fusion.config.period)
         self._overload = Overload(period_ns)
         # On a busy machine spaces wait rather than the update; batches that wait for too long would be lost.
         fusion.measure(time.thread_time_ns, self._overload.cost_ns)
-        self._intake = Intake(component.session, component.keys, fusion.timeline, limits.sources)
+        self._intake = Intake(component.session, component.keys, fusion.timeline)
         self._clock = EventClock(fusion.timeline.watermark_ns) if recorded else WallClock()
         if recorded:
             fusion.timeline.replay()
-        self._due_ns: dict[str, int] = {}
+        self._report_ns = 0
         labels = {"scene": component.keys.scene, "component": component.name, "role": "service"}
         self._tick_time = metrics.histogram("tick_seconds", **labels)
         self._lag = metrics.histogram("watermark_lag_seconds", **labels)
         # The loop looks for data in slices of a period.
-        self._reading_ns = round(limits.processing * min(period_ns, 2 * _SLICE_NS))
+        self._reading_ns = round(_READING * min(period_ns, 2 * _SLICE_NS))
         self._answering_ns = round(_ANSWERING * min(period_ns, 2 * _SLICE_NS))
-        # How long the last update took, and its processor time.
-        self._took_ns = self._spent_ns = 0
         self._follower = None
         if isinstance(leadership, Election):
             self._follower = Follower(component, leadership, fusion, self._intake)
@@ -95,27 +92,27 @@ class Loop:
                     self._component.stop.wait(min(spare_ns, _SLICE_NS) / 1e9)
                     continue
                 self._update(ticker)
-                self._judge(ticker.advance(time.monotonic_ns()))
 
     def _update(self, ticker: Ticker) -> None:
         """Compute an update, publish it at its deadline, and tidy up."""
+        took_ns = cost_ns = 0
         with self._fusion.timeline.faults.guard("an update"):
             began_ns, spent_ns = time.monotonic_ns(), time.thread_time_ns()
             update = self._fusion.update(*self._now(), level=self._overload.level)
-            self._took_ns = time.monotonic_ns() - began_ns
-            self._spent_ns = time.thread_time_ns() - spent_ns
-            ticker.note(self._took_ns)
-            self._tick_time(self._took_ns / 1e9)
+            took_ns, cost_ns = time.monotonic_ns() - began_ns, time.thread_time_ns() - spent_ns
+            ticker.note(took_ns)
+            self._tick_time(took_ns / 1e9)
             self._component.stop.wait(max(0, ticker.remaining_ns(time.monotonic_ns())) / 1e9)
             self._last = self._publish(update)
         with self._fusion.timeline.faults.guard("housekeeping"):
             self._tidy()
+        self._judge(ticker.advance(time.monotonic_ns()), took_ns, cost_ns)
 
-    def _judge(self, skipped: int) -> None:
+    def _judge(self, skipped: int, took_ns: int, cost_ns: int) -> None:
         """Count deadlines that were skipped, and leave out work where updates take too long."""
         self._fusion.stats.overruns += skipped
         if self._fusion.config.limits.shedding:
-            self._overload.note(self._took_ns, self._spent_ns, time.monotonic_ns())
+            self._overload.note(took_ns, cost_ns, time.monotonic_ns())
 
     def _receive(self) -> None:
         now, fusion = time.monotonic_ns(), self._fusion
@@ -162,23 +159,17 @@ class Loop:
         for fault in self._fusion.timeline.faults.take():
             log_defect(fault)
         self._health.alive_ns = at_ns = time.monotonic_ns()
-        if self._is_due("report", at_ns, _REPORT_NS):
+        if at_ns >= self._report_ns:
+            self._report_ns = at_ns + _REPORT_NS
             error, clocks = "" if self._keeper is None else self._keeper.error, self._source_clocks
             notes = [*([error] if error else []), *self._overload.notes(), *clocks.notes()]
             self._health.report(at_ns, self._now()[0], self._fusion.timeline, self._intake, clocks, notes)
-        if self._is_due("free", at_ns, _FREE_NS):
             gc.collect()
             # Large batches leave holes that the C library would keep; glibc alone can give them back.
             if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
                 trim(0)
         if self._keeper is not None:
             self._keeper.after(frozenset(h.id for h in self._last.hypotheses), time.monotonic_ns())
-
-    def _is_due(self, task: str, at_ns: int, every_ns: int) -> bool:
-        due = at_ns >= self._due_ns.get(task, 0)
-        if due:
-            self._due_ns[task] = at_ns + every_ns
-        return due
 
 
 @contextmanager

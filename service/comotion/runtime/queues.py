@@ -18,6 +18,7 @@ from comotion_schemas.transport import Receiver
 from comotion_schemas.types import is_name
 
 from ..event_time.release import Load
+from ..event_time.sources import MAX_SOURCES
 
 # Without data for so long a source is silent, and gives way to one too many.
 _SILENT_NS = 1_000_000_000
@@ -51,13 +52,12 @@ class Queue:
 
 
 class Queues:
-    """The subscription to the observations of a scene, and a queue for each of so many sources.
+    """The subscription to the observations of a scene, and a queue for each of :data:`MAX_SOURCES`.
 
     `of` are the queues by name, the one heard last at the end.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, most: int) -> None:
-        self._most = most
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
         self._lock = threading.Lock()
         self._load = Load(_MOST_BATCHES, _MOST_BYTES, _ALL_BYTES)
         self.of = {OTHERS: Queue()}
@@ -111,7 +111,7 @@ class Queues:
         return payload
 
     def _admits(self, name: str, now_ns: int) -> bool:
-        if not is_name(name) or len(self.of) <= self._most:
+        if not is_name(name) or len(self.of) <= MAX_SOURCES:
             return is_name(name)
         oldest = next(source for source in self.of if source != OTHERS)
         if self.of[oldest].waiting or now_ns - self.of[oldest].used_ns <= _SILENT_NS:

@@ -8,7 +8,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -16,11 +16,12 @@ from typing import Any, Self
 
 from comotion_schemas import UNDETERMINED
 from comotion_schemas.errors import KnownError
+from comotion_schemas.text import duration
 from comotion_schemas.transport import DEFAULT_ENDPOINT
 
 from ..config import FusionConfig
 from ..event_time.clocks import FUTURE_NS
-from ..fusion import Capture, Fusion
+from ..fusion import Fusion
 from ..saving import MAX_BYTES
 
 _IDS = re.compile(rb"comotion-ids (\d{1,10})\n")
@@ -85,11 +86,7 @@ def begin_afresh(path: Path) -> None:
 
 def _age(path: Path) -> str:
     """How long ago a file was written, in words."""
-    seconds = max(time.time() - path.stat().st_mtime, 0.0)
-    for unit, length in (("days", 86_400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit} ago"
-    return f"{seconds:.0f} s ago"
+    return f"{duration(max(time.time() - path.stat().st_mtime, 0.0))} ago"
 
 
 def _continued(data: bytes, config: FusionConfig, scene: str, session: str, now_ns: int | None) -> Fusion:
@@ -212,14 +209,16 @@ class StateKeeper:
     def _take(self, *, clean: bool = False) -> None:
         # In the place of one that still waits.
         self._newest.cancel()
-        self._newest = self._writer.submit(self._write, self._fusion.capture(clean=clean))
+        self._newest = self._writer.submit(
+            self._write, self._fusion.next_id, self._fusion.capture(clean=clean)
+        )
 
-    def _write(self, state: Capture) -> None:
+    def _write(self, next_id: int, pieces: Callable[[], list[Any]]) -> None:
         began = time.thread_time_ns()
         try:
-            if state.next_id >= self._reserved:
-                self._reserved = write_ids(self._path, state.next_id)
-            write_atomically(self._path, state.pieces())
+            if next_id >= self._reserved:
+                self._reserved = write_ids(self._path, next_id)
+            write_atomically(self._path, pieces())
             self.error = ""
         # In a thread of its own: what is raised here nobody would see, and the next state may be written.
         except Exception as error:

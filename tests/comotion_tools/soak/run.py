@@ -54,7 +54,7 @@ def _processes(
     record = ("record", str(folder / f"take-{STARTS}.mcap"), "--max-size", "20")
     commands = {
         "router": (*COMOTION, "router", "--listen", endpoint),
-        "service": (*COMOTION, "serve", "--state", str(folder / "scene.state"), *serve, *at),
+        "service": (*serve, "--state", str(folder / "scene.state"), *at),
         **{name: load.command(endpoint, SCENE, name, features) for name in SOURCES},
         "recorder": (*COMOTION, *record, *at),
         "viewer": (*COMOTION, "watch", *at),
@@ -66,7 +66,7 @@ class Runner(Watched):
     """A running system under faults; a context manager that stops it all, as `stop` does when set.
 
     Its router listens at the endpoint; logs, state and recording go to the folder; `say` is called with lines
-    of progress. `features` are those of each body in each source, `serve` further options of the service.
+    of progress. `features` are those of each body in each source, `serve` the command of the service.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Runner(Watched):
         say: Callable[[str], None],
         *,
         features: int | None = None,
-        serve: tuple[str, ...] = (),
+        serve: tuple[str, ...] = (*COMOTION, "serve"),
     ) -> None:
         super().__init__(_processes(endpoint, folder, features, serve), SCENE, endpoint, stop)
         self._folder, self.say = folder, say
