@@ -96,6 +96,14 @@ def test_lateness_is_judged_row_by_row(clock):
     assert (clock.stats.reordered, clock.stats.partly_late, clock.stats.late) == (1, 1, 0)
 
 
+def test_a_move_that_the_table_lacks_is_counted_and_costs_the_batch(clock):
+    clock.feed(batch("a", 0, T0))
+    (entry,) = clock.timeline._inbox
+    for faults in (1, 2):
+        clock.timeline._move(entry, "fused")
+        assert (clock.stats.faults, clock.stats.rejected, clock.stats.waiting) == (faults, {"defect": 1}, 0)
+
+
 def test_the_first_of_all_waits_when_its_clock_is_ahead_until_it_is_clear_who_is_wrong(clock):
     clock.feed(batch("wrong", 0, T0 + 1_001 * MS), batch("right", 0, T0))
     assert clock.at(0) == [(0, "right")]

@@ -1,9 +1,9 @@
 """Event time: puts the batches of many sources in time order, and keeps their accounts.
 
 Event time is one state machine, :class:`.timeline.Timeline`: what is found about a batch (:data:`Event`)
-says where it waits, or how it ends. Both its clocks come from the caller: `now_ns` is what stamps are
-compared with; `at_ns` is when something arrived, and must never be set. The rules are those of
-docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
+leads it from :class:`Stage` to stage, as :data:`TABLE` says. Both its clocks come from the caller: `now_ns`
+is what stamps are compared with; `at_ns` is when something arrived, and must never be set. The rules are
+those of docs/protocol.md, "Time"; the accounts are those of Status (:mod:`.stats`).
 
 A batch comes in (`receive`):
 
@@ -42,10 +42,44 @@ The following is forgotten:
     been silent for `limits.expiry` (`forget_idle`). One source too many displaces the one silent for longest.
 """
 
+from enum import Enum
 from typing import Literal
 
 from comotion_schemas import RejectionReason
 
+
+class Stage(Enum):
+    """A stage of a batch on its way; the last five are its end, by the name of its account."""
+
+    ARRIVED = "arrived"
+    CLOCK, NAME, WATERMARK = "clock", "name", "watermark"
+    """It waits until it is clear whose clock is wrong, who has the name, and for the watermark."""
+    FUSED, PARTLY_LATE, LATE, DUPLICATE, REJECTED = "fused", "partly_late", "late", "duplicates", "rejected"
+
+
 Event = Literal["repeated", "far", "rival", "own", "late", "partly_late", "fused"] | RejectionReason
-"""What is found about a batch. It waits until it is clear whose clock is wrong (`far`) or who has the name
-(`rival`), or for the watermark (`own`). All else is its end: its account, or why it is rejected."""
+"""What is found about a batch, such as that it is far from now, or of a rival; why it is rejected, too."""
+
+TABLE: dict[tuple[Stage, Event], Stage] = {
+    (Stage.ARRIVED, "repeated"): Stage.DUPLICATE,  # rule 1
+    (Stage.ARRIVED, "far"): Stage.CLOCK,  # 3
+    (Stage.ARRIVED, "late"): Stage.LATE,  # 5
+    (Stage.ARRIVED, "rival"): Stage.NAME,
+    (Stage.ARRIVED, "own"): Stage.WATERMARK,
+    (Stage.CLOCK, "repeated"): Stage.DUPLICATE,
+    (Stage.CLOCK, "late"): Stage.LATE,
+    (Stage.CLOCK, "rival"): Stage.NAME,
+    (Stage.CLOCK, "own"): Stage.WATERMARK,
+    (Stage.NAME, "own"): Stage.WATERMARK,
+    (Stage.WATERMARK, "late"): Stage.LATE,  # 7 and 10
+    (Stage.WATERMARK, "partly_late"): Stage.PARTLY_LATE,
+    (Stage.WATERMARK, "fused"): Stage.FUSED,  # 9
+}
+"""The stage that follows; what is not in the table is a defect, and costs the batch."""
+_REJECTED: dict[Stage, tuple[RejectionReason, ...]] = {
+    Stage.ARRIVED: ("space-mismatch", "range", "limit", "future", "past", "defect"),  # 2 and 4
+    Stage.CLOCK: ("limit", "future", "past", "defect"),
+    Stage.NAME: ("duplicate-name", "defect"),  # 5
+    Stage.WATERMARK: ("space-mismatch", "range", "limit", "over-budget", "defect"),  # 9 and 11
+}
+TABLE |= {(stage, why): Stage.REJECTED for stage, reasons in _REJECTED.items() for why in reasons}

@@ -11,7 +11,7 @@ from comotion_schemas import ObservationBatch
 from comotion_schemas.types import Unit
 
 from ..arrays import Bools, Floats, Floats32, Ids, Ints, Stamps
-from . import Event
+from . import Event, Stage
 from .stats import Key
 
 Rank = tuple[int, str, int]
@@ -26,6 +26,7 @@ class Entry:
 
     batch: ObservationBatch
     """What came in."""
+    stage: Stage = Stage.ARRIVED
     repeated: bool = False
     """Whether its sequence number was seen before."""
     at_ns: int = 0

@@ -18,7 +18,7 @@ from .troubles import Troubles
 # ns for which a source may be behind the watermark because of its cost; then what it has there is dropped.
 _PATIENCE_NS = 1_000_000_000
 Move = Callable[[Entry, Event], None]
-"""Moves a batch on by what has become of it."""
+"""Moves a batch to its next stage."""
 Store = Callable[[Instants], RejectionReason | None]
 """Fuses instants that come out, or says why they are refused."""
 End = Callable[[int], None]

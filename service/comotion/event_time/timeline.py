@@ -1,6 +1,6 @@
 """Merges batches of many sources, in any order, into one time line.
 
-The rules are in :mod:`comotion.event_time`.
+The rules, and the table of stages, are in :mod:`comotion.event_time`.
 """
 
 from collections.abc import Collection
@@ -12,7 +12,7 @@ from comotion_schemas import ObservationBatch, RejectionReason
 
 from ..config import FusionConfig, to_ns
 from ..saving import plain, restored
-from . import Event
+from . import TABLE, Event, Stage
 from .budget import Budget
 from .clocks import FUTURE_NS, LiveClock, ReplayClock
 from .entries import Entry, in_time_order
@@ -124,25 +124,26 @@ class Timeline:
             del self.sessions[number]
 
     def _move(self, entry: Entry, event: Event) -> None:
-        """Let a batch wait where it must, or book its end."""
+        """Move a batch to the stage that follows, and do what that one asks for."""
         with self.faults.guard("moving a batch on", entry.batch) as failed:
-            match event:
-                case "far":
+            entry.stage = TABLE[entry.stage, event]
+            match entry.stage:
+                case Stage.CLOCK:
                     self.clock.held.append(entry)
                     source = self.sources.sender(entry.key)
                     if source is not None and source.agreed_ns is not None:
                         source.hear(entry.at_ns)
-                case "rival":
+                case Stage.NAME:
                     source = self.sources[entry.batch.source]
                     source.rivals.append(entry)
                     self._hand_over(source)
-                case "own":
+                case Stage.WATERMARK:
                     self._wait(entry)
                 case end:
                     self._load.add(entry.batch.source, entry.size, -1)
-                    account = "duplicates" if end == "repeated" else end
+                    account = event if end is Stage.REJECTED else end.value
                     self.ledger.book(entry.key, {"waiting": -1, account: 1})
-        if failed and event in ("far", "rival", "own"):
+        if failed and (entry.stage, "defect") in TABLE:
             self._move(entry, "defect")
 
     def _decide(self) -> bool:
