@@ -55,7 +55,7 @@ def held(last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps
     """
     frames = last.frames
     longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
-    same_sources = np.isin(now.source, last.tracks.source).all()
+    same_sources = set(now.source.tolist()) <= set(last.tracks.source.tolist())
     if not (same_sources and frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns):
         return None
     tracks = last.tracks.joined(now)

@@ -114,8 +114,7 @@ class Tracks:
         for name in ("start", "stop", "slot", "current", "covariance"):
             columns[name][placed] = getattr(now, name)
         # A new trajectory has the period and the correction of the oldest one of its source.
-        sources, first = np.unique(columns["source"], return_index=True)
-        donor = first[find(columns["source"][count:], sources)]
+        donor = [int(np.argmax(self.source == source)) for source in now.source[new]]
         for name in ("period", "delay_ns", "turn", "shift"):
             columns[name][count:] = columns[name][donor]
         columns["newest"][placed] = (
