@@ -23,8 +23,7 @@ from ..trajectories.window import Window
 _SPAN_NS, _LAG_NS, _STEP_NS = 4_000_000_000, 300_000_000, 200_000_000
 # ns; between observations farther apart, bodies turn and swing by more than noise.
 _DENSE_NS = 100_000_000
-# ns between two looks, twice as many while nothing drifts; so many in a row find a drift, which lasts for as
-# many more.
+# ns between two looks; so many in a row find a drift, which lasts for as many more.
 _EVERY_NS, _LOOKS, _MORE_LOOKS = 500_000_000, 2, 4
 # Bodies that two sources share, and features of the one that are compared on each, at least and at most.
 _MIN_BODIES, _MIN_FEATURES, _MAX_FEATURES = 2, 2, 16
@@ -81,7 +80,7 @@ class DriftCheck:
         `delays_ns` is to be added to the times of session numbers: of a source whose delay is long the
         velocities would not tell it.
         """
-        if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS * (1 if self._counts else 2):
+        if self._looks and 0 <= stamp_ns - self._looks[-1][0] < _EVERY_NS:
             return
         current = current[~np.isin(window.source[current], self.mistimed)]
         # What has parted since is a question: what was one body before?
