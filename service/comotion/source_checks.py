@@ -55,7 +55,7 @@ _MIN_EXTENT = {"m": 1.0, "px": 1000.0}
 
 @dataclass
 class _Record:
-    """What one session has sent: counts that fade, and the last instant that another is compared with."""
+    """What one session has sent: counts that fade, the length of a leap, and the last instant."""
 
     instants: int = 0
     rows: float = 0.0
@@ -64,6 +64,7 @@ class _Record:
     compared: float = 0.0
     jumped: float = 0.0
     compared_ns: int = -(2**62)
+    leap: float = 0.0
     last: Seen | None = None
 
 
@@ -97,10 +98,11 @@ class SourceChecks:
         if last is None:
             return
         due = instants.stamp_ns - record.compared_ns >= _COMPARE_NS
-        if not due and len(ids) == len(last[1]) and (ids == last[1]).all():
+        if due:
             # Whether any feature moves by a quarter of what all span is a cheap look at every instant.
-            most = 0.25 * (positions.max(0) - positions.min(0)).max()
-            due = np.abs(positions - last[2]).max() > most
+            record.leap = 0.25 * float(np.ptp(positions, axis=0).max())
+        elif np.array_equal(ids, last[1]):
+            due = np.abs(positions - last[2]).max() > record.leap
         if due and (share := _traded(record, last, record.last)):
             self.troubles.note("ids-reused", source, share)
 

@@ -65,10 +65,9 @@ class Tracks:
         Returns how many rows have new ids, and how many have ended ones.
         """
         slots, fresh, ended = self._find_or_open(instants, allowance)
-        accepted = slots >= 0
         # An id that its source has declared lost for good must not come back.
-        lost = self._window.ended[slots[accepted]]
-        accepted[accepted] = ~lost
+        lost = self._window.ended[slots] & (slots >= 0)
+        accepted = (slots >= 0) & ~lost
         count = int(np.count_nonzero(accepted))
         self._stats.refused_rows += len(slots) - count
         if count:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, identities
-from .frame_pose import frame_pose
 from .frames import Frames
 from .procrustes import fit_poses
-from .records import PoseArrays
+from .records import ROUND, PoseArrays
 from .rest import settle
 
 # Iterations of a fit; chosen on the scenes of docs/research/accuracy.md.
@@ -142,9 +141,10 @@ def align(source: Floats, target: Floats, dim: int, near: Floats) -> tuple[Float
     near
         float64 [3, 3]; where the points leave a rotation open, as a pair does, R is the nearest to this one.
     """
-    R, t, y, b = np.zeros((3, 3)), np.zeros(3), np.ascontiguousarray(target.T), np.ascontiguousarray(source.T)
-    frame_pose(y, b, np.ones(len(source)), dim, near, near, False, R, t)
-    return R, t
+    y, b, equal = target.T[None].copy(), np.ascontiguousarray(source.T), np.ones((1, len(source)))
+    pose = PoseArrays(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros(1, np.bool_))
+    fit_poses(y, equal, equal[0], np.tile(ROUND, (len(source), 1)), dim, near, 1, True, b, pose)
+    return pose.R[0], pose.t[0]
 
 
 def pose_columns(b: Floats, dim: int) -> Floats:

@@ -20,6 +20,8 @@ FEW = 3
 DRAWN = 128
 """Most points, evenly drawn, that stand for all: a bound of the work in large scenes. Chosen on made-up
 crowds of thousands of features."""
+ENOUGH = 64
+"""Most rows, in a large scene, that a body is fitted to, or that the slow noise of a source is read from."""
 SELDOM = 0.3
 """Share of the window after which what was confirmed is sought anew."""
 RENEWED = 0.1

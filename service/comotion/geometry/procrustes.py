@@ -4,7 +4,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..compiled import compiled
-from .frame_pose import frame_pose, moments, newton_step, translation, weigh
+from .frame_pose import frame_pose, newton_step, weigh
 from .records import PoseArrays, is_round_metric, quadratic
 
 SOFT = 9.0
@@ -48,7 +48,7 @@ def fit_poses(
     in_template = np.ones(m) if known else np.zeros(m)
     if not known:
         _seed(y, w, b, in_template)
-    need = 2 if (dim == 2 or m <= 2) else 3
+    need = min(m, dim)
     started = np.zeros(count, np.bool_)
     weights, soft = np.zeros(m), 1.0 / (SOFT * dim)
     all_round = True
@@ -105,14 +105,8 @@ def _bridge(
             continue
         weights = np.zeros(m)
         weigh(y[f], w[f], inverse, b, in_template, R[f], t[f], 0.0, weights)
-        if held == 1:
-            # One point has no moments to pull.
-            H, centres = np.zeros((3, 3)), np.zeros((2, 3))
-            moments(y[f], b, weights, centres, H)
-            R[f] = R[beside]
-            translation(R[f], centres, t[f])
-        else:
-            frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
+        # One point has no moments: the pull alone gives the rotation.
+        frame_pose(y[f], b, weights, dim, R[beside], R[beside], True, R[f], t[f])
         for i in range(m):
             if w[f, i] > 0 and in_template[i] == 0:
                 in_template[i] = 1.0

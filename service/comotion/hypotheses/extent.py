@@ -22,7 +22,7 @@ _MAX_POINTS = 256
 # A box replaces the last one if its size is below this share of it, so that axes do not jump.
 _SMALLER = 0.9
 # ns; the axes of a box are sought so often, as the search costs more than the rest of this module.
-_SEEK_NS = 500_000_000
+_SEEK_NS = 1_000_000_000
 # rad; step of the search for the smallest box.
 _STEP = np.pi / 60
 

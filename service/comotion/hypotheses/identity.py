@@ -108,7 +108,7 @@ def _overruled(window: Window, partition: Partition, current: Slots, sources: In
     id of a body along, nor what is left of a source that has gone.
     """
     established = window.established[partition.slots] != NO_HYPOTHESIS
-    seen = np.isin(partition.slots, current)
+    seen = np.bincount(current, minlength=window.capacity)[partition.slots] > 0
     deciding = established & seen & partition.deciding & (partition.groups >= 0)
     row, counts = _counts(window.label[partition.slots], sources, deciding)
     new = ~established & (counts[row, sources] == 0)

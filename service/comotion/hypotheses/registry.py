@@ -29,7 +29,7 @@ import numpy as np
 from comotion_schemas import Event, Hypothesis
 from comotion_schemas.hypotheses import EventKind
 
-from ..arrays import Labels, Slots
+from ..arrays import Labels, Slots, find
 from ..config import HypothesesConfig, to_ns
 from ..partition import NO_HYPOTHESIS, Partition, PoseReference
 from ..saving import NOT_KEPT
@@ -106,9 +106,9 @@ class Registry:
         events = self.advance(stamp_ns, sizes, self._least(present), origins, heirs)  # 3
         # Nobody votes for any other hypothesis any more: an id that has ended, or vanished unconfirmed, does
         # not come back, nor with features that are out of sight.
-        known = list(self.records)
+        known = np.array(sorted(self.records), np.int64)
         for column in (window.label, window.established, self.ids):
-            column[~np.isin(column, known)] = NO_HYPOTHESIS
+            column[find(column, known) < 0] = NO_HYPOTHESIS
         listed = self._described(stamp_ns, partition, present, boxes)  # 4
         for number, heir in self._heirs(present, present.labels).items():
             last = self.records[number].description

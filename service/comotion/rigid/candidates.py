@@ -20,19 +20,22 @@ CUTS = (1.0, 2.0, 4.5, 10.0, 20.0)
 def cluster_rows(scene: Scene, unexplained: Bools) -> list[Ints]:
     """Rows of every cluster that may be a new body.
 
-    A cluster of explained members of one hypothesis is left out: it would only split that hypothesis.
+    A cluster of explained members of one hypothesis is left out: it would only split that hypothesis. So is
+    all of one that moves.
 
     Parameters
     ----------
     unexplained
         bool [N], trajectories that no hypothesis explains.
     """
-    frames = scene.frames
-    explained_by = np.where(unexplained, NO_HYPOTHESIS, scene.hypotheses)[frames.owner]
-    candidates = []
-    for rows in clusters(frames, frames.rows_of(frames.current & scene.judged)):
-        hypotheses = explained_by[rows]
-        if (hypotheses == NO_HYPOTHESIS).any() or (hypotheses != hypotheses[0]).any():
+    frames, candidates = scene.frames, []
+    searched = frames.rows_of(frames.current & scene.judged)
+    known, explained = scene.hypotheses[frames.owner], ~unexplained[frames.owner]
+    for rows in clusters(frames, searched):
+        of = known[rows]
+        is_one = of[0] != NO_HYPOTHESIS and (of == of[0]).all()
+        is_all = of[0] != scene.static and len(rows) == np.count_nonzero(known[searched] == of[0])
+        if not (is_one and (is_all or explained[rows].all())):
             candidates.append(rows)
     return candidates
 

@@ -21,8 +21,8 @@ from .resampling import extended
 from .tracks import Tracks
 
 FIRST_HELD, MOST_HELD = 0.04, 0.12
-"""Shares of the window: a fit with a new body is held for the first, each later one for twice as long, but at
-most for the second, after which bodies are searched anew."""
+"""Shares of the window: a fit with a new body is held for the first, each later one for twice as long. Bodies
+are searched anew after the second at most."""
 # Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
 _ROUND_UP = 0.45
 
@@ -55,7 +55,7 @@ def held(last: Fit, window: Window, now: Tracks, stamp_ns: int, outlying: Stamps
     """
     frames = last.frames
     longest_ns = last.holds * (frames.stamps[-1] - frames.stamps[0])
-    same_sources = np.isin(now.source, last.tracks.source).all()
+    same_sources = set(now.source.tolist()) <= set(last.tracks.source.tolist())
     if not (same_sources and frames.stamps[-1] < stamp_ns < last.fitted_ns + longest_ns):
         return None
     tracks = last.tracks.joined(now)

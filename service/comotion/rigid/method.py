@@ -90,7 +90,6 @@ class RigidMethod(Method):
         tracks = read_tracks(window, current, stamp_ns)  # 1
         if not len(tracks.key):
             return self._nothing()
-        self._learn(previous)
         fit = self._held(window, tracks, stamp_ns, previous)
         fit = fit or self._fitted(window, tracks, stamp_ns, previous)
         self._last, tracks, labels = fit, fit.tracks, fit.result.assignment.labels
@@ -149,6 +148,9 @@ class RigidMethod(Method):
         return fit
 
     def _scene(self, tracks: Tracks, frames: Frames, hypotheses: Labels, previous: Previous) -> Scene:
+        # A fit that is held says nothing new about its bodies: it is learned from when it is compared.
+        if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
+            self._belief.learn(self._last.result, self._last.frames, previous.ids)
         static = int(previous.ids[0]) if len(previous.ids) and previous.ids[0] != NO_HYPOTHESIS else None
         return self._belief.scene(frames, tracks.newest, hypotheses, static)
 
@@ -161,13 +163,8 @@ class RigidMethod(Method):
         result, news = self._grouped(scene)  # 5 to 9
         if self.searching:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        longest = MOST_HELD if scene.small else SELDOM
-        holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, longest)
+        holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, SELDOM)
         return Fit(tracks, frames, result, stamp_ns, judged(frames), holds)
-
-    def _learn(self, previous: Previous) -> None:
-        if self._last is not None and len(previous.ids) == len(self._last.result.bodies):
-            self._belief.learn(self._last.result, self._last.frames, previous.ids)
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
         """The bodies and their trajectories, and whether there are new bodies."""

@@ -52,12 +52,10 @@ def normal_equations(
     seen = (w > 0) & body.posed & np.isfinite(velocity[..., 0])
     enough = seen.sum(1) >= FEWEST
     y, seen, scale = y[enough], seen[enough], np.sqrt(1 / frames.tolerance[rows[enough]])[:, None, None]
+    turns = pose_columns((y - pivot).reshape(-1, 3), 3).reshape(*seen.shape, 3, 6)
     # The last column is the residual.
-    design = np.zeros((*seen.shape, 3, UNKNOWNS + 1))
-    inward = body.R.transpose(0, 2, 1)
-    design[..., :6] = inward @ pose_columns((y - pivot).reshape(-1, 3), 3).reshape(*seen.shape, 3, 6)
-    design[..., 6:] = inward @ np.stack([np.nan_to_num(velocity[enough]), y - body.t], -1)
-    design *= seen[..., None, None]
+    others = np.stack([np.nan_to_num(velocity[enough]), y - body.t], -1)
+    design = body.R.transpose(0, 2, 1) @ np.concatenate([turns, others], -1) * seen[..., None, None]
     design[:, :, frames.dim :] = 0.0
     mean = design.sum(1) / np.maximum(seen.sum(1), 1)[:, None, None]
     design = scale[..., None] * (design - seen[..., None, None] * mean[:, None])

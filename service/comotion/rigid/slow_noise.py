@@ -11,10 +11,8 @@ from scipy.optimize import nnls
 from scipy.spatial import cKDTree
 
 from ..arrays import Bools, Floats, Ints, last_true, quantiles, thinned
-from ..geometry.frames import FEW, FEWEST
+from ..geometry.frames import ENOUGH, FEW, FEWEST
 
-# Most rows of a source that are examined, evenly drawn: a median needs no more.
-_ROWS = 64
 # The quantile of the pairs that is read: up to this share of the nearest pairs must be on one body.
 _QUANTILE = 0.4
 # s; lags at which the change of distances is read.
@@ -65,7 +63,7 @@ def slow_noise(y: Floats, w: Floats, tolerance: Floats, rows: Ints, frame_rate: 
     if len(rows) <= FEW:
         return SlowNoise()
     # A row and its nearest ones: beyond three, more and more pairs span two bodies.
-    drawn, positions = thinned(rows, _ROWS), y[rows, last_true(w[rows] > 0)]
+    drawn, positions = thinned(rows, ENOUGH), y[rows, last_true(w[rows] > 0)]
     nearest = cKDTree(positions).query(positions[np.searchsorted(rows, drawn)], FEW + 1)[1][:, 1:]
     first, second = np.repeat(drawn, FEW), rows[nearest].ravel()
     both, between = (w[first] > 0) & (w[second] > 0), y[first] - y[second]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bools, Floats, Ints, Labels
-from ..geometry.frames import FEW, Frames
+from ..geometry.frames import ENOUGH, FEW, Frames
 from ..partition import NO_HYPOTHESIS
 from .assignment import OUTLIER, SearchResult
 from .costs import excess_costs
@@ -22,11 +22,8 @@ SUBSET_ROWS = 160
 """Rows up to which a scene is searched as a whole; and most trajectories of a subset."""
 MOST_OF_EACH = 8
 """Most representatives of one hypothesis; of all hypotheses together, they are half of the subset."""
-FIT_ROWS = 64
-"""Most rows that a body is fitted to in a large scene."""
-# Share of representatives that may be ended trajectories: they determine poses before others were born.
-_ENDED_SHARE = 0.25
-# Representatives are chosen among the longest-lived trajectories, this many for each.
+# Representatives are chosen among the longest-lived trajectories, this many for each. One in as many may have
+# ended: they determine poses before others were born.
 _LONGEST_LIVED = 4
 
 
@@ -128,7 +125,7 @@ def representatives(frames: Frames, newest: Floats, members: Bools, count: int) 
     current, ended = np.flatnonzero(usable & frames.current), np.flatnonzero(usable & ~frames.current)
     if len(current) + len(ended) <= count:
         return np.flatnonzero(usable)
-    chosen_ended = _longest_lived(frames, ended, max(int(_ENDED_SHARE * count), count - len(current)))
+    chosen_ended = _longest_lived(frames, ended, max(count // _LONGEST_LIVED, count - len(current)))
     pool, left = _longest_lived(frames, current, _LONGEST_LIVED * count), count - len(chosen_ended)
     chosen_current = pool[farthest_points(newest[pool], left)] if len(pool) > left else pool
     return np.concatenate([chosen_current, chosen_ended])
@@ -137,9 +134,9 @@ def representatives(frames: Frames, newest: Floats, members: Bools, count: int) 
 def rows_to_fit(scene: Scene, members: Bools) -> Ints:
     """Rows of `members` bool [N]: all of them if they are few, else those of representatives."""
     rows = scene.frames.rows_of(members)
-    if len(rows) <= FIT_ROWS:
+    if len(rows) <= ENOUGH:
         return rows
-    return scene.frames.rows_of(representatives(scene.frames, scene.newest, members, FIT_ROWS))
+    return scene.frames.rows_of(representatives(scene.frames, scene.newest, members, ENOUGH))
 
 
 def _longest_lived(frames: Frames, tracks: Ints, count: int) -> Ints:

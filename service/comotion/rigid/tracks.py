@@ -114,8 +114,7 @@ class Tracks:
         for name in ("start", "stop", "slot", "current", "covariance"):
             columns[name][placed] = getattr(now, name)
         # A new trajectory has the period and the correction of the oldest one of its source.
-        sources, first = np.unique(columns["source"], return_index=True)
-        donor = first[find(columns["source"][count:], sources)]
+        donor = [int(np.argmax(self.source == source)) for source in now.source[new]]
         for name in ("period", "delay_ns", "turn", "shift"):
             columns[name][count:] = columns[name][donor]
         columns["newest"][placed] = (
@@ -167,7 +166,8 @@ def _periods(times: Stamps, start: Ints, stop: Ints, sources: Slots) -> Floats:
     period = np.zeros(len(sources))
     for source in np.unique(sources).tolist():
         members = np.flatnonzero(sources == source)
-        drawn = [slice(start[k], stop[k]) for k in members[:DRAWN]]
-        steps = np.concatenate([np.diff(times[observed]) for observed in drawn])
+        first, last = start[members[:DRAWN]], stop[members[:DRAWN]]
+        observed = np.concatenate([times[i:k] for i, k in zip(first.tolist(), last.tolist(), strict=True)])
+        steps = np.delete(np.diff(observed), np.cumsum(last - first)[:-1] - 1)
         period[members] = median(steps * 1e-9) if len(steps) else 0.0
     return period
