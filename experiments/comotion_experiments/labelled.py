@@ -27,8 +27,8 @@ _SOURCE = "video"
 _LARGEST_PX = 4096
 # A hypothesis is shown if it is in so many frames: others are taken back, or become one that was known.
 _LASTS = 10
-# ns; a feature has the label that it has most in so much of what follows: motion is understood after it began.
-_AHEAD_NS = 500_000_000
+# ns; a feature has the label that it has most in so much of what follows: motion is understood belatedly.
+_AHEAD_NS = 700_000_000
 _NONE = UNDETERMINED, 0.0
 # Hypotheses of features, and how probable each is, by feature.
 _Labels = dict[int, tuple[int, float]]
