@@ -27,6 +27,8 @@ _SOURCE = "video"
 _LARGEST_PX = 4096
 # A hypothesis is shown if it is in so many frames: others are taken back, or become one that was known.
 _LASTS = 10
+# ns; a feature has the label that it has most in so much of what follows: motion is understood belatedly.
+_AHEAD_NS = 700_000_000
 _NONE = UNDETERMINED, 0.0
 # Hypotheses of features, and how probable each is, by feature.
 _Labels = dict[int, tuple[int, float]]
@@ -145,7 +147,6 @@ class LabelledFrames:
         self._fusion = Fusion(options.fusion, scene="segment")
         self._period_ns = round(options.fusion.period * 1e9)
         self._lasting: set[int] = set()
-        self._written: dict[int, int] = {}
         self._held: deque[tuple[int, Frame, Tracks, _Labels, _Listed]] = deque()
         self._labels: _Labels = {}
 
@@ -169,12 +170,12 @@ class LabelledFrames:
             self._held.append((number, frame, tracks, {}, {}))
             if frame.stamp_ns >= due_ns:
                 due_ns = frame.stamp_ns + self._period_ns
-                yield from self._release(self._fusion.update(frame.stamp_ns), _LASTS - 1)
+                yield from self._release(self._fusion.update(frame.stamp_ns))
         if self._held and last_ns is not None:
-            yield from self._release(self._fusion.update(last_ns), 0)
+            yield from self._release(self._fusion.update(last_ns), ended=True)
 
-    def _release(self, update: HypothesisUpdate, waiting: int) -> Iterator[Labelled]:
-        """Yield the frames but so many."""
+    def _release(self, update: HypothesisUpdate, *, ended: bool = False) -> Iterator[Labelled]:
+        """Yield the frames of which enough that follows is known, or all."""
         self.joints = update.joints
         self.path += [(update.stamp_ns, pose) for pose in update.frames.values()]
         rows = zip(update.track_hypothesis.tolist(), update.track_confidence.tolist(), strict=True)
@@ -182,16 +183,19 @@ class LabelledFrames:
         # A feature that was lost since the last update keeps what was known of it.
         latest = self._labels | labels
         self._labels = labels
-        self._written = {feature: self._written[feature] for feature in self._written.keys() & latest}
         # Boxes are those of a frame's own update, as bodies move on.
         listed = {h.id: h for h in update.hypotheses}
         self._held = deque(
             (n, frame, tracks, known or latest, of or listed) for n, frame, tracks, known, of in self._held
         )
-        while len(self._held) > waiting:
+        newest_ns = self._held[-1][1].stamp_ns
+        while self._held:
+            waited = newest_ns - self._held[0][1].stamp_ns >= _AHEAD_NS and len(self._held) >= _LASTS
+            if not (waited or ended):
+                break
             self._note_lasting()
             number, frame, tracks, _, own = self._held[0]
-            labelled = [self._shown(feature) for feature in tracks.ids.tolist()]
+            labelled = self._shown(tracks.ids.tolist())
             self._held.popleft()
             table = np.array(labelled, np.float64).reshape(-1, 2)
             hypotheses = table[:, 0].astype(np.int64)
@@ -206,16 +210,14 @@ class LabelledFrames:
         least = min(_LASTS, self._held[-1][0] + 1)
         self._lasting |= {name for name, count in frames.items() if count >= least and name != UNDETERMINED}
 
-    def _shown(self, feature: int) -> tuple[int, float]:
-        """Label of a feature in the first frame that waits.
-
-        If it is of no lasting hypothesis there, it takes that which it has soon, unless it was of another.
-        """
-        own = self._held[0][3].get(feature, _NONE)
-        soon = (labels.get(feature, _NONE) for _, _, _, labels, _ in self._held)
-        label = next((label for label in soon if label[0] in self._lasting), _NONE)
-        if label is not own and self._written.get(feature, label[0]) != label[0]:
-            label = _NONE
-        if label is not _NONE:
-            self._written[feature] = label[0]
-        return label
+    def _shown(self, features: list[int]) -> list[tuple[int, float]]:
+        """Labels of features in the first frame that waits: the lasting ones that each has most, or none."""
+        until_ns = self._held[0][1].stamp_ns + _AHEAD_NS
+        soon = [labels for _, frame, _, labels, _ in self._held if frame.stamp_ns < until_ns]
+        shown = []
+        for feature in features:
+            had = [labels[feature] for labels in soon if feature in labels]
+            counts = Counter(name for name, _ in had if name in self._lasting)
+            most = max(counts, key=counts.__getitem__, default=UNDETERMINED)
+            shown.append(next((label for label in had if label[0] == most), _NONE))
+        return shown
