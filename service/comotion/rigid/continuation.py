@@ -21,8 +21,8 @@ from .resampling import extended
 from .tracks import Tracks
 
 FIRST_HELD, MOST_HELD = 0.04, 0.12
-"""Shares of the window: a fit with a new body is held for the first, each later one for twice as long. Bodies
-are searched anew after the second at most."""
+"""Shares of the window: a fit with a new body is held for the first, each later one for twice as long, but at
+most for the second, after which bodies are searched anew."""
 # Added before the number of new frames is rounded, so that they are about as dense as the others or denser.
 _ROUND_UP = 0.45
 

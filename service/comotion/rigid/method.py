@@ -163,7 +163,8 @@ class RigidMethod(Method):
         result, news = self._grouped(scene)  # 5 to 9
         if self.searching:
             self._registration.learn(tracks, frames, result.assignment.labels)  # 2, for the next fit
-        holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, SELDOM)
+        longest = MOST_HELD if scene.small else SELDOM
+        holds = FIRST_HELD if news or self._last is None else min(2 * self._last.holds, longest)
         return Fit(tracks, frames, result, stamp_ns, judged(frames), holds)
 
     def _grouped(self, scene: Scene) -> tuple[SearchResult, bool]:
