@@ -25,8 +25,9 @@ from comotion_sources.streams import OFFLINE_SESSION
 
 _SOURCE = "video"
 _LARGEST_PX = 4096
-# A hypothesis is shown if it is in so many frames: others are taken back, or become one that was known.
-_LASTS = 10
+# A hypothesis is shown if it is in so many frames: others are taken back, or become one that was known. And
+# frames that wait at most: a second of large ones takes a gigabyte.
+_LASTS, _MOST_HELD = 10, 30
 # ns; a feature has the label that it has most in so much of what follows: motion is understood belatedly.
 _AHEAD_NS = 700_000_000
 _NONE = UNDETERMINED, 0.0
@@ -190,8 +191,8 @@ class LabelledFrames:
         )
         newest_ns = self._held[-1][1].stamp_ns
         while self._held:
-            waited = newest_ns - self._held[0][1].stamp_ns >= _AHEAD_NS and len(self._held) >= _LASTS
-            if not (waited or ended):
+            known = newest_ns - self._held[0][1].stamp_ns >= _AHEAD_NS or len(self._held) > _MOST_HELD
+            if not ended and (len(self._held) < _LASTS or not known):
                 break
             self._note_lasting()
             number, frame, tracks, _, own = self._held[0]
