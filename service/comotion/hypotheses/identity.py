@@ -65,6 +65,7 @@ def named(
     current: Slots,
     allocate: Callable[[], int],
     stamp_ns: int,
+    rested: list[int],
     *,
     by_thesis: bool,
 ) -> Labels:
@@ -72,7 +73,8 @@ def named(
 
     The hypotheses of all trajectories, columns of the window, are brought up to date. With `by_thesis` all
     members alike decide which hypothesis a group continues, by label propagation; else those of long standing
-    do, and sources that agree, in the best assignment.
+    do, and sources that agree, in the best assignment. What rests keeps the hypothesis that has `rested`,
+    however much of it moves away.
     """
     slots, groups, vote = partition.slots, partition.groups, partition.deciding
     # Whose the votes are does not matter in the method of the thesis.
@@ -82,6 +84,9 @@ def named(
     last, voters, sources = window.label[slots], groups[vote], sources[vote]
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
+    rests = np.isin(voters, [k for k, group in enumerate(partition.described) if group.static])
+    for weight, names in zip(weights, votes, strict=True):
+        weight[~rests & np.isin(names, np.intersect1d(names[rests], rested))] = 0.0
     count = len(partition.described)
     matching = largest_first if by_thesis else largest_total
     matched = continued(np.concatenate(votes), np.tile(voters, 2), count, matching, np.concatenate(weights))

@@ -93,7 +93,8 @@ class Registry:
         """
         previous = window.label[current]
         allocate, by_thesis = self.allocator.next, self.by_thesis
-        self.ids = named(window, partition, current, allocate, stamp_ns, by_thesis=by_thesis)  # 1
+        rested = [number for number, record in self.records.items() if record.static]
+        self.ids = named(window, partition, current, allocate, stamp_ns, rested, by_thesis=by_thesis)  # 1
         since = np.where(partition.confidence >= _SURE, window.label_ns[current], NEVER_NS)
         present = Current(window.key[current], current, window.label[current], partition.position, since)
         if self._recall(stamp_ns, window, partition, present):  # 2

@@ -8,13 +8,15 @@ update to update (:mod:`.resting`). Before any other:
 7. Put those that are too short to be compared into the groups of their neighbours (:mod:`.newborns`).
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Floats32, Slots
 from ..partition import NO_HYPOTHESIS, Method, Partition, Previous
 from ..trajectories.window import Window
-from .belief import Belief
+from .belief import BACKGROUND, Belief
 from .describe import alone_at_rest, describe, of_moving_camera
 from .grouping import group
 from .key_frames import compared_trajectories
@@ -73,6 +75,7 @@ class PixelMethod(Method):
         affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
         self._last = current, labelled, affinity
         described = describe(window, current, shown, belief.variance[current], len(belief.bodies))
+        described[BACKGROUND] = replace(described[BACKGROUND], static=not self._camera.carried)
         return Partition(
             slots=slots,
             groups=groups,
