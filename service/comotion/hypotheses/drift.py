@@ -148,6 +148,8 @@ def _judged(seen: _Seen, drifting: Collection[int]) -> set[int]:
         if len(gains) == 2:
             apart = {number: _calmest(rest[own]) for number, own in views.items()}
         judged.add(max(apart, key=lambda number: apart[number]))
+    if not drifting:
+        return judged
     motions = _motions(rest)
     return judged - {number for number in drifting if _gain(motions, seen[seen["source"] == number]) < 1}
 

@@ -5,6 +5,7 @@ A new group may be a hypothesis that has no current member: place and extent tel
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -84,9 +85,11 @@ def named(
     last, voters, sources = window.label[slots], groups[vote], sources[vote]
     votes = supported(window, slots)[vote], last[vote]
     weights = [_ESTABLISHED_VOTES * balanced(votes[0], sources), _VOTES * balanced(votes[1], sources)]
-    rests = np.isin(voters, [k for k, group in enumerate(partition.described) if group.static])
-    for weight, names in zip(weights, votes, strict=True):
-        weight[~rests & np.isin(names, np.intersect1d(names[rests], rested))] = 0.0
+    rests = np.array([*(group.static for group in partition.described), False])[voters]
+    for (weight, names), hypothesis in product(zip(weights, votes, strict=True), rested):
+        held = names == hypothesis
+        if (held & rests).any():
+            weight[held & ~rests] = 0.0
     count = len(partition.described)
     matching = largest_first if by_thesis else largest_total
     matched = continued(np.concatenate(votes), np.tile(voters, 2), count, matching, np.concatenate(weights))
