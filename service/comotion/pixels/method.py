@@ -71,9 +71,8 @@ class PixelMethod(Method):
         """The groups before a background that is followed."""
         slots = window.slots()
         groups, shown = belief.shown(slots), belief.shown(current)
-        labelled = current[shown >= 0]
-        affinity = (shown[shown >= 0, None] == shown[shown >= 0]).astype(np.float32)
-        self._last = current, labelled, affinity
+        labels = shown[shown >= 0]
+        self._last = current, current[shown >= 0], (labels[:, None] == labels).astype(np.float32)
         described = describe(window, current, shown, belief.variance[current], len(belief.bodies))
         described[BACKGROUND] = replace(described[BACKGROUND], static=not self._camera.carried)
         return Partition(

@@ -94,10 +94,8 @@ class RestingCamera:
         # What the window has not named yet neither agrees nor disagrees.
         agree = ((rest_gain(recent) > 0) == largest)[own >= 0]
         self._agreed = self._agreed + 1 if agree.sum() > (1 - _DISAGREE) * len(agree) else 0
-        if self._steadying.rigid:
-            self._steady = _judged(recent, self._steady)
-        else:
-            self._steady = max(self._steady + _FALL, -_MOST)
+        fallen = max(self._steady + _FALL, -_MOST)
+        self._steady = _judged(recent, self._steady) if self._steadying.rigid else fallen
         return recent
 
 
